@@ -1,0 +1,129 @@
+"""All of it: logs → model → tuned controller → verified in simulation → report and animation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin import report, view
+from gimbal_pin.estimators import Estimator, weighted
+from gimbal_pin.experiment import bench_run, perturbed
+from gimbal_pin.identify import Identified, identify
+from gimbal_pin.inertia import to_urdf
+from gimbal_pin.io import write_log
+from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
+from gimbal_pin.io.model import write_model
+from gimbal_pin.log import Log
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+from gimbal_pin.track import Tracking, track
+from gimbal_pin.tuning import Tuning, tune
+
+MODEL_BASED, PID = "computed-torque", "pid"
+
+
+@dataclass(frozen=True, eq=False)
+class Auto:
+    """The result of `auto`: every step's result, and the files it left.
+
+    Attributes:
+        identified: Model from the logs.
+        tunings: "computed-torque" and "pid", at the same bandwidth.
+        tracking: Steps with both on the identified model.
+        animated: The log that the animation shows: the steps on all axes together, model-based.
+        files: What → path.
+    """
+
+    identified: Identified
+    tunings: Mapping[str, Tuning]
+    tracking: Tracking
+    animated: Log
+    files: Mapping[str, Path]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verbs' JSON side by side."""
+        return {
+            "schema": 1,
+            "identify": self.identified.to_dict(),
+            "tune": self.tunings[MODEL_BASED].to_dict(),
+            "track": self.tracking.to_dict(),
+            "files": {what: str(path) for what, path in self.files.items()},
+        }
+
+
+def auto(
+    rig: Rig,
+    logs: Sequence[Log],
+    folder: str | Path,
+    *,
+    rng: np.random.Generator,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+    bandwidth_hz: float = 8.0,
+    delay: float = 0.001,
+) -> Auto:
+    """Identify, tune, verify, and write model, URDF, controller, report and animation into `folder`.
+
+    Args:
+        rig: The rig.
+        logs: Its logs.
+        folder: Where the files go; made if it is not there.
+        rng: Source of the sensors' noise in the verification.
+        estimator: Blocks → `Estimate`.
+        holdout: As for `identify`.
+        filtering: As for `identify`.
+        bandwidth_hz: As for `tune`.
+        delay: As for `tune`.
+
+    Raises:
+        GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
+    """
+    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
+    model = identified.model
+    tunings = {kind: tune(model, bandwidth_hz=bandwidth_hz, delay=delay, kind=kind) for kind in (MODEL_BASED, PID)}
+    tracking = track(model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
+    animated = tracking.of("all-axes", MODEL_BASED).log
+    files = written(rig, logs, identified, tunings, tracking, animated, output_folder(folder))
+    return Auto(identified, tunings, tracking, animated, files)
+
+
+def written(
+    rig: Rig,
+    logs: Sequence[Log],
+    identified: Identified,
+    tunings: Mapping[str, Tuning],
+    tracking: Tracking,
+    animated: Log,
+    folder: Path,
+) -> Mapping[str, Path]:
+    """Write every file and return what lies where."""
+    names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "steps": "steps.csv"}
+    names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
+    files = {what: folder / name for what, name in names.items()}
+    write_model(identified, files["model"])
+    atomic_write(files["urdf"], to_urdf(rig, identified.consistent.phi))
+    write_yaml(tunings[MODEL_BASED].to_dict(), files["controller"])
+    write_log(animated, files["steps"])
+    animation = view.record(rig, animated)
+    atomic_write(files["animation"], animation)
+    atomic_write(files["report"], report.full(rig, logs, identified, tunings, tracking, animation))
+    write_json({"identify": identified.to_dict(), "tune": tunings[MODEL_BASED].to_dict()}, files["results"])
+    return files
+
+
+def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: float = 30.0) -> Auto:
+    """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
+
+    The plant's bodies differ by some ten per cent and its friction by up to a third: what `auto` is given is the URDF
+    and the log alone.
+    """
+    plant = perturbed(rig, 0.1, rng)
+    mover = tune(nominal(rig), bandwidth_hz=4.0).controller
+    log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
+    return auto(rig, [log], folder, rng=rng)

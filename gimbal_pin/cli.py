@@ -1,0 +1,464 @@
+"""``gimbal-pin VERB``: every verb is one library call, printed for a person or written as JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import re
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+from tyro.conf import Positional, UseAppendAction, arg
+
+from gimbal_pin import text
+from gimbal_pin.errors import GimbalPinError
+
+if TYPE_CHECKING:
+    from gimbal_pin.log import Log
+    from gimbal_pin.model import Model
+    from gimbal_pin.rig import Rig
+    from gimbal_pin.rows import Filtering
+    from gimbal_pin.tuning import Law
+
+RigName = Annotated[Positional[str], arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")]
+Logs = Annotated[Positional[tuple[str, ...]], arg(metavar="LOG", help="CSV or Parquet; LOG@PAYLOAD names its payload")]
+Payload = Annotated[str | None, arg(help="bundled payload or URDF; None: the rig's own")]
+Json = Annotated[Path | None, arg(metavar="FILE", help="write the result as JSON; - for standard output")]
+Map = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
+]
+Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]
+MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write")]
+Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]
+Seed = Annotated[int, arg(help="seed of everything random")]
+Cutoff = Annotated[float | None, arg(help="low-pass on every column and on the torque, Hz; None: 5")]
+Alignment = Annotated[float | None, arg(help="the torque acts that much later than its stamp, s; None: half a sample")]
+Holdout = Annotated[str | None, arg(help="last-third, log:N or none")]
+EstimatorName = Literal["weighted", "ols", "robust"]
+Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
+Damping = Annotated[float, arg(help="damping of the tracking error")]
+Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]
+Kind = Literal["computed-torque", "pid"]
+
+
+def rigs(*, json: Json = None) -> None:
+    """List the bundled rigs and payloads."""
+    from gimbal_pin.check import listing
+
+    listed = listing()
+    present(text.rigs(listed), listed, json)
+
+
+def check(rig: RigName, *, payload: Payload = None, json: Json = None) -> None:
+    """Validate a rig: tree, axes, limits, inertias, camera frame; say what a log must hold."""
+    from gimbal_pin.check import check as run
+
+    found = run(load_rig(rig, payload))
+    present(text.check(found), found.to_dict(), json)
+
+
+def base(
+    rig: RigName,
+    *,
+    payload: Payload = None,
+    diagonal: Annotated[bool, arg(help="diagonal inertias and no masses, as in the thesis")] = False,
+    json: Json = None,
+) -> None:
+    """Base parameters: what the joint torques can show, the regrouping, what they cannot."""
+    from gimbal_pin.base import base as run
+
+    found = run(load_rig(rig, payload), diagonal)
+    present(text.base(found), found.to_dict(), json)
+
+
+def excite(
+    rig: RigName,
+    output: Output,
+    *,
+    payload: Payload = None,
+    seconds: Annotated[float, arg(help="length of the motion, which repeats, s")] = 10.0,
+    harmonics: Annotated[int, arg(help="harmonics of the Fourier series")] = 5,
+    starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
+    criterion: Literal["condition", "determinant"] = "condition",
+    margin: Annotated[float, arg(help="share of every limit that is left free")] = 0.05,
+    rate: Annotated[float, arg(help="samples per second of the file, Hz")] = 1000.0,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Design an excitation trajectory under the rig's limits."""
+    import numpy as np
+
+    from gimbal_pin.excitation import excite as run
+    from gimbal_pin.io import write_motion
+
+    loaded = load_rig(rig, payload)
+    rng = np.random.default_rng(seed)
+    options = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "margin": margin}
+    found = run(loaded, **options, criterion=criterion, rng=rng, dt=1 / rate)  # type: ignore[arg-type]
+    write_motion(found.motion, found.joints, output)
+    present(text.excitation(found), found.to_dict(), json)
+
+
+def simulate(
+    rig: RigName,
+    output: MaybeOutput = None,
+    *,
+    payload: Payload = None,
+    controller: Annotated[str, arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
+    reference: Annotated[
+        Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
+    ] = None,
+    seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
+    bandwidth_hz: Bandwidth = 8.0,
+    delay: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    torque_noise: Annotated[float, arg(help="noise on the reported torque, share of its rms")] = 0.01,
+    encoder_bits: Annotated[float | None, arg(help="resolution of the encoders; None: the rig's own")] = None,
+    live: Annotated[bool, arg(help="show it in a browser")] = False,
+    seed: Seed = 0,
+) -> None:
+    """Simulate the closed loop and write what its sensors say as a log."""
+    import numpy as np
+
+    from gimbal_pin.experiment import bench_run
+    from gimbal_pin.io import read_motion, write_log
+    from gimbal_pin.model import nominal
+
+    loaded = load_rig(rig, payload)
+    plant = nominal(loaded)
+    law = law_of(controller, plant, bandwidth_hz)
+    motion = None if reference is None else read_motion(reference, loaded)
+    log = bench_run(
+        plant,
+        law,
+        rng=np.random.default_rng(seed),
+        seconds=seconds,
+        torque_noise=torque_noise,
+        encoder_bits=encoder_bits,
+        delay=delay,
+        reference=motion,
+    )
+    if output is not None:
+        write_log(log, output)
+        print(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")
+    if live or output is None:
+        play(loaded, log)
+
+
+def identify(
+    rig: RigName,
+    logs: Logs,
+    output: MaybeOutput = None,
+    *,
+    urdf: Annotated[Path | None, arg(metavar="FILE", help="write the rig's URDF with the parameters in it")] = None,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Cutoff = None,
+    alignment: Alignment = None,
+    estimator: EstimatorName = "weighted",
+    holdout: Holdout = None,
+    json: Json = None,
+) -> None:
+    """Model with uncertainty from logs, and its fit on held-out data."""
+    from gimbal_pin.estimators import ESTIMATORS
+    from gimbal_pin.identify import identify as run
+    from gimbal_pin.inertia import to_urdf
+    from gimbal_pin.io.files import atomic_write
+    from gimbal_pin.io.model import write_model
+
+    loaded, read = load_logs(rig, payload, logs, map)
+    filters = filtering(cutoff, alignment)
+    found = run(loaded, read, estimator=ESTIMATORS[estimator], holdout=holdout, filtering=filters)
+    if output is not None:
+        write_model(found, output)
+    if urdf is not None:
+        atomic_write(urdf, to_urdf(loaded, found.consistent.phi))
+    present(text.identified(found), found.to_dict(), json)
+
+
+def tune(
+    rig: RigName,
+    source: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG|MODEL", help="logs, or a model's YAML")],
+    output: MaybeOutput = None,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Cutoff = None,
+    kind: Kind = "computed-torque",
+    bandwidth_hz: Bandwidth = 8.0,
+    damping: Damping = 1.0,
+    delay: Delay = 0.001,
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
+    plot: Annotated[Path | None, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
+    json: Json = None,
+) -> None:
+    """Gains, margins and robust term from logs or from a model."""
+    from gimbal_pin.io.files import replacing, write_yaml
+    from gimbal_pin.tuning import tune as run
+
+    model = model_of(rig, payload, source, map, cutoff)
+    found = run(model, kind=kind, bandwidth_hz=bandwidth_hz, damping=damping, delay=delay, robust=robust)
+    if output is not None:
+        write_yaml(found.to_dict(), output)
+    if plot is not None:
+        with replacing(plot) as temporary:
+            found.plot().savefig(temporary)
+    present(text.tuning(found), found.to_dict(), json)
+
+
+def track(
+    rig: RigName,
+    controller: Annotated[Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from tune")],
+    *,
+    payload: Payload = None,
+    delay: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Step tracking on all axes at once and one at a time, against a PID of the same bandwidth."""
+    import numpy as np
+
+    from gimbal_pin.model import nominal
+    from gimbal_pin.track import track as run
+
+    loaded = load_rig(rig, payload)
+    laws = rivals(controller, loaded)
+    found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay)
+    present(text.tracking(found), found.to_dict(), json)
+
+
+def animate(
+    rig: RigName,
+    log: Annotated[Positional[str], arg(metavar="LOG", help="a log or trajectory")],
+    output: MaybeOutput = None,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    speed: Annotated[float, arg(help="seconds of the log per second of playing")] = 1.0,
+    fps: Annotated[float | None, arg(help="frames per second; None: what suits the format")] = None,
+    ghost: Annotated[bool, arg(help="show the reference as a ghost")] = True,
+    at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
+    live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
+) -> None:
+    """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
+    from gimbal_pin import view
+    from gimbal_pin.io import read_log, split_payload
+
+    loaded = load_rig(rig, payload or split_payload(log)[1])
+    read = read_log(log, loaded, map, need_tau=False)
+    if output is not None:
+        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, at=at):
+            print(warning, file=sys.stderr)
+        print(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
+    if live or output is None:
+        play(loaded, read)
+
+
+def auto(
+    rig: RigName,
+    logs: Logs,
+    output: Folder,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Cutoff = None,
+    alignment: Alignment = None,
+    estimator: EstimatorName = "weighted",
+    holdout: Holdout = None,
+    bandwidth_hz: Bandwidth = 8.0,
+    delay: Delay = 0.001,
+    live: Annotated[bool, arg(help="show the result in a browser")] = False,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """All of it: identify, tune, verify, report and animation."""
+    import numpy as np
+
+    from gimbal_pin.auto import auto as run
+    from gimbal_pin.estimators import ESTIMATORS
+
+    loaded, read = load_logs(rig, payload, logs, map)
+    found = run(
+        loaded,
+        read,
+        output,
+        rng=np.random.default_rng(seed),
+        estimator=ESTIMATORS[estimator],
+        holdout=holdout,
+        filtering=filtering(cutoff, alignment),
+        bandwidth_hz=bandwidth_hz,
+        delay=delay,
+    )
+    present(text.auto(found), found.to_dict(), json)
+    if live:
+        play(loaded, found.animated)
+
+
+def demo(
+    output: Folder = Path("gimbal-pin-demo"),
+    *,
+    rig: Annotated[str, arg(help="bundled rig")] = "thesis",
+    payload: Payload = None,
+    seconds: Annotated[float, arg(help="length of the simulated log, s")] = 30.0,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Run auto on a simulated log of a rig whose true parameters differ from its URDF; needs nothing."""
+    import numpy as np
+
+    from gimbal_pin.auto import demo as run
+
+    found = run(load_rig(rig, payload), output, rng=np.random.default_rng(seed), seconds=seconds)
+    present(text.auto(found), found.to_dict(), json)
+
+
+VERBS: Mapping[str, Callable[..., None]] = {
+    verb.__name__: verb for verb in (rigs, check, base, excite, simulate, identify, tune, track, animate, auto, demo)
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the verb that the arguments name, and leave with CONTRACT's exit code."""
+    try:
+        parse(sys.argv[1:] if arguments is None else arguments)()
+    except GimbalPinError as error:
+        print(f"gimbal-pin: {error}", file=sys.stderr)
+        raise SystemExit(error.exit_code) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    except BrokenPipeError:
+        raise SystemExit(0) from None
+
+
+def parse(arguments: Sequence[str]) -> Callable[[], None]:
+    """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
+    said = io.StringIO()
+    verbs = {name: deferred(verb) for name, verb in VERBS.items()}
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.extras.subcommand_cli_from_dict(verbs, prog="gimbal-pin", description=__doc__, args=arguments)
+    except SystemExit as stop:
+        if stop.code == 2:
+            print(f"gimbal-pin: {one_line(said.getvalue())}", file=sys.stderr)
+        raise
+
+
+def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
+    """Return the verb as a function that keeps its arguments for later: parsing ends before the work begins."""
+
+    @functools.wraps(verb)
+    def keep(*args: Any, **kwargs: Any) -> Callable[[], None]:
+        return functools.partial(verb, *args, **kwargs)
+
+    return keep
+
+
+def one_line(message: str) -> str:
+    """Fold the parser's framed message into one line."""
+    lines = [re.sub(r"[─-]{4,}|[─│╭╮╰╯]", "", line).strip() for line in message.splitlines()]
+    return "; ".join(line for line in lines if line)
+
+
+def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
+    """Print what a person reads, or write what a program reads; with ``--json -`` only the latter is printed."""
+    from gimbal_pin.io.files import to_json, write_json
+
+    if json is not None and str(json) == "-":
+        print(to_json(result), end="")
+        return
+    print(told)
+    if json is not None:
+        write_json(result, json)
+
+
+def load_rig(rig: str, payload: str | None) -> Rig:
+    """Load a rig with the payload that was asked for."""
+    from gimbal_pin.rig import Rig
+
+    return Rig.load(rig, payload)
+
+
+def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str]) -> tuple[Rig, list[Log]]:
+    """Load the rig with the logs' payload, and the logs.
+
+    Raises:
+        UsageError: No log, or logs of different payloads: one identification knows one.
+    """
+    from gimbal_pin.errors import UsageError
+    from gimbal_pin.io import read_log, split_payload
+
+    if not logs:
+        raise UsageError("LOG", "none was given", "name at least one log after the rig")
+    tags = sorted({tag for _, tag in (split_payload(log) for log in logs) if tag is not None})
+    if len(tags) > 1:
+        mend = "identify each payload's logs apart"
+        raise UsageError("logs", f"are of several payloads ({', '.join(tags)})", mend)
+    loaded = load_rig(rig, payload or (tags[0] if tags else None))
+    return loaded, [read_log(log, loaded, mapping) for log in logs]
+
+
+def filtering(cutoff: float | None, alignment: float | None) -> Filtering:
+    """Return the filter that the options ask for, the defaults where they ask for nothing."""
+    from gimbal_pin.errors import UsageError
+    from gimbal_pin.rows import Filtering
+
+    if cutoff is not None and not cutoff > 0:
+        raise UsageError("--cutoff", f"is {cutoff:g}", "give a positive frequency in Hz")
+    return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
+
+
+def model_of(
+    rig: str, payload: str | None, source: Sequence[str], mapping: Sequence[str], cutoff: float | None
+) -> Model:
+    """Read a model's YAML, or identify one from logs."""
+    from gimbal_pin.identify import identify as run
+    from gimbal_pin.io.model import is_model, read_model
+
+    if len(source) == 1 and is_model(source[0]):
+        return read_model(source[0], load_rig(rig, payload))
+    loaded, logs = load_logs(rig, payload, source, mapping)
+    return run(loaded, logs, filtering=filtering(cutoff, None)).model
+
+
+def read_controller(name: str, rig: Rig) -> Law:
+    """Read a controller's YAML."""
+    from gimbal_pin.errors import ModelError
+    from gimbal_pin.io.files import read_yaml
+    from gimbal_pin.tuning import controller_from
+
+    return controller_from(read_yaml(name, ModelError), rig)
+
+
+def rivals(name: str, rig: Rig) -> dict[str, Law]:
+    """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
+    from gimbal_pin.io.files import read_yaml
+    from gimbal_pin.model import nominal
+    from gimbal_pin.tuning import tune as run
+
+    law, data = read_controller(name, rig), read_yaml(name)
+    wish = {**data["wish"], "kind": "pid", "robust": False}
+    return {data["controller"]: law, **({} if data["controller"] == "pid" else {"pid": run(nominal(rig), **wish).controller})}
+
+
+def law_of(name: str, plant: Model, bandwidth_hz: float) -> Law:
+    """Return the controller of a name, tuned for the plant, or of a YAML."""
+    from gimbal_pin.tuning import tune as run
+
+    if name in ("computed-torque", "pid"):
+        return run(plant, kind=name, bandwidth_hz=bandwidth_hz).controller
+    return read_controller(name, plant.rig)
+
+
+def play(rig: Rig, log: Log) -> None:
+    """Show a log live until the user ends it."""
+    from gimbal_pin import view
+
+    with view.show(rig, log) as live:
+        print(f"playing at {live.url}; Ctrl-C ends it")
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()

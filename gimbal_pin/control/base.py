@@ -1,0 +1,99 @@
+"""What the control laws share: the outer loop, its memory, conditional integration, the torque limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, pi, sqrt
+from typing import NamedTuple
+
+
+class Pid(NamedTuple):
+    """Gains of one joint's outer loop, ``kp e + ki ∫e + kd ė``, in acceleration: 1/s², 1/s³, 1/s."""
+
+    kp: float
+    ki: float
+    kd: float
+
+    @staticmethod
+    def placed(bandwidth_hz: float, damping: float, integral: float) -> Pid:
+        """Gains that give the error the polynomial ``(s² + 2 ζ ω s + ω²) (s + γ ω)``.
+
+        Args:
+            bandwidth_hz: ω/2π, Hz.
+            damping: ζ.
+            integral: γ, speed of the integral action in shares of ω; 0: none.
+        """
+        w = 2 * pi * bandwidth_hz
+        return Pid((1 + 2 * damping * integral) * w**2, integral * w**3, (2 * damping + integral) * w)
+
+
+class Memory(NamedTuple):
+    """What a law remembers from sample to sample.
+
+    Attributes:
+        integral: ∫e per joint, rad s.
+        acceleration: The reference's acceleration at the sample before, rad/s²; empty before the first.
+    """
+
+    integral: tuple[float, ...]
+    acceleration: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outer:
+    """``K ξ = kp e + ki ∫e + kd ė`` per joint, for errors that the motor can brake; larger ones are approached.
+
+    A linear loop that starts far away would arrive faster than the motor can stop it, and overshoot by half the
+    way. So beyond |e| = a (kd/kp)² the pull is ``kd √(2 a |e| - a² (kd/kp)²)``: the joint comes in on the parabola of
+    a constant deceleration a, which meets the linear loop in value and slope.
+
+    Attributes:
+        gains: One per joint.
+        limits: Torque limits, N m.
+        braking: Deceleration a that each motor surely has, rad/s²; empty: without bound, the loop is linear.
+    """
+
+    gains: tuple[Pid, ...]
+    limits: tuple[float, ...]
+    braking: tuple[float, ...] = ()
+
+    @cached_property
+    def rows(self) -> tuple[tuple[float, float, float, float, float], ...]:
+        """Per joint kp, ki, kd, the error at which the parabola begins, and a."""
+        braking = self.braking or (inf,) * len(self.gains)
+        return tuple((kp, ki, kd, a * (kd / kp) ** 2, a) for (kp, ki, kd), a in zip(self.gains, braking))
+
+    def feedback(self, error: Sequence[float], integral: Sequence[float], rate: Sequence[float]) -> list[float]:
+        """K ξ per joint, rad/s²."""
+        return [
+            ki * s + kd * r + (kp * e if -knee <= e <= knee else approach(kd, e, knee, a))
+            for (kp, ki, kd, knee, a), e, s, r in zip(self.rows, error, integral, rate)
+        ]
+
+    def integrated(
+        self, before: Sequence[float], after: Sequence[float], error: Sequence[float], torque: Sequence[float]
+    ) -> tuple[float, ...]:
+        """Conditional integration: not while the error drives the motor further into its limit, nor on an approach.
+
+        Args:
+            before: Integrals at the sample before, rad s.
+            after: Integrals with this sample's error, rad s.
+            error: e, rad.
+            torque: Torques wanted with `after`, not yet cut, N m.
+        """
+        return tuple(
+            old if (abs(tau) > limit and tau * e > 0) or abs(e) > row[3] else new
+            for row, old, new, e, tau, limit in zip(self.rows, before, after, error, torque, self.limits)
+        )
+
+    def clipped(self, torque: Sequence[float]) -> list[float]:
+        """Return the torques cut to the limits, N m."""
+        return [max(-limit, min(limit, tau)) for tau, limit in zip(torque, self.limits)]
+
+
+def approach(kd: float, error: float, knee: float, braking: float) -> float:
+    """Pull towards the goal from beyond the knee, rad/s²."""
+    pull = kd * sqrt(braking * (2 * abs(error) - knee))
+    return pull if error > 0 else -pull

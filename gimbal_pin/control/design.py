@@ -1,0 +1,165 @@
+"""From wishes to gains: how much bandwidth the delay leaves, and how much gain the boundary layer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+
+from gimbal_pin.control.base import Pid
+from gimbal_pin.control.loop import Margins, margins, worst
+from gimbal_pin.control.lyapunov import Robust, lyapunov, stiffened
+from gimbal_pin.control.uncertainty import Bounds, home, inertia, poses
+from gimbal_pin.errors import UsageError
+from gimbal_pin.model import Model
+from gimbal_pin.rig import Rig
+
+KINDS = ("computed-torque", "pid")
+SMALLEST_GAIN, LARGEST_GAIN = 0.1, 100.0
+"""Of the boundary layer: a thicker one does nothing, a thinner one is a relay."""
+
+BRAKES = 0.7
+"""Share of a motor's spare torque that an approach from far away counts on: the rest corrects."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of `tune`.
+
+    Attributes:
+        bandwidth_hz: Natural frequency of the error's dynamics, Hz: one for all joints, or joint → Hz.
+        damping: Their damping ζ.
+        delay: Time from measurement to torque, s; the hold of the torque comes on top.
+        dt: Sampling interval, s.
+        kind: "computed-torque" or "pid".
+        integral: Speed of the integral action in shares of the bandwidth; 0: none.
+        disk: Smallest disk margin accepted; the bandwidth gives way to it.
+        robust: True adds Lyapunov redesign (computed torque only).
+    """
+
+    bandwidth_hz: float | Mapping[str, float] = 8.0
+    damping: float = 1.0
+    delay: float = 0.001
+    dt: float = 0.001
+    kind: str = "computed-torque"
+    integral: float = 0.2
+    disk: float = 0.5
+    robust: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what no loop can be made of."""
+        if self.kind not in KINDS:
+            raise UsageError("kind", f"is '{self.kind}'", f"use {' or '.join(KINDS)}")
+        if self.robust and self.kind == "pid":
+            raise UsageError("robust", "needs a model that it could be wrong about", "use kind='computed-torque'")
+        for name in ("damping", "dt", "disk"):
+            positive(name, getattr(self, name))
+        for name in ("delay", "integral"):
+            if not (isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise UsageError(name, f"is {getattr(self, name)}", "give a number that is not negative")
+        if self.disk >= 2:
+            raise UsageError("disk", f"is {self.disk:g}", "a disk margin lies between 0 and 2")
+
+    def per_joint(self, rig: Rig) -> tuple[float, ...]:
+        """Return the wanted bandwidth of each joint, Hz."""
+        wanted = self.bandwidth_hz
+        if not isinstance(wanted, Mapping):
+            return (positive("bandwidth_hz", wanted),) * rig.n
+        for joint in wanted:
+            rig.joint_index(joint)
+        missing = [joint for joint in rig.joints if joint not in wanted]
+        if missing:
+            raise UsageError("bandwidth_hz", f"has no entry for {', '.join(missing)}", "give all, or one number")
+        return tuple(positive(f"bandwidth_hz of {joint}", wanted[joint]) for joint in rig.joints)
+
+    def gains(self, hz: float) -> Pid:
+        """The outer loop of a bandwidth, Hz."""
+        return Pid.placed(hz, self.damping, self.integral)
+
+    def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,)) -> Margins:
+        """Return the worst margins of an outer loop over the plant's gains `ratios`."""
+        return worst([margins(gains, self.dt, self.delay, ratio) for ratio in ratios])
+
+
+def positive(name: str, value: float) -> float:
+    """Return `value`, or raise `UsageError` if it is not a positive number."""
+    if not (isfinite(value) and value > 0):
+        raise UsageError(name, f"is {value}", "give a positive number")
+    return float(value)
+
+
+def seen_inertia(model: Model, kind: str) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+    """Return each joint's inertia at home, kg m², and nominal over true inertia: lowest, one, highest over the poses.
+
+    Computed torque divides the inertia out: its ratio is one at any pose.
+    """
+    nominal = np.diagonal(inertia(model, home(model.rig)[None])[0])
+    if kind != "pid":
+        return tuple(nominal.tolist()), ((1.0,),) * model.rig.n
+    ratios = nominal / np.diagonal(inertia(model, poses(model.rig, 200)[0]), axis1=1, axis2=2)
+    ends = zip(ratios.min(axis=0).round(6).tolist(), ratios.max(axis=0).round(6).tolist())
+    return tuple(nominal.tolist()), tuple(tuple(sorted({low, 1.0, high})) for low, high in ends)
+
+
+def braking(model: Model) -> tuple[float, ...]:
+    """Deceleration that each motor surely has, rad/s²: `BRAKES` of what gravity and friction leave at the worst pose.
+
+    No bound for a motor without a limit, or one that cannot even hold its load at some pose.
+    """
+    q = poses(model.rig)[0]
+    zero = np.zeros_like(q)
+    load = np.abs(model.inverse(q, zero, zero, slide=zero)) + model.level(q, zero, zero, zero)
+    spare = (model.rig.tau_max - load) / np.diagonal(inertia(model, q), axis1=1, axis2=2)
+    worst_pose = spare.min(axis=0)
+    return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
+
+
+def lowered(hz: float, wish: Wish, ratios: Sequence[float]) -> float:
+    """Return the largest bandwidth up to `hz` whose worst disk margin is at least the one wished for, Hz."""
+
+    def enough(bandwidth: float) -> bool:
+        return wish.margins(wish.gains(bandwidth), ratios).disk_margin >= wish.disk
+
+    if enough(hz):
+        return hz
+    floor = hz
+    while not enough(floor):
+        floor /= 2
+        if floor < 1e-3 * hz:
+            what = f"is {wish.disk:g}, which no bandwidth down to {floor:.2g} Hz reaches with damping {wish.damping:g}"
+            raise UsageError("disk margin", what, "ask for less margin, more damping or less integral action")
+    return bisected(enough, floor, 2 * floor)
+
+
+def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the largest value between `low`, which is enough, and `high`, which is not, to half a per cent."""
+    while high - low > 5e-3 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if enough(middle) else (low, middle)
+    return low
+
+
+def layered(gains: tuple[Pid, ...], known: Bounds, wish: Wish) -> Robust | None:
+    """Return Lyapunov redesign with the thinnest boundary layer whose gain leaves the disk margin wished for.
+
+    None where the outer loop has used up the margin already.
+    """
+    law = Robust(lyapunov(gains), known, 1.0)
+
+    def enough(gain: float) -> bool:
+        loops = {stiffened(pid, row, gain) for pid, row in zip(gains, law.rows)}
+        return all(wish.margins(pid).disk_margin >= wish.disk for pid in loops)
+
+    high = SMALLEST_GAIN
+    while enough(high) and high < LARGEST_GAIN:
+        high *= 2
+    return replace(law, gain=bisected(enough, high / 2, high)) if high > SMALLEST_GAIN else None
+
+
+def inner(gains: tuple[Pid, ...], law: Robust | None) -> tuple[Pid, ...]:
+    """The gains that small errors see: the boundary layer's on top."""
+    if law is None:
+        return gains
+    return tuple(stiffened(pid, row, law.gain) for pid, row in zip(gains, law.rows))

@@ -1,0 +1,159 @@
+"""What every estimator shares: factors instead of stacks, the estimate, its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from gimbal_pin.log import Array
+from gimbal_pin.rows import Block
+
+LAGS = 8
+"""Rows over which residuals may be correlated: four periods of the cutoff."""
+RANK = 1e-10
+"""Singular values of the scaled factor under this share of the largest are directions that the data do not show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters from data, with what is known of their uncertainty.
+
+    Attributes:
+        theta: Parameters, SI units, (k,).
+        covariance: Their covariance, (k, k); infinite variances where the data show nothing.
+        residual_std: Root mean square of each joint's residual, N m, (n,).
+        condition_number: Of the factor with columns scaled to unit norm.
+        rows: Rows per joint.
+        method: The estimator's name.
+    """
+
+    theta: Array
+    covariance: Array
+    residual_std: Array
+    condition_number: float
+    rows: int
+    method: str
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+class Estimator(Protocol):
+    """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once."""
+
+    def __call__(self, blocks: Sequence[Block]) -> Estimate:
+        """Estimate theta."""
+
+
+def factor(blocks: Iterable[Block], weights: Iterable[Array] | None = None) -> Array:
+    """Triangular factors R of each joint's [A b], one QR per block on top of the last (TSQR).
+
+    ``RᵀR = [A b]ᵀ[A b]`` without ever forming the product, which would square the condition number, and without
+    holding more than one block.
+
+    Args:
+        blocks: Rows.
+        weights: Per block, a weight per row and joint, (m, n); None: one.
+
+    Returns:
+        (n, k + 1, k + 1).
+    """
+    factors: list[Array] = []
+    each = iter(weights) if weights is not None else None
+    for block in blocks:
+        rows = np.concatenate([block.A, block.b[:, :, None]], axis=2)
+        if each is not None:
+            rows *= next(each)[:, :, None]
+        width = rows.shape[2]
+        if not factors:
+            factors = [np.zeros((0, width))] * rows.shape[1]
+        factors = [triangle(np.vstack([R, rows[:, j]])) for j, R in enumerate(factors)]
+    return np.stack([np.vstack([R, np.zeros((R.shape[1] - len(R), R.shape[1]))]) for R in factors])
+
+
+def triangle(matrix: Array) -> Array:
+    """The triangular factor R of ``matrix = Q R``, (k, k) or shorter."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
+def solve(factors: Array, scale: Array) -> tuple[Array, Array, float]:
+    """Least squares over all joints, joint j's rows multiplied by ``scale[j]``.
+
+    Returns:
+        theta (k,); ``(AᵀWA)⁻¹`` (k, k), infinite where a direction is not seen; the condition number.
+    """
+    stacked = triangle((factors * scale[:, None, None]).reshape(-1, factors.shape[2]))
+    R, y = stacked[:-1, :-1], stacked[:-1, -1]
+    norms = np.linalg.norm(R, axis=0)
+    unit = np.where(norms > 0, norms, 1.0)
+    left, values, right = np.linalg.svd(R / unit)
+    seen = values > RANK * values[0]
+    inverse = np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)
+    theta = right.T @ (inverse * (left.T @ y)) / unit
+    information = (right.T * inverse**2) @ right / np.outer(unit, unit)
+    blind = (np.abs(right[~seen]) > 1e-6).any(axis=0) if (~seen).any() else np.zeros(len(theta), bool)
+    information[blind, :] = information[:, blind] = 0.0
+    information[blind, blind] = np.inf
+    return theta, information, float(values[0] / values[-1]) if seen.all() else float("inf")
+
+
+def effective_rows(blocks: Sequence[Block]) -> Array:
+    """Rows per joint that were not masked out, (n,)."""
+    return np.sum([np.sum(block.share**2, axis=0) for block in blocks], axis=0)
+
+
+def residual_power(factors: Array, theta: Array, rows: Array) -> Array:
+    """Mean square of each joint's residual, corrected for the parameters' share of the rows (n,), (N m)², (n,)."""
+    error = factors @ np.append(theta, -1.0)
+    return np.sum(error**2, axis=1) / np.maximum(rows - len(theta) / len(factors), 1.0)
+
+
+def residuals(block: Block, theta: Array) -> Array:
+    """``b - A theta``, N m, (m, n)."""
+    return block.b - block.A @ theta
+
+
+def autocorrelation(blocks: Sequence[Block], theta: Array, lags: int = LAGS) -> Array:
+    """Autocovariance of each joint's residual at lags 0 ... `lags`, (lags + 1, n), never across a block's ends."""
+    total = np.zeros((lags + 1, blocks[0].b.shape[1]))
+    count = np.zeros_like(total)
+    for block in blocks:
+        error, share = residuals(block, theta), block.share
+        for lag in range(min(lags, len(error) - 1) + 1):
+            total[lag] += np.sum(error[: len(error) - lag] * error[lag:], axis=0)
+            count[lag] += np.sum(share[: len(share) - lag] * share[lag:], axis=0)
+    return total / np.maximum(count, 1.0)
+
+
+def covariance(blocks: Sequence[Block], theta: Array, information: Array, scale: Array) -> Array:
+    """Covariance of weighted least squares under coloured, joint-wise different residuals, (k, k).
+
+    ``H⁻¹ S H⁻¹`` with H = AᵀWA and S = Σ_j w_j² Σ_l γ_j(l) Σ_t (A_t A_{t+l}ᵀ + transpose): the residual's own
+    autocovariance γ_j, tapered over `LAGS` rows (Newey and West 1987), instead of the assumption that it is white.
+
+    Args:
+        blocks: Rows.
+        theta: Estimate, (k,).
+        information: H⁻¹, (k, k), from `solve`.
+        scale: Square root of each joint's weight, (n,).
+    """
+    rows = effective_rows(blocks)
+    freedom = rows / np.maximum(rows - len(theta) / len(scale), 1.0)
+    gamma = autocorrelation(blocks, theta) * freedom * scale**4
+    taper = 1.0 - np.arange(LAGS + 1) / (LAGS + 1)
+    score = np.zeros((len(theta), len(theta)))
+    for block in blocks:
+        for lag in range(min(LAGS, len(block.t) - 1) + 1):
+            early, late = block.A[: len(block.t) - lag], block.A[lag:]
+            product = np.einsum("tjk,j,tjl->kl", early, gamma[lag] * taper[lag], late, optimize=True)
+            score += product if lag == 0 else product + product.T
+    finite = np.where(np.isfinite(information), information, 0.0)
+    out = finite @ score @ finite
+    blind = ~np.isfinite(np.diag(information))
+    out[blind, blind] = np.inf
+    return out

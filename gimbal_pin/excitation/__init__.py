@@ -1,0 +1,19 @@
+"""Excitation design: criteria, Fourier series, limits, and the search that joins them."""
+
+from gimbal_pin.excitation.columns import Columns, condition_number
+from gimbal_pin.excitation.criteria import Condition, Criterion, Determinant
+from gimbal_pin.excitation.design import Excitation, excite
+from gimbal_pin.excitation.fourier import Series
+from gimbal_pin.excitation.limits import Envelope
+
+__all__ = [
+    "Columns",
+    "Condition",
+    "Criterion",
+    "Determinant",
+    "Envelope",
+    "Excitation",
+    "Series",
+    "condition_number",
+    "excite",
+]

@@ -1,0 +1,158 @@
+"""What a motion lets one see: base regressor and effect columns in unit torque, with their exact derivative."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gimbal_pin.effects import Effect, Sample
+from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
+from gimbal_pin.excitation.limits import Envelope
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.model import friction_effects
+from gimbal_pin.reduction import reduce, samples
+from gimbal_pin.regressor import columns, regressor, rnea
+from gimbal_pin.rig import Rig
+
+REFERENCE = 2000
+
+
+def sliding(motion: Motion, step: float) -> Array:
+    """Mean of sign(v) over the `step` s around each sample, in [-1, 1], (N, n): ``clip(v / (|a| step/2), -1, 1)``.
+
+    What a coarse grid sees of the sign: exact where the rate is straight over a step, and differentiable, without
+    the made-up speed of a smooth sign. ``step = 0`` gives sign(v).
+    """
+    reach = np.abs(motion.a) * step / 2
+    return np.clip(motion.v / np.maximum(reach, np.finfo(float).tiny), -1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """``W = [Y[:, independent], effects' bases]``: torque per unit of each base parameter and effect coefficient.
+
+    Attributes:
+        rig: The rig.
+        effects: Effects whose coefficients are to be seen, friction first.
+        places: Base parameters' places in `Rig.phi` (b,): the columns that `reduction.reduce` keeps.
+    """
+
+    rig: Rig
+    effects: tuple[Effect, ...]
+    places: Array
+
+    @staticmethod
+    def of(rig: Rig, effects: Sequence[Effect] = ()) -> Columns:
+        """The rig's base parameters and friction, and the `effects` on top."""
+        places = columns(rig)[1][list(reduce(rig).independent)]
+        return Columns(rig, (*friction_effects(rig.joints), *effects), places)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Rms torque of each column over states spread evenly within the rig's limits, N m per unit, (p,).
+
+        Dividing by it brings every column to unit torque *whatever the motion*: a motion that hardly excites a
+        column is charged for it. (Scaled by its own rms on the motion, a column that is never excited looks as good
+        as any other: optimising that condition number left standard deviations a hundred times larger.)
+        """
+        q, v, a = samples(self.rig, REFERENCE)
+        reach = Envelope.of(self.rig).filled
+        spread = Motion(
+            np.zeros(REFERENCE),
+            reach.centre + reach.half * q / np.pi,
+            reach.velocity * v / 5.0,
+            reach.acceleration * a / 25.0,
+        )
+        size = np.sqrt(np.mean(self.at(spread, np.sign(spread.v)) ** 2, axis=(0, 1)))
+        return np.where(size > 0, size, 1.0)
+
+    def at(self, motion: Motion, slide: Array) -> Array:
+        """``W`` along a motion, (N, n, p); `slide` is the direction of sliding (N, n)."""
+        rigid = regressor(self.rig, motion.q, motion.v, motion.a)[:, :, self.places]
+        tau = rnea(self.rig, motion.q, motion.v, motion.a)
+        blocks = [rigid]
+        for effect in self.effects:
+            j = self.rig.joint_index(effect.joint)
+            at = Sample(motion.t, *(array[:, j] for array in (motion.q, motion.v, motion.a, slide, tau)))
+            basis = effect.basis(at)
+            blocks.append(np.zeros((len(motion), self.rig.n, len(basis))))
+            for k, column in enumerate(basis):
+                blocks[-1][:, j, k] = column
+        return np.concatenate(blocks, axis=2)
+
+    def unit(self, motion: Motion, slide: Array) -> Array:
+        """``W`` in unit torque, stacked, (N n, p)."""
+        return (self.at(motion, slide) / self.scale).reshape(-1, len(self.scale))
+
+    def gradient(self, motion: Motion, step: float, left: Array, right: Array) -> Array:
+        """Gradient of ``sum_r left_r' W right_r`` to each q, v, a of the motion, W in unit torque, (3, N, n).
+
+        ``Y phi`` is RNEA with the parameters phi, so that each pair costs one sweep of RNEA's derivatives.
+
+        Args:
+            motion: The motion, N samples.
+            step: What `sliding` was given, s.
+            left: Weights of the rows, (N n, r).
+            right: Weights of the columns, (r, p).
+        """
+        weights = left.reshape(len(motion), self.rig.n, -1)
+        per_unit = right / self.scale
+        bases = len(self.places)
+        out = self.rigid_gradient(motion, weights, per_unit[:, :bases])
+        return out + self.effects_gradient(motion, step, weights @ per_unit[:, bases:])
+
+    def rigid_gradient(self, motion: Motion, weights: Array, base: Array) -> Array:
+        """The base regressor's part of `gradient`; weights (N, n, r), base (r, b).
+
+        Pinocchio's inertias divide by the mass, which phi may have none of: a unit mass at each joint's origin is
+        added to every sweep, and its own contribution taken off again.
+        """
+        points = np.tile(np.eye(10)[0], self.rig.n)
+        out = -self.sweep(motion, points, weights.sum(axis=2))
+        for r, parameters in enumerate(base):
+            phi = points.copy()
+            phi[self.places] += parameters
+            out += self.sweep(motion, phi, weights[:, :, r])
+        return out
+
+    def sweep(self, motion: Motion, phi: Array, weights: Array) -> Array:
+        """Gradient of ``sum weights * rnea(q, v, a; phi)``, (3, N, n)."""
+        return np.einsum("ctji,tj->cti", rnea_slopes(self.rig.with_phi(phi).model, motion), weights)
+
+    def effects_gradient(self, motion: Motion, step: float, weights: Array) -> Array:
+        """The effects' part of `gradient`; weights (N, n, coefficients)."""
+        slide, tau = sliding(motion, step), rnea(self.rig, motion.q, motion.v, motion.a)
+        arrays = (motion.q, motion.v, motion.a, slide, tau)
+        bars = np.zeros((len(arrays), *motion.q.shape))
+        column = 0
+        for effect in self.effects:
+            j, width = self.rig.joint_index(effect.joint), len(effect.coefficients)
+            weight = weights[:, j, column : column + width].T
+            column += width
+
+            def total(*at: Array, effect: Effect = effect, weight: Array = weight) -> Array:
+                return sum((w * b for w, b in zip(weight, effect.basis(Sample(motion.t, *at)))), np.zeros(len(motion)))
+
+            bars[:, :, j] += slopes(total, [array[:, j] for array in arrays])
+        out = bars[:3] + sliding_gradient(motion, step, bars[3])
+        return out + self.sweep(motion, self.rig.phi, bars[4]) if bars[4].any() else out
+
+
+def sliding_gradient(motion: Motion, step: float, weights: Array) -> Array:
+    """Gradient of ``sum weights * sliding`` to q, v, a, (3, N, n): nothing where it is saturated."""
+    reach = np.abs(motion.a) * step / 2
+    inside = np.abs(motion.v) < reach
+    per_rate = np.where(inside, weights / np.where(inside, reach, 1.0), 0.0)
+    per_acceleration = -per_rate * motion.v / np.where(inside, motion.a, 1.0)
+    return np.stack([np.zeros_like(per_rate), per_rate, per_acceleration])
+
+
+def condition_number(rig: Rig, motion: Motion, effects: Sequence[Effect] = ()) -> float:
+    """Condition number of the base regressor and friction columns in unit torque: the yardstick of any motion.
+
+    Columns (`reduction.reduce`) and scales (`Columns.scale`) are fixed by the rig, so that motions are comparable.
+    """
+    return float(np.linalg.cond(Columns.of(rig, effects).unit(motion, np.sign(motion.v))))

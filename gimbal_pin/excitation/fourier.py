@@ -1,0 +1,69 @@
+"""Finite Fourier series that start and end at rest (Swevers et al. 1997)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array, Motion
+
+
+@dataclass(frozen=True)
+class Series:
+    """``q(t) = q0 + sum_l a_l sin(l w t)/(l w) - b_l cos(l w t)/(l w)``, ``w = 2 pi / seconds``, per joint.
+
+    So ``v = sum a_l cos + b_l sin``. The motion is periodic, and at rest at both ends (v = 0 and a = 0) if
+    ``sum_l a_l = 0`` and ``sum_l l b_l = 0``; q0 is the middle of the motion, not its start.
+    Coefficients are stacked ``(q0, a_1 .. a_L, b_1 .. b_L)``, one column per joint, shape (2 L + 1, n).
+
+    Attributes:
+        seconds: Period, s.
+        harmonics: Number of harmonics, L.
+
+    Raises:
+        UsageError: The period is not positive, or there are under two harmonics (one alone cannot start at rest).
+    """
+
+    seconds: float
+    harmonics: int
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not (isfinite(self.seconds) and self.seconds > 0):
+            raise UsageError("seconds", f"is {self.seconds}", "give the length of the motion, over zero")
+        if self.harmonics < 2:
+            raise UsageError("harmonics", f"is {self.harmonics}", "give two or more: one alone cannot start at rest")
+
+    @property
+    def order(self) -> Array:
+        """``l = 1 .. L``."""
+        return np.arange(1.0, self.harmonics + 1)
+
+    def basis(self, t: Array) -> Array:
+        """Angle, rate and acceleration per unit of each coefficient at times `t` (T,), shape (3, T, 2 L + 1)."""
+        omega = 2 * np.pi / self.seconds * self.order
+        sin, cos = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
+        one, zero = np.ones((len(t), 1)), np.zeros((len(t), 1))
+        return np.stack(
+            [
+                np.hstack([one, sin / omega, -cos / omega]),
+                np.hstack([zero, cos, sin]),
+                np.hstack([zero, -sin * omega, cos * omega]),
+            ]
+        )
+
+    @cached_property
+    def rest(self) -> Array:
+        """Orthonormal basis of the coefficients that start and end at rest, (2 L + 1, 2 L - 1)."""
+        ends = np.zeros((2, 2 * self.harmonics + 1))
+        ends[0, 1 : self.harmonics + 1] = 1.0
+        ends[1, self.harmonics + 1 :] = self.order
+        return np.linalg.qr(ends.T, mode="complete")[0][:, 2:]
+
+    def motion(self, coefficients: Array, t: Array) -> Motion:
+        """The motion of coefficients (2 L + 1, n) at times `t`, s."""
+        return Motion(t, *(self.basis(t) @ coefficients))

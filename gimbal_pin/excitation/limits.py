@@ -1,0 +1,119 @@
+"""What a motion must keep to: angle, rate, acceleration and torque, with a margin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite, pi
+
+import numpy as np
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.model import Model
+from gimbal_pin.regressor import rnea
+from gimbal_pin.rig import Limits, Rig
+
+TURN = pi
+"""Travel to either side that is used where a revolute joint states no limit, rad; one-sided limits get twice that."""
+
+QUANTITIES = ("q", "dq", "ddq", "tau")
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """``|q - centre| <= half, |v| <= velocity, |a| <= acceleration, |tau| <= torque`` per joint, (n,) each, SI.
+
+    A rate or acceleration without a limit stays free: the angle's limit bounds both in a finite Fourier series
+    (Bernstein: ``|v| <= L w half``, ``|a| <= (L w)^2 half``), and the torque does the rest.
+    """
+
+    centre: Array
+    half: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+    @staticmethod
+    def of(rig: Rig, margin: float = 0.0) -> Envelope:
+        """The rig's limits, each but for the share `margin`; angle limits that are not stated as `TURN` says.
+
+        Raises:
+            UsageError: The margin is not in [0, 1), or a joint is left with no room to move.
+        """
+        if not 0 <= margin < 1:
+            raise UsageError("margin", f"is {margin}", "give a share of the limits from 0 up to under 1")
+        ends = np.array([travel(rig, j, limit) for j, limit in enumerate(rig.limits)])
+        velocity, acceleration = ([getattr(limit, name) for limit in rig.limits] for name in ("velocity", "acceleration"))
+        parts = (ends[:, 1] - ends[:, 0]) / 2, np.array(velocity), np.array(acceleration), rig.tau_max
+        for name, values in zip(("travel", "velocity limit", "acceleration limit", "torque limit"), parts):
+            for joint, value in zip(rig.joints, values):
+                if not value > 0:
+                    raise UsageError(f"rig {rig.name}: joint '{joint}'", f"has a {name} of {value:g}", "widen its limits")
+        return Envelope(ends.mean(axis=1), *(part * (1 - margin) for part in parts))
+
+    @property
+    def filled(self) -> Envelope:
+        """The same with finite rates and accelerations: half a hertz over the full travel where none is stated."""
+        velocity = np.where(np.isfinite(self.velocity), self.velocity, pi * self.half)
+        return replace(
+            self,
+            velocity=velocity,
+            acceleration=np.where(np.isfinite(self.acceleration), self.acceleration, pi * velocity),
+        )
+
+    def kinematic(self, motion: Motion) -> Array:
+        """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""
+        return np.stack(
+            [(motion.q - self.centre) / self.half, motion.v / self.velocity, motion.a / self.acceleration]
+        )
+
+    def torques(self, model: Model, motion: Motion) -> Array:
+        """Largest torque up and down as shares of the limit, (2, N, n), whichever way dry friction pushes."""
+        tau = rnea(model.rig, motion.q, motion.v, motion.a)
+        return np.stack([sign * (tau + pushed(model, motion, sign)(*channels(motion), tau)) for sign in SIGNS]) / self.torque
+
+    def torque_slopes(self, model: Model, motion: Motion) -> Array:
+        """Derivative of `torques` of each joint to each joint's q, v, a, (2, 3, N, n, n)."""
+        tau, rigid = rnea(model.rig, motion.q, motion.v, motion.a), rnea_slopes(model.rig.model, motion)
+        out = []
+        for sign in SIGNS:
+            *own, per_tau = slopes(pushed(model, motion, sign), [*channels(motion), tau])
+            diagonal = np.stack(own)[..., None] * np.eye(model.rig.n)
+            out.append(sign * (rigid * (1 + per_tau)[..., None] + diagonal))
+        return np.stack(out) / self.torque[:, None]
+
+    def shares(self, model: Model, motion: Motion) -> Array:
+        """Largest share of each limit that a motion uses, rows as `QUANTITIES`, (4, n); 0 where there is no limit."""
+        return np.vstack(
+            [np.abs(self.kinematic(motion)).max(axis=1), np.maximum(self.torques(model, motion).max(axis=(0, 1)), 0.0)]
+        )
+
+
+SIGNS = (1.0, -1.0)
+
+
+def channels(motion: Motion) -> tuple[Array, Array, Array]:
+    """The motion's q, v, a."""
+    return motion.q, motion.v, motion.a
+
+
+def pushed(model: Model, motion: Motion, sign: float) -> Callable[[Array, Array, Array, Array], Array]:
+    """Torque of the model's terms, of q, v, a and the rigid torque, with all dry friction in one direction."""
+
+    def passive(q: Array, v: Array, a: Array, tau: Array) -> Array:
+        return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t)
+
+    return passive
+
+
+def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
+    """A joint's angle limits, those that are not stated filled in; `UsageError` for a slide without limits."""
+    if isfinite(limit.lower) and isfinite(limit.upper):
+        return limit.lower, limit.upper
+    if rig.model.joints[j + 1].shortname().startswith("JointModelP"):
+        raise UsageError(f"rig {rig.name}: joint '{rig.joints[j]}'", "slides without limits", "state its travel, m")
+    if isfinite(limit.upper):
+        return limit.upper - 2 * TURN, limit.upper
+    return (limit.lower, limit.lower + 2 * TURN) if isfinite(limit.lower) else (-TURN, TURN)

@@ -1,0 +1,188 @@
+"""The optimisation behind an excitation: a criterion of Fourier coefficients under limits, with exact gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation.columns import Columns, sliding
+from gimbal_pin.excitation.criteria import Criterion
+from gimbal_pin.excitation.fourier import Series
+from gimbal_pin.excitation.limits import Envelope
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.model import Model
+
+DENSE = 240
+"""Samples per period of the highest harmonic on which the limits are checked afterwards."""
+
+POSES = 200
+"""Random poses that are tried before it is said that the motors can hold none."""
+
+SHRINKS = 14
+"""Bisections of the amplitude, where the torque exceeds its limit."""
+
+ROUNDING = 1e-9
+"""Share by which amplitudes stay below a limit, so that rounding cannot carry them over."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Minimise ``criterion(W(x))`` subject to ``shares(x) <= 1``; x are the free coefficients, flattened.
+
+    Attributes:
+        model: Rig and torques (friction included) that the limits are checked with.
+        series: The Fourier series; x are its coefficients in the basis `Series.rest`.
+        columns: What is to be seen.
+        criterion: What is to be minimised.
+        envelope: What is to be kept to.
+        per_period: Samples per period of the highest harmonic while optimising.
+    """
+
+    model: Model
+    series: Series
+    columns: Columns
+    criterion: Criterion
+    envelope: Envelope
+    per_period: int
+
+    @cached_property
+    def step(self) -> float:
+        """Interval of the optimisation's grid, s."""
+        return self.series.seconds / (self.per_period * self.series.harmonics)
+
+    def grid(self, step: float) -> Array:
+        """Midpoints of intervals of `step` s over the period."""
+        return step * (np.arange(round(self.series.seconds / step)) + 0.5)
+
+    @cached_property
+    def coarse(self) -> tuple[Array, Array]:
+        """Times (T,) and basis (3, T, k) of the optimisation's grid."""
+        t = self.grid(self.step)
+        return t, self.series.basis(t) @ self.series.rest
+
+    @cached_property
+    def dense(self) -> tuple[Array, Array]:
+        """The same of the grid on which the limits are checked, ends included."""
+        t = np.linspace(0.0, self.series.seconds, DENSE * self.series.harmonics + 1)
+        return t, self.series.basis(t) @ self.series.rest
+
+    def motion(self, x: Array, grid: tuple[Array, Array]) -> Motion:
+        """The motion of x on a grid."""
+        return Motion(grid[0], *(grid[1] @ x.reshape(-1, self.model.rig.n)))
+
+    def objective(self, x: Array) -> float:
+        """The criterion on the coarse grid."""
+        motion = self.motion(x, self.coarse)
+        return self.criterion.value(self.columns.unit(motion, sliding(motion, self.step)))
+
+    def gradient(self, x: Array) -> Array:
+        """Exact gradient of `objective`: through the columns' factors to q, v, a, and through the basis to x."""
+        motion = self.motion(x, self.coarse)
+        left, right = self.criterion.factors(self.columns.unit(motion, sliding(motion, self.step)))
+        slopes = self.columns.gradient(motion, self.step, left, right)
+        return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
+
+    @cached_property
+    def stated(self) -> Array:
+        """Which kinematic limits there are, (3, n)."""
+        return np.isfinite(np.stack([self.envelope.half, self.envelope.velocity, self.envelope.acceleration]))
+
+    @cached_property
+    def driven(self) -> Array:
+        """Which joints have a torque limit, (n)."""
+        return np.isfinite(self.envelope.torque)
+
+    def room(self, x: Array) -> Array:
+        """What is left of every limit at every coarse sample, as a share; all >= 0 if the limits hold."""
+        motion = self.motion(x, self.coarse)
+        used = np.swapaxes(self.envelope.kinematic(motion), 1, 2)[self.stated].ravel()
+        parts = [1 - used, 1 + used]
+        if self.driven.any():
+            parts.append(1 - self.envelope.torques(self.model, motion)[:, :, self.driven].ravel())
+        return np.concatenate(parts)
+
+    def room_slopes(self, x: Array) -> Array:
+        """Exact Jacobian of `room`, (rows, len(x))."""
+        parts = [-self.kinematic_slopes, self.kinematic_slopes]
+        if self.driven.any():
+            slopes = self.envelope.torque_slopes(self.model, self.motion(x, self.coarse))[:, :, :, self.driven]
+            parts.append(-np.einsum("sctji,ctk->stjki", slopes, self.coarse[1]).reshape(-1, len(x)))
+        return np.vstack(parts)
+
+    @cached_property
+    def kinematic_slopes(self) -> Array:
+        """Jacobian of the kinematic shares that have limits: the basis over the limit."""
+        limits = np.stack([self.envelope.half, self.envelope.velocity, self.envelope.acceleration])
+        each = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(self.model.rig.n), 1 / limits)
+        return each[self.stated].reshape(-1, each.shape[3] * each.shape[4])
+
+    def holds(self, x: Array) -> bool:
+        """Whether every limit holds on the dense grid."""
+        return bool(self.envelope.shares(self.model, self.motion(x, self.dense)).max() <= 1)
+
+    def scaled(self, x: Array, factor: float | Array) -> Array:
+        """x with its amplitudes times `factor` (one, or one per joint), about the same middle."""
+        coefficients = self.coefficients(x)
+        coefficients[1:] *= factor
+        return (self.series.rest.T @ coefficients).ravel()
+
+    def coefficients(self, x: Array) -> Array:
+        """The series' coefficients (2 L + 1, n) of x."""
+        return self.series.rest @ x.reshape(-1, self.model.rig.n)
+
+    def repaired(self, x: Array) -> Array | None:
+        """x with its amplitudes scaled down until every limit holds on the dense grid; None if no motion is left.
+
+        Angle, rate and acceleration by joint, which is exact; then the torque for all joints together, by bisection.
+        """
+        middle = (self.coefficients(x)[0] - self.envelope.centre) / self.envelope.half
+        if not np.abs(middle).max() < 1 or not self.holds(self.scaled(x, 0.0)):
+            return None
+        x = self.scaled(x, np.minimum(self.widest(x, middle), 1.0))
+        if self.holds(x):
+            return x
+        low, high = 0.0, 1.0
+        for _ in range(SHRINKS):
+            factor = (low + high) / 2
+            low, high = (factor, high) if self.holds(self.scaled(x, factor)) else (low, factor)
+        return self.scaled(x, low) if low > 0 else None
+
+    def start(self, rng: np.random.Generator) -> Array:
+        """A random motion within the limits, about a pose that the motors can hold.
+
+        Raises:
+            UsageError: No such pose was found.
+        """
+        for _ in range(POSES):
+            coefficients = self.coefficients(rng.standard_normal(self.series.rest.shape[1] * self.model.rig.n))
+            middle = rng.uniform(-0.5, 0.5, self.model.rig.n)
+            coefficients[0] = self.envelope.centre + middle * self.envelope.half
+            x = (self.series.rest.T @ coefficients).ravel()
+            repaired = self.repaired(self.scaled(x, self.widest(x, middle)))
+            if repaired is not None:
+                return repaired
+        raise self.infeasible()
+
+    def widest(self, x: Array, middle: Array) -> Array:
+        """Factor per joint that brings x to the first of its kinematic limits, its middle off the centre, (n,)."""
+        used = self.envelope.kinematic(self.motion(x, self.dense))
+        up, down = used.max(axis=1), -used.min(axis=1)
+        peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
+        return (1 - ROUNDING) / np.maximum.reduce(peaks)
+
+    def infeasible(self) -> UsageError:
+        """The error that says which joint cannot be held still."""
+        rig = self.model.rig
+        centre = self.coefficients(np.zeros(self.series.rest.shape[1] * rig.n))
+        centre[0] = self.envelope.centre
+        still = self.envelope.torques(self.model, self.series.motion(centre, np.zeros(1))).max(axis=(0, 1))
+        worst = int(np.argmax(still))
+        need, have = still[worst] * self.envelope.torque[worst], self.envelope.torque[worst]
+        return UsageError(
+            f"rig {rig.name}: joint '{rig.joints[worst]}'",
+            f"no pose was found that the motors can hold: standing still takes {need:.3g} N m of {have:.3g} N m allowed",
+            "balance the payload, or raise its torque limit",
+        )

@@ -1,0 +1,248 @@
+"""Logs in, model with uncertainty out (THESIS 4.2, 4.5)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.effects import Effect, Term
+from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.estimators import Estimate, Estimator, weighted
+from gimbal_pin.inertia import Consistent, nearest
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import Estimated, Model, friction_effects
+from gimbal_pin.reduction import Reduction, reduce
+from gimbal_pin.regressor import columns
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Block, Filtering, Rows, columns_of, kept, settling
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How well a model predicts the filtered torque of some rows.
+
+    Attributes:
+        how: Which rows.
+        torque_rmse: Joint → root mean square error, N m.
+        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28).
+    """
+
+    how: str
+    torque_rmse: Mapping[str, float]
+    fit_percent: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The result of `identify`.
+
+    Attributes:
+        model: The rig with the identified parameters, friction and effects, and their uncertainty.
+        reduction: The base parameters.
+        estimate: Parameters and covariance as estimated: base parameters first, then effects' coefficients.
+        names: Names of the parameters.
+        units: Their SI units.
+        train: Accuracy on the rows that were fitted.
+        held_out: Accuracy on rows that were not, or None.
+        consistent: The physical parameters nearest to the estimate: what a URDF can be given.
+        torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
+        logs: Names of the logs.
+        filtering: The filter in force.
+    """
+
+    model: Model
+    reduction: Reduction
+    estimate: Estimate
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    train: Accuracy
+    held_out: Accuracy | None
+    consistent: Consistent
+    torque_change: Mapping[str, float]
+    logs: tuple[str, ...]
+    filtering: Filtering
+
+    @property
+    def physical(self) -> bool:
+        """Whether bodies exist that have the estimated base parameters, to a thousandth of their deviation."""
+        return self.consistent.distance < 1e-3 * np.sqrt(len(self.reduction.independent))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds (CONTRACT, `identify`)."""
+        rows = zip(self.names, self.estimate.theta.tolist(), self.estimate.std.tolist(), self.units)
+        return {
+            "schema": 1,
+            "rig": self.model.rig.name,
+            "payload": self.model.rig.payload,
+            "logs": list(self.logs),
+            "estimator": self.estimate.method,
+            "samples": self.estimate.rows,
+            "condition_number": self.estimate.condition_number,
+            "cutoff_hz": self.filtering.cutoff,
+            "physical": self.physical,
+            "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
+            "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
+            "train": asdict(self.train),
+            "held_out": None if self.held_out is None else asdict(self.held_out),
+        }
+
+
+def identify(
+    rig: Rig,
+    logs: Sequence[Log],
+    effects: Sequence[Effect] = (),
+    *,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+) -> Identified:
+    """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
+
+    Args:
+        rig: The rig.
+        logs: Trajectories; each is filtered on its own and none is joined to another.
+        effects: Effects on top of Coulomb and viscous friction.
+        estimator: Blocks → `Estimate`.
+        holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
+        filtering: Cutoff and alignment; None: the defaults.
+
+    Raises:
+        DataError: The logs are too short, or some parameters leave no trace in them; it names these.
+        UsageError: An unknown way of holding out, or a log without torque.
+    """
+    filters = filtering or Filtering()
+    train, test, how = split(logs, holdout, filters)
+    everything = friction_effects(rig.joints) + tuple(effects)
+    rows = Rows(rig, reduce(rig), everything, train, filters)
+    blocks = kept(rows)
+    enough(rows, blocks)
+    estimate = estimator(blocks)
+    check_seen(rows, blocks, estimate)
+    model = to_model(rows, estimate)
+    trained, tested = (kept(replace(rows, logs=part, found=model)) for part in (train, test))
+    held_out = accuracy(rig.joints, tested, estimate.theta, how) if test else None
+    consistent, shift = nearest_physical(rows, estimate)
+    change = rms([block.A[:, :, : len(shift)] @ shift for block in blocks])
+    return Identified(
+        model=model,
+        reduction=rows.reduction,
+        estimate=estimate,
+        names=rows.names,
+        units=units_of(rows),
+        train=accuracy(rig.joints, trained, estimate.theta, "training part"),
+        held_out=held_out,
+        consistent=consistent,
+        torque_change=dict(zip(rig.joints, change.tolist())),
+        logs=tuple(log.name for log in logs),
+        filtering=filters,
+    )
+
+
+def enough(rows: Rows, blocks: Sequence[Block]) -> None:
+    """Raise `DataError` if there are fewer rows than three per parameter."""
+    have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
+    if have < want:
+        seconds = max((log.t[-1] - log.t[0] for log in rows.logs), default=0.0)
+        name = rows.logs[0].name if rows.logs else "no log"
+        what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
+        need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * settling(rows.filtering)
+        raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
+
+
+def check_seen(rows: Rows, blocks: Sequence[Block], estimate: Estimate) -> None:
+    """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
+    power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
+    torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
+    reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
+    std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
+    blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
+    if blind.any():
+        unseen = tuple(name for name, hidden in zip(rows.names, blind) if hidden)
+        what = "its motion leaves no trace of"
+        raise DataError(rows.logs[0].name, what, "move every joint, several at a time: see 'gimbal-pin excite'", unseen)
+
+
+def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:
+    """Return training logs, held-out logs, and how they were parted."""
+    if not logs:
+        raise UsageError("logs", "none was given", "give at least one log")
+    how = holdout or ("last-third" if len(logs) == 1 else f"log:{len(logs)}")
+    if how == "none":
+        return tuple(logs), (), "none"
+    if how == "last-third":
+        halves = [thirds(log, filters) for log in logs]
+        return tuple(a for a, _ in halves), tuple(b for _, b in halves), "last third"
+    match = re.fullmatch(r"log:(\d+)", how)
+    if not match or not 1 <= int(match[1]) <= len(logs) or len(logs) < 2:
+        raise UsageError("--holdout", f"cannot be '{how}'", f"use last-third, none, or log:1 to log:{len(logs)}")
+    k = int(match[1]) - 1
+    return (*logs[:k], *logs[k + 1 :]), (logs[k],), f"log {k + 1} of {len(logs)}"
+
+
+def thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
+    """Split at two thirds of the time; the filters' settling at the cut keeps a gap between the two."""
+    cut = int(np.searchsorted(log.t, log.t[0] + (log.t[-1] - log.t[0]) * 2 / 3))
+    return log.part(slice(0, cut)), log.part(slice(cut, None))
+
+
+def to_model(rows: Rows, estimate: Estimate) -> Model:
+    """Return the model with these parameters: RNEA and regressor then predict the same torque.
+
+    The reduction's independent columns take the change; the others stay as the URDF has them. No other split is
+    more right, as no torque can tell them apart; `inertia.consistent` looks for a physical one.
+    """
+    rig, reduction = rows.rig, rows.reduction
+    width = len(reduction.independent)
+    given = given_beta(rig, reduction)
+    phi = rig.phi.copy()
+    phi[columns_of(rig, reduction)] += estimate.theta[:width] - given
+    terms, at = [], width
+    for effect in rows.effects:
+        size = len(effect.coefficients)
+        terms.append(Term(effect, tuple(float(x) for x in estimate.theta[at : at + size])))
+        at += size
+    known = Estimated(rows.names, units_of(rows), estimate.theta, estimate.covariance)
+    return Model(rig.with_phi(phi), tuple(terms), known)
+
+
+def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]:
+    """Return the physical parameters nearest to the estimate, and the change in base parameters, (b,)."""
+    rig, reduction = rows.rig, rows.reduction
+    width = len(reduction.independent)
+    mixing = np.zeros((width, 10 * rig.n))
+    mixing[:, columns(rig)[1]] = reduction.mixing
+    found = nearest(rig.phi, mixing, estimate.theta[:width], estimate.covariance[:width, :width])
+    return found, mixing @ found.phi - estimate.theta[:width]
+
+
+def rms(parts: Sequence[Array]) -> Array:
+    """Root mean square over the rows of all parts, per joint, (n,)."""
+    return np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+
+
+def given_beta(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters of the URDF as it stands, (b,)."""
+    return reduction.mixing @ rig.phi[columns(rig)[1]]
+
+
+def units_of(rows: Rows) -> tuple[str, ...]:
+    """SI units of theta, by the kind of each base parameter and by each coefficient."""
+    leading = [rows.reduction.names[j].rsplit(".", 1)[1] for j in rows.reduction.independent]
+    rigid = tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in leading)
+    return rigid + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
+
+
+def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
+    """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
+    if not blocks:
+        raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
+    measured = np.concatenate([block.b for block in blocks])
+    error = measured - np.concatenate([block.A @ theta for block in blocks])
+    rmse = np.sqrt(np.mean(error**2, axis=0))
+    spread = np.maximum(np.linalg.norm(measured - measured.mean(axis=0), axis=0), 1e-300)
+    fit = 100 * (1 - np.linalg.norm(error, axis=0) / spread)
+    return Accuracy(how, dict(zip(joints, rmse.tolist())), dict(zip(joints, fit.tolist())))

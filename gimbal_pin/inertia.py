@@ -1,0 +1,149 @@
+"""Physical consistency: the inertias that bodies can have, and the nearest such set to an estimate.
+
+A body is physical if its pseudo-inertia ``[[Σ, h], [hᵀ, m]]`` is positive definite (Wensing, Kim and Slotine 2018):
+positive mass, and principal inertias that satisfy the triangle inequality strictly. Log-Cholesky parameters reach
+these bodies and no others (Rucker and Wensing 2022).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin import urdf
+from gimbal_pin.errors import ModelError
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
+
+PULL = 1e-3
+"""Weight of one unit of log-Cholesky distance from the URDF against one standard deviation of an estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """The physical parameters nearest to an estimate.
+
+    Attributes:
+        phi: Inertial parameters, (10 n,), every body physical.
+        distance: Distance of their base parameters from the estimate in standard deviations (Mahalanobis).
+    """
+
+    phi: Array
+    distance: float
+
+
+def pseudo_inertia(phi: Array) -> Array:
+    """``[[Σ, h], [hᵀ, m]]`` of one body's ten parameters, (4, 4)."""
+    return np.array(pin.PseudoInertia.FromDynamicParameters(np.asarray(phi)).toMatrix())
+
+
+def physical(phi: Array) -> bool:
+    """Whether every body of (10 n,) parameters is one that can exist."""
+    return all(np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0 for body in np.reshape(phi, (-1, 10)))
+
+
+def strictly(phi: Array) -> Array:
+    """Return a body's parameters, thickened by a millionth if it is flat: log-Cholesky parameters reach no plate."""
+    if physical(phi):
+        return phi
+    P = pseudo_inertia(phi)
+    thick = P + 1e-6 * max(float(np.trace(P[:3, :3])), 1e-9) * np.diag([1.0, 1.0, 1.0, 0.0])
+    out = np.array(pin.PseudoInertia.FromMatrix(thick).toDynamicParameters())
+    if not physical(out):
+        raise ModelError("inertial parameters", "of the URDF are not physical", "mend them: see 'gimbal-pin check'")
+    return out
+
+
+def log_cholesky(phi: Array) -> Array:
+    """``(α, d1, d2, d3, s12, s23, s13, t1, t2, t3)`` of one physical body: the inverse of Pinocchio's mapping.
+
+    The pseudo-inertia is ``e^{2α} U Uᵀ`` with U upper triangular, diagonal (e^{d1}, e^{d2}, e^{d3}, 1).
+    """
+    flipped = np.linalg.cholesky(pseudo_inertia(phi)[::-1, ::-1])
+    upper = flipped[::-1, ::-1]
+    scale = upper[3, 3]
+    U = upper / scale
+    d = np.log(np.diag(U)[:3])
+    return np.array([np.log(scale), *d, U[0, 1], U[1, 2], U[0, 2], *U[:3, 3]])
+
+
+def from_log_cholesky(theta: Array) -> tuple[Array, Array]:
+    """Ten inertial parameters of one body, and their Jacobian (10, 10)."""
+    parameters = pin.LogCholeskyParameters(np.asarray(theta))
+    return np.array(parameters.toDynamicParameters()), np.array(parameters.calculateJacobian())
+
+
+def nearest(start: Array, mixing: Array, beta: Array, covariance: Array) -> Consistent:
+    """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ, pulled weakly towards `start` where K shows nothing.
+
+    Args:
+        start: Parameters to start from and to stay near, physical or on the edge of it (a flat plate), (10 n,).
+        mixing: K: base parameters per entry of φ, (b, 10 n).
+        beta: Estimated base parameters, (b,).
+        covariance: P, their covariance, (b, b).
+
+    """
+    from scipy.optimize import least_squares
+
+    bodies = [strictly(body) for body in np.reshape(start, (-1, 10))]
+    # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
+    std = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
+    whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
+    origin = np.concatenate([log_cholesky(body) for body in bodies])
+
+    def residual(theta: Array) -> Array:
+        phi = np.concatenate([from_log_cholesky(part)[0] for part in np.reshape(theta, (-1, 10))])
+        return np.concatenate([whiten @ (mixing @ phi - beta), PULL * (theta - origin)])
+
+    def jacobian(theta: Array) -> Array:
+        blocks = [from_log_cholesky(part)[1] for part in np.reshape(theta, (-1, 10))]
+        J = np.zeros((len(theta), len(theta)))
+        for body, block in enumerate(blocks):
+            J[10 * body : 10 * body + 10, 10 * body : 10 * body + 10] = block
+        return np.vstack([whiten @ mixing @ J, PULL * np.eye(len(theta))])
+
+    found = least_squares(residual, origin, jac=jacobian, method="trf", xtol=1e-12, ftol=1e-12, max_nfev=500)
+    phi = np.concatenate([from_log_cholesky(part)[0] for part in np.reshape(found.x, (-1, 10))])
+    return Consistent(phi, float(np.linalg.norm(residual(found.x)[: len(beta)])))
+
+
+def to_urdf(rig: Rig, phi: Array) -> str:
+    """Return the rig's URDF, payload included, with inertials that lump to `phi`; every other tag is kept.
+
+    Links fixed to each other are one body, of which only the sum shows. The payload's link takes the change if that
+    leaves it physical, else the moving link does, else all links of the body share the sum in proportion to mass.
+
+    Args:
+        rig: The rig.
+        phi: Physical inertial parameters of its bodies, (10 n,).
+    """
+    inertials: dict[str, tuple[float, Array, Array]] = {}
+    for body, parameters in enumerate(np.reshape(phi, (-1, 10)), start=1):
+        for link, part in shared(rig, body, pin.Inertia.FromDynamicParameters(parameters)).items():
+            inertials[link] = (part.mass, np.array(part.lever), np.array(part.inertia))
+    return urdf.with_inertials(rig.urdf, inertials)
+
+
+def shared(rig: Rig, body: int, total: pin.Inertia) -> Mapping[str, pin.Inertia]:
+    """Split a body's inertia over its links, each in its own link's frame."""
+    frames = {f.name: f for f in rig.model.frames if f.parentJoint == body and f.type == pin.FrameType.BODY}
+    given = {link: pin.Inertia(*own) for link, own in urdf.inertials(rig.urdf).items() if link in frames}
+    massive = {link: frames[link].placement.act(own) for link, own in given.items()}
+    for link in (rig.payload_link, rig.links[body - 1]):
+        if link in massive:
+            others = sum((part.toDynamicParameters() for name, part in massive.items() if name != link), np.zeros(10))
+            rest = total.toDynamicParameters() - others
+            if physical(rest):
+                own = pin.Inertia.FromDynamicParameters(rest)
+                return {link: frames[link].placement.actInv(own)}
+    if not massive:
+        return {rig.links[body - 1]: total}
+    weight = {link: part.mass / sum(p.mass for p in massive.values()) for link, part in massive.items()}
+    return {
+        link: frames[link].placement.actInv(pin.Inertia.FromDynamicParameters(share * total.toDynamicParameters()))
+        for link, share in weight.items()
+    }

@@ -1,0 +1,281 @@
+"""CSV: read with the separator, quotes, comments and line ends that loggers and spreadsheets leave; written exactly."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count, islice
+from pathlib import Path
+
+import numpy as np
+
+from gimbal_pin.errors import LogError
+from gimbal_pin.io.files import read_bytes, replacing, told
+from gimbal_pin.log import Array
+
+SEPARATORS = (";", "\t", ",")
+COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+BLOCK = 1 << 22  # bytes read at a time
+ROWS = 1 << 14  # rows written at a time
+
+
+@dataclass(frozen=True, eq=False)
+class CsvTable:
+    """A CSV file of which the header is known and the rows are text still.
+
+    Attributes:
+        name: The file's path.
+        columns: Names in the header; ``column1, column2, …`` where the file starts with numbers.
+        separator: One of `SEPARATORS`.
+        body: What follows the header.
+        first: Number of the body's first line in the file, from 1.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    separator: str
+    body: bytes
+    first: int
+
+    def read(self, columns: Sequence[str]) -> dict[str, Array]:
+        """Return the named columns, (N,) each; `LogError` names the line and column of the first flaw."""
+        from tqdm import tqdm
+
+        index = {column: self.columns.index(column) for column in columns}
+        arrays = []
+        with tqdm(desc=self.name, total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None) as bar:
+            for part in self.parts():
+                arrays.append(part.numbers(index))
+                bar.update(len(part.body))
+        if not arrays:
+            raise LogError(f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples")
+        return {column: np.concatenate([array[place] for array in arrays]) for column, place in index.items()}
+
+    def parts(self) -> Iterator[CsvTable]:
+        """Yield the rows as tables of about `BLOCK` bytes, cut at line ends; as one where a field may hold a line end.
+
+        A flaw is then looked for in one part only, and what is read at a time stays small.
+        """
+        size = len(self.body) if b'"' in self.body else BLOCK
+        start, line = 0, self.first
+        while start < len(self.body):
+            end = self.body.find(b"\n", start + size) + 1 or len(self.body)
+            body = self.body[start:end]
+            if b"#" in body:
+                body = COMMENT.sub(b"", body)
+            if body.strip():
+                yield replace(self, body=body, first=line)
+            start, line = end, line + body.count(b"\n")
+
+    def numbers(self, index: Mapping[str, int]) -> dict[int, Array]:
+        """Return column number → values of the columns `index`; `LogError` at the first flaw."""
+        if uneven(self.body, self.separator, len(self.columns)):
+            self.check(index)
+        try:
+            values = parse(self.body, self.separator, sorted(index.values()))
+        except ValueError as error:
+            self.check(index)
+            raise self.odd(str(error)) from error
+        if not all(np.isfinite(column).all() for column in values.values()):
+            self.check(index)
+            raise self.odd("a value is not finite")
+        return values
+
+    def odd(self, why: str) -> LogError:
+        """Return the error for rows that pandas refuses though none of them shows why."""
+        place = f"{self.name}: rows from line {self.first}"
+        return LogError(place, f"are not the CSV that they seem ({why})", "write one row of plain numbers a line")
+
+    def place(self, row: int, column: str) -> str:
+        """Return ``file:line column 'name'`` of a sample, lines counted as an editor does."""
+        line, _ = next(islice(self.records(), row, None))
+        return f"{self.name}:{line} column '{column}'"
+
+    def records(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield (line number, fields) of every row that is not blank. Slow: for finding the place of an error."""
+        text = io.TextIOWrapper(io.BytesIO(COMMENT.sub(b"", self.body)), encoding="utf-8", errors="replace", newline="")
+        reader = csv.reader(text, delimiter=self.separator, skipinitialspace=True)
+        line = self.first
+        try:
+            for fields in reader:
+                if len(fields) > 1 or any(field.strip() for field in fields):
+                    yield line, fields
+                line = self.first + reader.line_num
+        except csv.Error as error:
+            raise LogError(f"{self.name}:{line}", f"is not CSV ({error})", "mend the quotes there") from error
+
+    def check(self, index: Mapping[str, int]) -> None:
+        """Raise `LogError` at the first row of another width than the header or with a flaw in the columns `index`."""
+        width = len(self.columns)
+        for line, fields in self.records():
+            if len(fields) < width or any(field.strip() for field in fields[width:]):
+                what = f"has {len(fields)} values under {width} column names"
+                raise LogError(f"{self.name}:{line}", what, uneven_mend(len(fields), width, self.separator))
+            if not sound(fields, index.values()):
+                self.refuse(line, fields, index)
+
+    def refuse(self, line: int, fields: Sequence[str], index: Mapping[str, int]) -> None:
+        """Raise `LogError` at the first field in the columns `index` that is no number."""
+        for column, place in index.items():
+            if found := flaw(fields[place].strip()):
+                raise LogError(f"{self.name}:{line} column '{column}'", *found)
+
+
+def open_csv(path: Path) -> CsvTable:
+    """Read a CSV file and its header: the first line that is neither blank nor a ``#`` comment.
+
+    Where that line holds numbers only, the names stand in the comment before it (as `numpy.savetxt` writes them) or
+    the columns are called ``column1, column2, …``.
+
+    Raises:
+        LogError: The file is missing, empty, binary, or has one column only.
+    """
+    data = as_utf8(read_bytes(path, LogError))
+    if b"\0" in data[:4096]:
+        raise LogError(str(path), "is binary, not CSV", "give it the suffix of its format")
+    remark = ""
+    for number, start, end, line in lines(data):
+        if line.lstrip().startswith("#"):
+            remark = line.lstrip().lstrip("#")
+        elif line.strip():
+            return table(str(path), data, (number, start, end), line, remark)
+    raise LogError(str(path), "is empty", "give a file with a header and one row per sample")
+
+
+def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark: str) -> CsvTable:
+    """Return the table whose first line in use is `line`: number, start and end of it in `data` are `span`."""
+    number, start, end = span
+    separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
+    fields = split(line, separator)
+    if len(fields) < 2:
+        raise LogError(f"{name}:{number}", "has one column only", "separate columns by commas, semicolons or tabs")
+    begin, first = end, number + 1
+    if all(number_in(field) is not None for field in fields if field):
+        begin, first = start, number
+        names = split(remark, separator)
+        fields = names if len(names) == len(fields) else [f"column{i + 1}" for i in range(len(fields))]
+    return CsvTable(name, tuple(fields), separator, data[begin:], first)
+
+
+def as_utf8(data: bytes) -> bytes:
+    """Return text without its byte order mark, UTF-16 turned to UTF-8, lone carriage returns to line feeds."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        data = data.decode("utf-16", errors="replace").encode()
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    return data if b"\n" in data else data.replace(b"\r", b"\n")
+
+
+def lines(data: bytes) -> Iterator[tuple[int, int, int, str]]:
+    """Yield (number from 1, start, end, text) of each line."""
+    start = 0
+    for number in count(1):
+        if start >= len(data):
+            return
+        end = data.find(b"\n", start) + 1 or len(data)
+        yield number, start, end, decoded(data[start:end]).rstrip("\r\n")
+        start = end
+
+
+def decoded(line: bytes) -> str:
+    """Return a header's text: UTF-8, or Latin-1 where it is not."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Return the trimmed fields of one line; quotes around them go."""
+    try:
+        fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return [line]
+    return [field.strip() for field in fields]
+
+
+def uneven(body: bytes, separator: str, width: int) -> bool:
+    """Tell whether any line that is not blank has another number of separators than ``width - 1`` (quotes ignored)."""
+    characters = np.frombuffer(body.rstrip(b"\n"), np.uint8)
+    ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
+    separators = np.flatnonzero(characters == ord(separator))
+    counts = np.diff(np.searchsorted(separators, ends), prepend=0)
+    lengths = np.diff(ends, prepend=-1) - 1
+    return bool(np.any((counts != width - 1) & ((counts > 0) | (lengths > 1))))
+
+
+def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:
+    """Return column number → values by pandas' C parser; ValueError where a field is no number."""
+    import pandas
+
+    # From 3.1 on, pandas parses exactly by itself and warns of the argument; before, exactness has to be asked for.
+    version = tuple(int(part) for part in pandas.__version__.split(".")[:2])
+    exact = {} if version >= (3, 1) else {"float_precision": "round_trip"}
+    frame = pandas.read_csv(
+        io.BytesIO(body),
+        sep=separator,
+        header=None,
+        usecols=places,
+        index_col=False,
+        dtype=np.float64,
+        skipinitialspace=True,
+        encoding_errors="replace",
+        low_memory=False,
+        engine="c",
+        **exact,
+    )
+    return {place: frame[place].to_numpy() for place in places}
+
+
+def uneven_mend(found: int, width: int, separator: str) -> str:
+    """Return what to do about a row of another width than the header."""
+    if found < width:
+        return "complete the row, or delete it (a recording that was cut off ends so)"
+    return "quote or delete the surplus" + ("; decimal commas must be points" if separator == "," else "")
+
+
+def sound(fields: Sequence[str], places: Iterable[int]) -> bool:
+    """Tell whether the fields at `places` are finite numbers, at less cost than asking each for its `flaw`."""
+    texts = [fields[place] for place in places]
+    try:
+        return all(map(math.isfinite, map(float, texts))) and "_" not in (text := "".join(texts)) and text.isascii()
+    except ValueError:
+        return False
+
+
+def flaw(field: str) -> tuple[str, str] | None:
+    """Return what is wrong with a number's text and the mend, or None."""
+    value = number_in(field)
+    if value is not None and math.isfinite(value):
+        return None
+    if not field:
+        return "is empty", "fill in the number, or delete the row"
+    if value is not None:
+        return f"is {field}", "repair the value, or delete the row"
+    if DECIMAL_COMMA.fullmatch(field):
+        return f"has a decimal comma ({field})", "write decimal points"
+    return f"holds the text '{field[:40]}'", "write a number, or leave the row out"
+
+
+def number_in(field: str) -> float | None:
+    """Return the number that a field spells, or None; ``1_000`` and digits of other scripts are none."""
+    try:
+        return None if "_" in field or not field.isascii() else float(field)
+    except ValueError:
+        return None
+
+
+def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") -> None:
+    """Write columns of equal length, the numbers in the shortest form that reads back exactly; whole or not at all."""
+    header = io.StringIO()
+    csv.writer(header, delimiter=separator, lineterminator="\n").writerow(columns)
+    values = np.column_stack(list(columns.values()))
+    with replacing(path) as temporary, told(path), temporary.open("w", encoding="utf-8", newline="") as file:
+        file.write(header.getvalue())
+        for start in range(0, len(values), ROWS):
+            rows = values[start : start + ROWS].tolist()
+            file.writelines(separator.join(map(repr, row)) + "\n" for row in rows)

@@ -1,0 +1,71 @@
+"""Identified models as YAML: what `identify -o` writes and `tune` reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.errors import ModelError
+from gimbal_pin.identify import Identified
+from gimbal_pin.io.files import read_yaml, write_yaml
+from gimbal_pin.model import Estimated, Model
+from gimbal_pin.rig import Rig
+from gimbal_pin.tuning import read, written
+
+KIND = "gimbal_pin model"
+
+
+def write_model(identified: Identified, path: str | Path) -> None:
+    """Write a model with its parameters' covariance, whole or not at all."""
+    model, known = identified.model, identified.model.estimated
+    if known is None:
+        raise ModelError(str(path), "would hold a model that was not identified", "identify one first")
+    report = identified.to_dict()
+    report.pop("schema")
+    content = {
+        "kind": KIND,
+        "schema": 1,
+        "joints": list(model.rig.joints),
+        **report,
+        "phi": model.rig.phi.tolist(),
+        "terms": [written(term) for term in model.terms],
+        "covariance": known.covariance.tolist(),
+    }
+    write_yaml(content, path)
+
+
+def read_model(path: str | Path, rig: Rig) -> Model:
+    """Read a model that `write_model` wrote, for a rig with the same joints.
+
+    Raises:
+        ModelError: The file is of another kind, for other joints, or lacks something.
+    """
+    data = read_yaml(path, ModelError)
+    if not isinstance(data, dict) or data.get("kind") != KIND:
+        raise ModelError(str(path), "is not a model", "give a file that 'gimbal-pin identify -o' wrote")
+    if data.get("joints") != list(rig.joints):
+        mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
+        raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
+    try:
+        terms = tuple(read(entry) for entry in data["terms"])
+        return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, known(data))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ModelError(str(path), f"cannot be read ({error!r})", "write it with 'gimbal-pin identify'") from error
+
+
+def known(data: dict[str, Any]) -> Estimated:
+    """Return the parameters' uncertainty from a model file."""
+    rows = data["base_parameters"]
+    return Estimated(
+        names=tuple(row["name"] for row in rows),
+        units=tuple(row["unit"] for row in rows),
+        theta=np.array([row["value"] for row in rows], dtype=float),
+        covariance=np.array(data["covariance"], dtype=float),
+    )
+
+
+def is_model(path: str | Path) -> bool:
+    """Whether a path is named like a model file rather than a log."""
+    return Path(path).suffix in (".yaml", ".yml")

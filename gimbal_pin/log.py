@@ -1,0 +1,144 @@
+"""Measured or simulated trajectories as frozen arrays with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gimbal_pin.errors import LogError
+
+Array = NDArray[np.floating[Any]]
+
+
+def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
+    """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length)."""
+    copy = np.array(array, dtype=np.float64)
+    if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
+        raise LogError(
+            name, f"has shape {copy.shape}, expected {shape}", "give one row per sample, one column per joint"
+        )
+    copy.flags.writeable = False
+    return copy
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A joint trajectory ``q(t), v = dq/dt, a = dv/dt``.
+
+    Attributes:
+        t: Time, s, shape (N,).
+        q: Joint angle, rad (m for prismatic joints), shape (N, n).
+        v: Joint rate, rad/s, shape (N, n).
+        a: Joint acceleration, rad/s², shape (N, n).
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check their shapes."""
+        samples, joints = np.shape(self.q)
+        object.__setattr__(self, "t", frozen(self.t, (samples,), "t"))
+        for name in ("q", "v", "a"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (samples, joints), name))
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.t)
+
+
+@dataclass(frozen=True, eq=False)
+class Imu:
+    """What an IMU fixed to a link reports, in the link's frame.
+
+    Attributes:
+        gyro: Angular rate, rad/s, shape (N, 3), or None.
+        accel: Specific force, m/s² (+9.81 up at rest), shape (N, 3), or None.
+        quat: Attitude of the link in the world, (w, x, y, z), shape (N, 4), or None.
+    """
+
+    gyro: Array | None = None
+    accel: Array | None = None
+    quat: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check their shapes."""
+        for name, width in (("gyro", 3), ("accel", 3), ("quat", 4)):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(value, (None, width), name))
+
+    def part(self, rows: slice) -> Imu:
+        """Return the samples in `rows`."""
+        cut = {name: value[rows] for name in ("gyro", "accel", "quat") if (value := getattr(self, name)) is not None}
+        return Imu(**cut)
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One trajectory as it was recorded or simulated (CONTRACT.md, "A log").
+
+    Attributes:
+        name: Where it came from; errors and reports speak of it by this name.
+        joints: Joint names, in the order of the arrays' columns.
+        t: Time, s, strictly increasing, shape (N,).
+        q: Measured joint angle, rad, shape (N, n).
+        v: Measured joint rate, rad/s, shape (N, n), or None where q must be differentiated.
+        tau: Motor torque, N m, shape (N, n): `tau[k]` is held from `t[k]` to `t[k+1]`. None for a bare trajectory.
+        q_ref: Reference angle, rad, shape (N, n), or None.
+        temperature: Motor temperature, °C, shape (N, n), or None.
+        imus: Link name → what the IMU fixed to it reported.
+        payload: Name of the payload that was mounted, or None if not stated.
+        events: Sentences about what happened while recording (limits hit, fallbacks).
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    v: Array | None = None
+    tau: Array | None = None
+    q_ref: Array | None = None
+    temperature: Array | None = None
+    imus: Mapping[str, Imu] = field(default_factory=dict)
+    payload: str | None = None
+    events: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays, check their shapes and that time increases."""
+        shape = (len(np.atleast_1d(self.t)), len(self.joints))
+        object.__setattr__(self, "t", frozen(self.t, shape[:1], f"{self.name}: t"))
+        object.__setattr__(self, "q", frozen(self.q, shape, f"{self.name}: q"))
+        for name in ("v", "tau", "q_ref", "temperature"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(value, shape, f"{self.name}: {name}"))
+        object.__setattr__(self, "imus", MappingProxyType(dict(self.imus)))
+        if len(self.t) > 1 and not np.all(np.diff(self.t) > 0):
+            row = int(np.argmin(np.diff(self.t) > 0)) + 1
+            raise LogError(
+                self.name, f"time does not increase at sample {row}", "sort the rows or split the file there"
+            )
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.t)
+
+    @property
+    def dt(self) -> float:
+        """Median sampling interval, s."""
+        return float(np.median(np.diff(self.t)))
+
+    def part(self, rows: slice) -> Log:
+        """Return the samples in `rows` as a log of its own."""
+        cut = {
+            name: value[rows]
+            for name in ("t", "q", "v", "tau", "q_ref", "temperature")
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})

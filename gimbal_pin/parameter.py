@@ -1,0 +1,27 @@
+"""A named scalar with bounds and a unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """``lower <= value <= upper``, in ``unit``.
+
+    Attributes:
+        name: Short name, unique within its owner.
+        value: Value in SI units.
+        unit: SI unit as printed.
+        lower: Smallest admissible value.
+        upper: Largest admissible value.
+        std: Standard deviation; ``nan`` where it was not estimated.
+    """
+
+    name: str
+    value: float
+    unit: str
+    lower: float = -inf
+    upper: float = inf
+    std: float = float("nan")

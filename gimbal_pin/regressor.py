@@ -1,0 +1,53 @@
+"""``tau = Y(q, v, a) phi``: Pinocchio's joint-torque regressor, and RNEA, over whole trajectories."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.log import Array
+from gimbal_pin.rig import PHI, Rig
+
+SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
+"""A body's inertial parameters in the order in which the reduction scans them (THESIS, "Base parameters")."""
+
+DIAGONAL = ("Ixx", "Iyy", "Izz", "mx", "my", "mz")
+"""The parameters of a body whose inertia is assumed diagonal, as in the thesis; concentric axes never show its mass."""
+
+
+def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
+    """Return the scanned parameters' names, ``link.symbol``, base to tip, and their places in `Rig.phi`, (p,)."""
+    symbols = DIAGONAL if diagonal else SCAN
+    names = tuple(f"{link}.{symbol}" for link in rig.links for symbol in symbols)
+    places = [10 * body + PHI.index(symbol) for body in range(rig.n) for symbol in symbols]
+    return names, np.array(places)
+
+
+def regressor(rig: Rig, q: Array, v: Array, a: Array) -> Array:
+    """``Y`` with ``rnea(q, v, a) = Y phi``, every sample in full; call it chunk by chunk on long trajectories.
+
+    Args:
+        rig: The rig (its inertial parameters do not matter).
+        q: Angles, rad, (N, n).
+        v: Rates, rad/s, (N, n).
+        a: Accelerations, rad/s², (N, n).
+
+    Returns:
+        Torque per unit of each entry of `Rig.phi`, (N, n, 10 n).
+    """
+    model, data = rig.model, rig.model.createData()
+    out = np.empty((len(q), rig.n, 10 * rig.n))
+    compute = pin.computeJointTorqueRegressor
+    for row, angles, rates, accelerations in zip(out, q, v, a):
+        row[...] = compute(model, data, angles, rates, accelerations)
+    return out
+
+
+def rnea(rig: Rig, q: Array, v: Array, a: Array) -> Array:
+    """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n)."""
+    model, data = rig.model, rig.model.createData()
+    out = np.empty((len(q), rig.n))
+    compute = pin.rnea
+    for row, angles, rates, accelerations in zip(out, q, v, a):
+        row[...] = compute(model, data, angles, rates, accelerations)
+    return out

@@ -1,0 +1,63 @@
+"""A report: a list of small sections, written as one HTML file that needs nothing but a browser."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from markupsafe import Markup
+
+from gimbal_pin.io.files import atomic_write
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of a report. A new one is a function that returns this, from the parts in `report.html`.
+
+    Attributes:
+        title: Heading, and entry of the table of contents.
+        html: The content; `Markup` says that every text in it has been escaped.
+        lead: A sentence under the heading that says what is seen here.
+    """
+
+    title: str
+    html: Markup
+    lead: str = ""
+
+
+def render(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
+    """Return the report as one HTML page: no script or picture from elsewhere, every text escaped.
+
+    Args:
+        title: Heading of the page.
+        sections: Its sections, in order.
+        subtitle: A line under the heading.
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    source = files("gimbal_pin.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    entries = list(zip(anchors([section.title for section in sections]), sections))
+    return environment.from_string(source).render(title=title, subtitle=subtitle, entries=entries)
+
+
+def write(title: str, sections: Sequence[Section], path: str | Path, subtitle: str = "") -> None:
+    """Write what `render` returns to a file, whole or not at all.
+
+    Raises:
+        UsageError: The path cannot be written.
+    """
+    atomic_write(path, render(title, sections, subtitle))
+
+
+def anchors(titles: Sequence[str]) -> list[str]:
+    """Return a distinct name per title that an address can point to."""
+    found: list[str] = []
+    for title in titles:
+        plain = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "section"
+        same = sum(name == plain or re.fullmatch(rf"{plain}-\d+", name) is not None for name in found)
+        found.append(f"{plain}-{same + 1}" if same else plain)
+    return found

@@ -1,0 +1,77 @@
+"""Numbers as a person reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import floor, inf, isfinite, isnan, log10, pi
+
+DASH = "–"
+"""Stands where there is no value."""
+SURE = 1.96
+"""Standard deviations to either side that hold 95 % of a normal distribution."""
+DEGREE = 180 / pi
+"""Degrees per radian."""
+
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def figures(value: float | None, digits: int = 3) -> str:
+    """Return a number to so many significant digits: ``0.0123``, ``12.3``, ``1.23·10⁻⁷``; a dash for none."""
+    if value is None or isnan(value):
+        return DASH
+    if not isfinite(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0:
+        return "0"
+    power = floor(log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if power < -4 or power > 6:
+        return f"{value / 10.0**power:.{digits - 1}f}·10{str(power).translate(SUPERSCRIPT)}".replace("-", "−", 1)
+    return signed(value, max(0, digits - 1 - power))
+
+
+def signed(value: float, decimals: int) -> str:
+    """Return a number with a true minus sign, and none on zero."""
+    text = f"{value:.{decimals}f}"
+    return text.replace("-", "−") if float(text) else text.lstrip("-")
+
+
+def interval(value: float, half: float) -> tuple[str, str]:
+    """Return a value and half its interval, both to the interval's second digit: ``("0.1234", "± 0.0012")``."""
+    if not isfinite(half) or half <= 0:
+        return figures(value, 4), "± ∞" if half == inf else DASH
+    power = floor(log10(half))
+    top = floor(log10(max(abs(value), half)))
+    if top >= -4 and power >= -8:
+        decimals = max(0, 1 - power)
+        return signed(value, decimals), f"± {half:.{decimals}f}"
+    unit, decimals = 10.0**top, max(0, top - power + 1)
+    tail = f"·10{str(top).translate(SUPERSCRIPT)}"
+    return signed(value / unit, decimals) + tail, f"± {half / unit:.{decimals}f}{tail}"
+
+
+def between(values: Iterable[float], digits: int = 2) -> str:
+    """Return the range of some values, ``1.2 to 3.4``, or the one value they share to these digits."""
+    known = sorted(value for value in values if not isnan(value))
+    if not known:
+        return DASH
+    low, high = figures(known[0], digits), figures(known[-1], digits)
+    return low if low == high else f"{low} to {high}"
+
+
+def percent(value: float, decimals: int = 1) -> str:
+    """Return per cent to so many decimals; what is not quite 100 does not read 100."""
+    if isnan(value):
+        return DASH
+    text = signed(value, decimals)
+    return f"> {100 - 10.0**-decimals:.{decimals}f}" if value < 100 and float(text.replace("−", "-")) == 100 else text
+
+
+def unit(text: str) -> str:
+    """Return a unit with raised powers: ``kg m^2`` as ``kg m²``."""
+    return text.replace("^2", "²").replace("^3", "³")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as a person lists them: ``a``, ``a and b``, ``a, b and c``."""
+    *rest, last = names
+    return f"{', '.join(rest)} and {last}" if rest else last

@@ -1,0 +1,160 @@
+"""Results as a person reads them in a terminal: tables with units, angles in degrees where that is said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import degrees, inf
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gimbal_pin.auto import Auto
+    from gimbal_pin.base import Base
+    from gimbal_pin.check import Checked
+    from gimbal_pin.excitation import Excitation
+    from gimbal_pin.identify import Accuracy, Identified
+    from gimbal_pin.track import Tracking
+    from gimbal_pin.tuning import Tuning
+
+
+def table(*heads: str, rows: Sequence[Sequence[str]]) -> str:
+    """Return rows under heads in aligned columns; numbers to the right, words to the left."""
+    everything = [heads, *rows]
+    widths = [max(len(row[k]) for row in everything) for k in range(len(heads))]
+    right = [all(is_number(row[k]) for row in rows) and bool(rows) for k in range(len(heads))]
+    lines = [
+        "  ".join(
+            cell.rjust(width) if to_right else cell.ljust(width) for cell, width, to_right in zip(row, widths, right)
+        )
+        for row in everything
+    ]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell starts like a number, or stands for one that is missing."""
+    return cell[:1] in "-+.0123456789∞–" or cell == ""
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a value with so many significant digits; – for none, ∞ for no limit."""
+    if value is None or value != value:
+        return "–"
+    return ("∞" if value > 0 else "-∞") if abs(value) == inf else f"{value:.{digits}g}"
+
+
+def rigs(listed: Mapping[str, Any]) -> str:
+    """The bundled rigs and payloads."""
+    bodies = [(name, rig["payload"] or "", rig["description"]) for name, rig in listed["rigs"].items()]
+    loads = [(name, payload["description"]) for name, payload in listed["payloads"].items()]
+    return table("rig", "payload", "", rows=bodies) + "\n\n" + table("payload", "", rows=loads)
+
+
+def check(found: Checked) -> str:
+    """A checked rig."""
+    rows = [
+        (
+            name,
+            joint.link,
+            number(joint.mass),
+            f"{number(degrees(joint.lower))} … {number(degrees(joint.upper))}",
+            number(degrees(joint.velocity)),
+            number(joint.tau_max),
+            number(joint.gravity_torque, 3),
+        )
+        for name, joint in found.joints.items()
+    ]
+    heads = ("joint", "moves", "kg", "range °", "°/s", "tau_max N m", "gravity N m")
+    lines = [
+        f"{found.rig}"
+        + (f" with {found.payload}" if found.payload else "")
+        + ": tree, axes, limits and inertias are sound",
+        table(*heads, rows=rows),
+        f"camera frame  {found.camera_frame} (+x is the line of sight)",
+        f"identifiable  {found.identifiable} parameters, friction included: gimbal-pin base {found.rig}",
+        f"a log needs   {', '.join(found.columns)}",
+        f"and may hold  {', '.join(found.optional)}",
+        *(f"note          {warning}" for warning in found.warnings),
+    ]
+    return "\n".join(lines)
+
+
+def base(found: Base) -> str:
+    """Base parameters."""
+    lines = [
+        f"{found.parameters} parameters, {len(found.terms)} identifiable, {len(found.unidentifiable)} without trace",
+        "identifiable",
+        *(f"  {name}" for name in found.names),
+        "without any trace in the torques",
+        *(f"  {name}" for name in found.unidentifiable),
+    ]
+    return "\n".join(lines)
+
+
+def excitation(found: Excitation) -> str:
+    """An excitation and what it uses of the limits."""
+    rows = [(joint, *(f"{100 * share:.0f}" for share in used.values())) for joint, used in found.limits_used.items()]
+    head = f"condition number {found.condition_number:.1f} in {found.seconds:g} s"
+    return head + "\n" + table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)
+
+
+def identified(found: Identified) -> str:
+    """Parameters with uncertainty, and accuracy."""
+    std = found.estimate.std
+    rows = [
+        (name, number(value), number(1.96 * s, 2), number(100 * abs(1.96 * s / value), 2) if value else "", unit)
+        for name, value, s, unit in zip(found.names, found.estimate.theta, std, found.units)
+    ]
+    parts = [table("parameter", "value", "± 95 %", "%", "unit", rows=rows), ""]
+    parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
+    change = max(found.torque_change.values())
+    parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
+    return "\n".join(parts)
+
+
+def accuracy(part: Accuracy) -> str:
+    """Torque error of one part of the data."""
+    cells = [
+        f"{joint} {number(error, 3)} N m ({part.fit_percent[joint]:.2f} %)" for joint, error in part.torque_rmse.items()
+    ]
+    return f"{part.how}: torque error rms (fit)  " + ", ".join(cells)
+
+
+def tuning(found: Tuning) -> str:
+    """Gains, margins, and the reasons for them."""
+    rows = [
+        (
+            joint,
+            *(number(pid, 3) for pid in gains),
+            number(hz, 3),
+            number(margins.phase_margin_deg, 3),
+            number(margins.gain_margin_db, 3),
+            number(margins.disk_margin, 3),
+        )
+        for joint, gains, hz, margins in zip(found.model.rig.joints, found.gains, found.bandwidth_hz, found.margins)
+    ]
+    heads = ("joint", "kp", "ki", "kd", "Hz", "phase margin °", "gain margin dB", "disk margin")
+    return "\n".join([table(*heads, rows=rows), *found.reasons])
+
+
+def tracking(found: Tracking) -> str:
+    """Steps: rms error, overshoot and cross-axis peak of every controller, in degrees."""
+    rows = [
+        (
+            experiment.name,
+            experiment.controller,
+            joint,
+            number(degrees(metrics.rms_error), 3),
+            number(metrics.overshoot_percent, 3),
+            number(degrees(metrics.peak_error), 3),
+        )
+        for experiment in found.experiments
+        for joint, metrics in experiment.joints.items()
+    ]
+    return table("step", "controller", "joint", "rms error °", "overshoot %", "peak error °", rows=rows)
+
+
+def auto(found: Auto) -> str:
+    """Everything that `auto` found, and where its files lie."""
+    files = table("file", "", rows=[(what, str(path)) for what, path in found.files.items()])
+    parts = [identified(found.identified), tuning(found.tunings["computed-torque"]), tracking(found.tracking), files]
+    return "\n\n".join(parts)

@@ -1,0 +1,216 @@
+"""Gains from a wanted bandwidth and damping, with the margins of the sampled, delayed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gimbal_pin import effects
+from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
+from gimbal_pin.control.design import Wish, braking, inner, layered, lowered, seen_inertia
+from gimbal_pin.control.lyapunov import lyapunov
+from gimbal_pin.control.reasons import about_bandwidth, about_inertia, about_layer, about_model, grouped
+from gimbal_pin.effects import Effect, Term
+from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.model import Model
+from gimbal_pin.rig import Rig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Law = ComputedTorque | JointPid
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """The answer of `tune`: gains, their margins, and why they are what they are.
+
+    Attributes:
+        model: The model it was made for.
+        wish: What was asked.
+        bandwidth_hz: What was granted, Hz, (n).
+        gains: Outer loop, one per joint, in acceleration.
+        inertia: Inertia at each joint at home, kg m², (n); a PID's gains are multiplied by it.
+        braking: Deceleration that each motor surely has, rad/s², (n): beyond it the outer loop is no longer linear.
+        margins: One per joint: the worst over the poses within the limits, the boundary layer's gain included.
+        robust: Lyapunov redesign, or None.
+        reasons: Sentences.
+    """
+
+    model: Model
+    wish: Wish
+    bandwidth_hz: tuple[float, ...]
+    gains: tuple[Pid, ...]
+    inertia: tuple[float, ...]
+    braking: tuple[float, ...]
+    margins: tuple[Margins, ...]
+    robust: Robust | None
+    reasons: tuple[str, ...]
+
+    @cached_property
+    def controller(self) -> Law:
+        """The control law, ready for `simulate`."""
+        return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
+
+    def with_(self, **changes: Any) -> Tuning:
+        """Tune again with some wishes changed: ``tuning.with_(bandwidth_hz=12)``."""
+        known = [f.name for f in fields(Wish)]
+        for name in changes:
+            if name not in known:
+                raise UsageError("with_", f"knows no '{name}'", f"change {', '.join(known)}")
+        return tune(self.model, **{**vars(self.wish), **changes})
+
+    def plot(self) -> Figure:
+        """Return a figure of every joint's loop: Bode, Nyquist, and the answer to a disturbance."""
+        from gimbal_pin.control.chart import chart
+
+        loops = inner(self.gains, self.robust)
+        return chart(self.model.rig.joints, loops, self.margins, self.wish.dt, self.wish.delay)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON and YAML hold (CONTRACT, `tune`); `controller_from` reads it back.
+
+        Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind: times `inertia` they are N m/rad and so on.
+        `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null.
+        """
+        rig, wish, law = self.model.rig, self.wish, self.robust
+        rows = zip(rig.joints, self.gains, self.margins, self.bandwidth_hz, self.inertia, self.braking)
+        wanted = wish.bandwidth_hz
+        return {
+            "schema": 1,
+            "controller": wish.kind,
+            "rig": rig.name,
+            "payload": rig.payload,
+            "joints": {
+                joint: {
+                    **pid._asdict(),
+                    **finite({**asdict(found), "bandwidth_hz": hz, "inertia": moment, "braking": deceleration}),
+                }
+                for joint, pid, found, hz, moment, deceleration in rows
+            },
+            "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
+            "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
+            "reasons": list(self.reasons),
+            "model": {"phi": rig.phi.tolist(), "terms": [written(term) for term in self.model.terms]},
+        }
+
+
+def tune(
+    model: Model,
+    *,
+    bandwidth_hz: float | Mapping[str, float] = 8.0,
+    damping: float = 1.0,
+    delay: float = 0.001,
+    dt: float = 0.001,
+    kind: str = "computed-torque",
+    integral: float = 0.2,
+    disk: float = 0.5,
+    robust: bool = False,
+) -> Tuning:
+    """Place the error's poles, ``(s² + 2 ζ ω s + ω²)(s + γ ω)``, and check the margins of the sampled, delayed loop.
+
+    Where the disk margin would fall short, the bandwidth is lowered until it does not, and the reasons say so.
+
+        model = identify(rig, logs).model
+        tuning = tune(model, bandwidth_hz=12)
+        log = simulate(model, tuning.controller, reference, rng=rng)
+
+    Args:
+        model: The model to invert; a PID takes only its inertias.
+        bandwidth_hz: ω/2π, Hz: one for all joints, or joint → Hz. The loop's gain is one at about 2 ζ times that.
+        damping: ζ.
+        delay: Time from measurement to torque, s, without the hold; it need not be whole samples.
+        dt: Sampling interval, s.
+        kind: "computed-torque" or "pid".
+        integral: γ; 0: no integral action.
+        disk: Smallest disk margin accepted.
+        robust: True adds Lyapunov redesign, its boundary layer as thin as the disk margin lets it be.
+
+    Raises:
+        UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, α ≥ 1.
+    """
+    wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk, robust)
+    wanted = wish.per_joint(model.rig)
+    nominal, ratios = seen_inertia(model, kind)
+    granted = tuple(lowered(hz, wish, several) for hz, several in zip(wanted, ratios))
+    gains = tuple(wish.gains(hz) for hz in granted)
+    known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
+    law = layered(gains, known, wish) if robust and known is not None else None
+    found = tuple(wish.margins(pid, several) for pid, several in zip(inner(gains, law), ratios))
+    joints, rows = model.rig.joints, zip(wanted, granted, found)
+    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish) for asked, hz, margins in rows])
+    if known is None:
+        reasons += grouped(joints, [about_inertia(*row) for row in zip(nominal, ratios)])
+    else:
+        reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
+    return Tuning(model, wish, granted, gains, nominal, braking(model), found, law, tuple(reasons))
+
+
+def law_of(
+    wish: Wish,
+    model: Model,
+    gains: tuple[Pid, ...],
+    inertia: tuple[float, ...],
+    brakes: tuple[float, ...],
+    robust: Robust | None,
+) -> Law:
+    """Return the control law of a kind."""
+    if wish.kind == "pid":
+        return JointPid(gains, inertia, tuple(model.rig.tau_max.tolist()), wish.dt, brakes)
+    lead = wish.delay + wish.dt / 2
+    return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
+
+
+def controller_from(data: Mapping[str, Any], rig: Rig) -> Law:
+    """Return the control law that `Tuning.to_dict` wrote, on a rig with the same joints.
+
+    Raises:
+        ModelError: A key is missing or holds the wrong kind of value, or the joints are not the rig's.
+    """
+    try:
+        rows, wish = data["joints"], Wish(**data["wish"])
+        if set(rows) != set(rig.joints):
+            what = f"is for the joints {', '.join(rows)}"
+            raise ModelError("controller", what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
+        gains = tuple(Pid(*(float(rows[joint][key]) for key in Pid._fields)) for joint in rig.joints)
+        inertia = tuple(float(rows[joint]["inertia"]) for joint in rig.joints)
+        brakes = tuple(inf if rows[joint]["braking"] is None else float(rows[joint]["braking"]) for joint in rig.joints)
+        terms = tuple(read(term) for term in data["model"]["terms"])
+        model = Model(rig.with_phi(np.array(data["model"]["phi"], dtype=float)), terms)
+        return law_of(wish, model, gains, inertia, brakes, redesign(data["robust"], gains))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ModelError("controller", f"cannot be read ({error!r})", "write it with 'gimbal-pin tune'") from error
+
+
+def redesign(data: Mapping[str, Any] | None, gains: tuple[Pid, ...]) -> Robust | None:
+    """Return the Lyapunov redesign of a controller file."""
+    if data is None:
+        return None
+    rest = {key: value for key, value in data.items() if key != "gain"}
+    return Robust(lyapunov(gains), Bounds(**rest), float(data["gain"]))
+
+
+def finite(values: Mapping[str, float]) -> dict[str, float | None]:
+    """Return the values with null for what JSON cannot say."""
+    return {key: value if isfinite(value) else None for key, value in values.items()}
+
+
+def written(term: Term) -> dict[str, Any]:
+    """Return a term as plain data: the effect's name, its fields, and the values of its coefficients."""
+    shape = {f.name: getattr(term.effect, f.name) for f in fields(term.effect)}
+    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in shape.items()}
+    return {"effect": term.effect.name, **plain, "values": list(term.values)}
+
+
+def read(data: Mapping[str, Any]) -> Term:
+    """Return the term that `written` wrote."""
+    kinds = {kind.name: kind for kind in vars(effects).values() if isinstance(kind, type) and hasattr(kind, "name")}
+    shape = {key: value for key, value in data.items() if key not in ("effect", "values")}
+    held: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in shape.items()}
+    effect: Effect = kinds[data["effect"]](**held)
+    return Term(effect, tuple(float(value) for value in data["values"]))

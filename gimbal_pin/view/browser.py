@@ -1,0 +1,94 @@
+"""Pictures of a recorded page, taken by headless Chromium at exact instants."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any
+
+from gimbal_pin.errors import UsageError
+
+if TYPE_CHECKING:
+    from choreographer import Tab
+
+PATIENCE = 60.0
+"""Longest wait for one answer of the browser, s."""
+
+
+def pictures(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
+    """Hand the PNG of each instant of a recorded page to `take`, in order.
+
+    Args:
+        page: What `record` returned.
+        times: Seconds since the start of playing.
+        size: Width and height, pixels.
+        take: Called with each PNG.
+
+    Raises:
+        UsageError: No Chromium, no choreographer, or a browser that does not draw.
+    """
+    finished(shoot(page, times, size, take))
+
+
+def finished(task: Coroutine[Any, Any, None]) -> None:
+    """Run a coroutine to its end, also where an event loop is running already (a notebook)."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        asyncio.run(task)
+        return
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, task).result()
+
+
+async def shoot(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
+    """Open the page and hand over its pictures; a progress bar counts them."""
+    from tqdm import tqdm
+
+    async with opened(page) as tab:
+        for time in tqdm(times, desc="frames", unit="frame", disable=None if len(times) > 30 else True):
+            uri = await evaluate(tab, f"picture({time!r}, {size[0]}, {size[1]})")
+            take(base64.b64decode(uri.partition(",")[2]))
+
+
+@asynccontextmanager
+async def opened(page: str) -> AsyncIterator[Tab]:
+    """Yield a tab of a headless Chromium that shows the page."""
+    try:
+        from choreographer import Browser
+        from choreographer.browsers import BrowserFailedError
+        from choreographer.browsers.chromium import ChromeNotFoundError
+    except ImportError as error:
+        raise UsageError("video", "choreographer is not installed", "pip install 'gimbal-pin[video]'") from error
+    mend = "apt install chromium (or Chrome), or write .html, which needs no browser"
+    try:
+        browser = Browser(headless=True)
+    except ChromeNotFoundError as error:
+        raise UsageError("chromium", "is not installed", mend) from error
+    try:
+        async with browser:
+            tab = await browser.create_tab("about:blank")
+            tree = await tab.send_command("Page.getFrameTree")
+            frame = tree["result"]["frameTree"]["frame"]["id"]
+            await tab.send_command("Page.setDocumentContent", {"frameId": frame, "html": page})
+            yield tab
+    except BrowserFailedError as error:
+        raise UsageError("chromium", f"did not start ({error.args[0]})", mend) from error
+
+
+async def evaluate(tab: Tab, expression: str) -> Any:
+    """Return the value of a script expression in the page."""
+    asked = tab.send_command("Runtime.evaluate", {"expression": expression, "returnByValue": True})
+    try:
+        answer = (await asyncio.wait_for(asked, PATIENCE)).get("result", {})
+    except asyncio.TimeoutError as error:
+        raise UsageError(
+            "chromium", f"gave no answer for {PATIENCE:.0f} s", "try a smaller picture, or .html"
+        ) from error
+    if "exceptionDetails" in answer:
+        reason = answer["exceptionDetails"].get("exception", {}).get("description", "an error without a text")
+        raise UsageError("chromium", f"cannot draw the scene: {reason.splitlines()[0]}", "enable WebGL, or write .html")
+    return answer["result"].get("value")

@@ -1,0 +1,97 @@
+"""A recording: one offline HTML file that plays the rig moving."""
+
+from __future__ import annotations
+
+import base64
+import html
+import importlib.util
+import json
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array, Log
+from gimbal_pin.rig import Rig
+from gimbal_pin.view import stage, three
+from gimbal_pin.view.motion import Motion, motion
+from gimbal_pin.view.scene import Scene, scene
+
+
+def record(
+    rig: Rig, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True, colour: Array | None = None
+) -> str:
+    """Return an HTML page that plays the log on opening, over and over, and needs nothing but a browser.
+
+    Args:
+        rig: What moves.
+        log: How it moves; `q_ref`, if there, is shown as a ghost.
+        fps: Keyframes per second of playing; the browser interpolates between them.
+        speed: Seconds of the log per second of playing.
+        ghost: Whether the reference is shown.
+        colour: One value per sample and joint, 0..1, (N, n): turns the link that the joint moves from its own colour
+            (0) to red (1), for instance by the residual.
+
+    Raises:
+        UsageError: An argument out of range.
+        LogError: The log is empty or lacks a joint of the rig.
+    """
+    shown = motion(rig, log, fps, speed, ghost, colour)
+    return page(rig, log, shown, scene(rig, shown))
+
+
+def page(rig: Rig, log: Log, shown: Motion, drawn: Scene) -> str:
+    """Return the page of a scene."""
+    template = Template(files("gimbal_pin.view").joinpath("page.html").read_text(encoding="utf-8"))
+    title = rig.name + (f" with {rig.payload}" if rig.payload else "")
+    return template.substitute(
+        title=html.escape(title),
+        subtitle=html.escape(log.name),
+        legend=legend(shown),
+        bundle=bundle(),
+        scene=data(shown, drawn),
+    )
+
+
+def data(shown: Motion, drawn: Scene) -> str:
+    """Return the commands and the times as JSON; each command is packed as meshcat's server would send it."""
+    commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
+    return json.dumps(
+        {
+            "commands": packed(commands),
+            "start": float(shown.t[0]),
+            "end": float(shown.t[-1]),
+            "duration": float(shown.clock[-1]),
+            "speed": shown.speed,
+            "fov": stage.FOV,
+            "aspect": stage.ASPECT,
+        }
+    )
+
+
+def packed(commands: Sequence[three.Json]) -> list[str]:
+    """Return each command as base64 of its msgpack."""
+    import umsgpack
+
+    return [base64.b64encode(umsgpack.packb(command)).decode() for command in commands]
+
+
+def legend(shown: Motion) -> str:
+    """Return what the colours mean, as HTML."""
+    from gimbal_pin.view.sight import MEASURED, REFERENCE
+
+    lines = [f'<div><i style="border-color: #{three.hex_colour(MEASURED):06x}"></i>line of sight</div>']
+    if shown.q_ref is not None:
+        lines.append(f'<div><i style="border-color: #{three.hex_colour(REFERENCE):06x}"></i>reference</div>')
+    if shown.colour is not None:
+        lines.append('<div><i class="ramp"></i>residual of the joint</div>')
+    return "".join(lines)
+
+
+def bundle() -> str:
+    """Return the viewer's script out of the installed meshcat, without importing its server."""
+    spec = importlib.util.find_spec("meshcat")
+    if spec is None or spec.origin is None:
+        raise UsageError("meshcat", "is not installed", "pip install meshcat")
+    return (Path(spec.origin).parent / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")

@@ -1,0 +1,158 @@
+"""What the rig stands on and is lit and looked at by; all sized by the rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gimbal_pin.log import Array
+from gimbal_pin.view import three
+
+FOV = 32.0
+"""Vertical angle of view, degrees: narrow enough not to distort."""
+
+ASPECT = 16 / 9
+AZIMUTH = np.deg2rad(58.0)
+"""From the line of sight round to the viewer: a three-quarter view of the front."""
+
+ELEVATION = np.deg2rad(17.0)
+LINE = (0.36, 0.42, 0.50)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A view.
+
+    Attributes:
+        target: What it looks at, m in the world, shape (3,).
+        offset: From there to the camera, m, shape (3,).
+    """
+
+    target: Array
+    offset: Array
+
+
+def camera(points: Array, heading: float, room: float = 1.0) -> Camera:
+    """Return the closest three-quarter view that holds all the points, m, (K, 3), `room` times as far away."""
+    azimuth = heading + AZIMUTH
+    back = np.array([np.cos(ELEVATION) * np.cos(azimuth), np.cos(ELEVATION) * np.sin(azimuth), np.sin(ELEVATION)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    axes = np.array([right, np.cross(back, right), back])
+    seen = points @ axes.T
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    half = np.tan(np.deg2rad(FOV) / 2) * 0.86 * np.array([ASPECT, 1.0])
+    distance = float(np.max(np.abs(seen[:, :2] - middle[:2]) / half + (seen[:, 2:] - middle[2])))
+    return Camera(target=middle @ axes, offset=room * distance * back)
+
+
+def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
+    """Return the commands for background, light, ground and camera of a rig of radius `size`, m, around `points`."""
+    floor = float(points[:, 2].min()) - 0.06 * size
+    centre = points.mean(axis=0)
+    shift = np.eye(4)
+    shift[:3, 3] = -view.target
+    return [
+        three.let("/Background", "top_color", [0.955, 0.965, 0.98]),
+        three.let("/Background", "bottom_color", [0.70, 0.75, 0.81]),
+        *(three.let(path, "visible", False) for path in ("/Grid", "/Axes", "/Lights")),
+        *lights(view, size),
+        three.place("/meshcat", shift),
+        three.draw("/meshcat/ground", ground(centre[:2], floor, size)),
+        *look(view),
+    ]
+
+
+def look(view: Camera) -> list[three.Json]:
+    """Return the commands that place the viewer's camera, which orbits the origin in a frame whose y is up."""
+    x, y, z = map(float, view.offset)
+    distance = float(np.linalg.norm(view.offset))
+    path = "/Cameras/default/rotated/<object>"
+    return [
+        three.let(path, "position", [x, z, -y]),
+        three.let(path, "fov", FOV),
+        three.let(path, "near", distance / 100),
+        three.let(path, "far", distance * 50),
+    ]
+
+
+def lights(view: Camera, size: float) -> list[three.Json]:
+    """Return a sky, a key light that casts the shadows, a fill light from the viewer, a rim light from behind."""
+    toward = view.offset[:2] / np.linalg.norm(view.offset[:2])
+    left = np.array([toward[1], -toward[0]])
+    key = np.append(0.6 * toward + 0.75 * left, 2.4)
+    rim = np.append(-toward - 0.6 * left, 0.8)
+    sky = {"type": "HemisphereLight", "color": 0xFFFFFF, "groundColor": 0xA8ADB5, "intensity": 0.50}
+    return [
+        three.draw("/Studio/sky", light("sky", sky, np.array([0.0, 0.0, 1.0]))),
+        three.draw("/Studio/key", light("key", {**directional(0.50), "shadow": shadow(size)}, 5 * size * key)),
+        three.draw("/Studio/fill", light("fill", directional(0.32), view.offset)),
+        three.draw("/Studio/rim", light("rim", directional(0.40), 5 * size * rim)),
+        *(three.let(f"/Studio/{name}/<object>", "castShadow", False) for name in ("fill", "rim")),
+    ]
+
+
+def light(name: str, look_of_it: three.Json, position: Array) -> three.Json:
+    """Return a light as an object of its own, shining from `position` at the origin."""
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    metadata = {"version": 4.5, "type": "Object"}
+    return {"metadata": metadata, "object": {"uuid": name, "matrix": three.matrix(pose), **look_of_it}}
+
+
+def directional(intensity: float) -> three.Json:
+    """Return a light of parallel rays."""
+    return {"type": "DirectionalLight", "color": 0xFFFFFF, "intensity": intensity}
+
+
+def shadow(size: float) -> three.Json:
+    """Return the part of space whose shadows are drawn."""
+    reach = 2.2 * size
+    box = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": 0.1 * size, "far": 25 * size}
+    return {
+        "camera": {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box},
+        "mapSize": [1024, 1024],
+        "bias": -0.001,
+        "normalBias": 0.02 * size,
+        "radius": 2,
+    }
+
+
+def ground(centre: Array, height: float, size: float) -> three.Json:
+    """Return a plane that shows nothing but shadows, and a grid that fades away from the rig."""
+    pose = np.eye(4)
+    pose[:3, 3] = (*centre, height)
+    radius = 5.0 * size
+    catcher = {"type": "ShadowMaterial", "color": 0x10161F, "opacity": 0.2, "transparent": True, "depthWrite": False}
+    plane = three.Part({"type": "CircleGeometry", "radius": radius, "segments": 64}, pose, catcher, receives=True)
+    points, alpha = grid(centre, radius, spacing(size))
+    points = np.column_stack([points, np.full(len(points), height)])
+    colours = np.column_stack([np.ones((len(points), 3)), alpha])
+    look_of_it = three.flat(LINE, kind="LineBasicMaterial", vertexColors=2, transparent=True, depthWrite=False)
+    lines = three.Part(three.buffer(points, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments")
+    return three.group([plane, lines], "ground")
+
+
+def spacing(size: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, m, close under half the rig's radius."""
+    decade = 10.0 ** np.floor(np.log10(size / 2))
+    return float(decade * max(step for step in (1, 2, 5) if step * decade <= size / 2 * (1 + 1e-9)))
+
+
+def grid(centre: Array, radius: float, step: float) -> tuple[Array, Array]:
+    """Return the ends of the grid's segments, m, (K, 2), and their opacity, (K,).
+
+    Lines lie on the world's round coordinates and fade out towards the rim of the disc; they are cut into short pieces,
+    because renderers drop long ones that reach behind the camera.
+    """
+    pieces = np.linspace(-1, 1, 17)
+    ends = []
+    for axis in (0, 1):
+        first, last = np.ceil((centre[axis] - radius) / step), np.floor((centre[axis] + radius) / step)
+        for across in step * np.arange(first, last + 1):
+            chord = np.sqrt(max(radius**2 - (across - centre[axis]) ** 2, 0.0))
+            line = np.column_stack([np.full(len(pieces), across), centre[1 - axis] + chord * pieces])
+            ends.append(np.repeat(line if axis == 0 else line[:, ::-1], 2, axis=0)[1:-1])
+    points = np.concatenate(ends)
+    away = np.sum((points - centre) ** 2, axis=1) / radius**2
+    return points, 0.55 * np.clip(1 - away, 0, 1) ** 2

@@ -1,0 +1,73 @@
+"""Stand-ins for a URDF that draws nothing: a cylinder on each joint's axis, a bone from joint to joint."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin import urdf
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
+from gimbal_pin.view.solid import Solid, box, cylinder, sphere
+
+PALETTE = ((0.23, 0.45, 0.80, 1.0), (0.85, 0.35, 0.25, 1.0), (0.20, 0.62, 0.40, 1.0), (0.60, 0.40, 0.72, 1.0))
+BONE = (0.55, 0.58, 0.63, 1.0)
+
+
+def stand_ins(rig: Rig) -> tuple[Solid, ...]:
+    """Return solids that show the rig's joints and reach.
+
+    Lengths come from the joints' placements, and from the bodies' centres of mass and radii of gyration where the axes
+    meet in one point.
+    """
+    axes = {joint.name: joint.axis for joint in urdf.checked(rig.urdf, str(rig.path)).joints}
+    radius = 0.06 * reach(rig)
+    drawn = [bone(rig.base, end, 0.5 * radius) for end in ends(rig, 0) if np.linalg.norm(end) > radius]
+    for i, (joint, link) in enumerate(zip(rig.joints, rig.links), start=1):
+        axis = np.array([1.0, 0.0, 0.0]) if axes[joint] is None else np.asarray(axes[joint], dtype=float)
+        turn = aligned(axis)
+        drawn.append(cylinder(link, turn, radius, 2.6 * radius, PALETTE[(i - 1) % len(PALETTE)]))
+        drawn += [bone(link, end, 0.5 * radius) for end in ends(rig, i) if np.linalg.norm(end) > radius]
+        drawn.append(sphere(link, at(rig.model.inertias[i].lever), 0.7 * radius, BONE))
+    return tuple(drawn)
+
+
+def reach(rig: Rig) -> float:
+    """Return a length that the rig's size is judged by, m: joint to joint along the chain, or the bodies' extent."""
+    chain = sum(float(np.linalg.norm(place.translation)) for place in rig.model.jointPlacements)
+    bodies = [
+        float(np.linalg.norm(body.lever) + np.sqrt(max(np.trace(body.inertia), 0.0) / body.mass))
+        for body in rig.model.inertias[1:]
+    ]
+    return max(chain, *bodies, 0.02)
+
+
+def ends(rig: Rig, joint: int) -> list[Array]:
+    """Return where the bones of a body end, in its joint's frame, m: at the next joints and at its centre of mass."""
+    model = rig.model
+    children = [k for k in range(1, model.njoints) if model.parents[k] == joint]
+    points = [np.array(model.jointPlacements[k].translation) for k in children]
+    return [*points, np.array(model.inertias[joint].lever)] if joint else points
+
+
+def bone(link: str, end: Array, width: float) -> Solid:
+    """Return a square bar from the joint's origin to `end`."""
+    pose = aligned(end)
+    pose[:3, 3] = end / 2
+    return box(link, pose, np.array([width, width, float(np.linalg.norm(end))]), BONE)
+
+
+def aligned(direction: Array) -> Array:
+    """Return a pose, (4, 4), whose z points along `direction`."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    return pose
+
+
+def at(point: Array) -> Array:
+    """Return the pose that moves to `point`, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, 3] = point
+    return pose

@@ -1,0 +1,106 @@
+"""The solids that a rig's URDF draws."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gimbal_pin import urdf
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
+from gimbal_pin.view import three
+from gimbal_pin.view.solid import Solid, box, cylinder, sphere
+
+if TYPE_CHECKING:
+    import yourdfpy
+
+GREY = (0.62, 0.65, 0.70, 1.0)
+"""Colour of a visual without one."""
+
+
+def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...]]:
+    """Return the rig's solids and a sentence for each one that could not be drawn as its URDF says."""
+    robot = urdf.checked(rig.urdf, str(rig.path))
+    colours = named_colours(robot)
+    drawn: list[Solid] = []
+    events: list[str] = []
+    for link in robot.links:
+        for visual in link.visuals:
+            solid, event = from_visual(link.name, visual, colours, rig.path)
+            drawn += [] if solid is None else [solid]
+            events += [] if event is None else [event]
+    return tuple(drawn), tuple(events)
+
+
+def named_colours(robot: yourdfpy.Robot) -> dict[str, tuple[float, ...]]:
+    """Return the colours that materials define by name, at the robot's level or inside a visual."""
+    inside = (visual.material for link in robot.links for visual in link.visuals if visual.material is not None)
+    materials = (*inside, *robot.materials)
+    return {m.name: tuple(map(float, m.color.rgba)) for m in materials if m.color is not None and m.name is not None}
+
+
+def from_visual(
+    link: str, visual: yourdfpy.Visual, colours: dict[str, tuple[float, ...]], path: Path
+) -> tuple[Solid | None, str | None]:
+    """Return the solid of one ``<visual>`` and what went wrong with it, each None where there is nothing to say."""
+    shape = visual.geometry
+    material = visual.material
+    rgba = GREY if material is None else colours.get(material.name, GREY)
+    if material is not None and material.color is not None:
+        rgba = tuple(map(float, material.color.rgba))
+    pose = np.eye(4) if visual.origin is None else np.asarray(visual.origin, dtype=float)
+    if shape is None:
+        return None, f"link {link}: a visual without geometry is not drawn"
+    if shape.box is not None:
+        return box(link, pose, np.asarray(shape.box.size, dtype=float), rgba), None
+    if shape.cylinder is not None:
+        return cylinder(link, pose, float(shape.cylinder.radius), float(shape.cylinder.length), rgba), None
+    if shape.sphere is not None:
+        return sphere(link, pose, float(shape.sphere.radius), rgba), None
+    if shape.mesh is not None:
+        return from_mesh(link, pose, shape.mesh, rgba, path)
+    return None, f"link {link}: a visual that is no box, cylinder, sphere or mesh is not drawn"
+
+
+def from_mesh(
+    link: str, pose: Array, mesh: yourdfpy.Mesh, rgba: tuple[float, ...], path: Path
+) -> tuple[Solid, str | None]:
+    """Return a mesh file's triangles, or a small box and a sentence where the file cannot be read."""
+    file = mesh_file(mesh.filename, path.parent)
+    loaded = None if file is None else read_mesh(file)
+    if loaded is None:
+        reason = "is not there" if file is None else "cannot be read"
+        return box(link, pose, np.full(3, 0.03), rgba), f"link {link}: mesh '{mesh.filename}' {reason}: a box instead"
+    vertices, faces = loaded
+    vertices = vertices * (1.0 if mesh.scale is None else np.asarray(mesh.scale, dtype=float))
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    geometry = three.buffer(vertices, faces)
+    return Solid(link, geometry, pose, rgba, (high - low) / 2, (high + low) / 2, facets=True), None
+
+
+def mesh_file(name: str, folder: Path) -> Path | None:
+    """Return the file that a URDF's mesh name means, seen from the URDF's folder; None if there is none.
+
+    ``package://pkg/rest`` is sought as ``pkg/rest`` and ``rest`` in the folder and in those above it.
+    """
+    if not name.startswith("package://"):
+        file = folder / name.removeprefix("file://")
+        return file if file.is_file() else None
+    inside = name.removeprefix("package://")
+    candidates = (above / tail for above in (folder, *folder.parents) for tail in (inside, inside.partition("/")[2]))
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def read_mesh(file: Path) -> tuple[Array, Any] | None:
+    """Return vertices (N, 3), m, and triangles (M, 3) of a mesh file, or None if trimesh cannot read it."""
+    import trimesh
+
+    try:
+        mesh = trimesh.load(file, force="mesh")
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OSError, NotImplementedError, ImportError):
+        return None  # what trimesh's loaders raise on a broken or foreign file is not one kind of error
+    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+        return None
+    return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces)

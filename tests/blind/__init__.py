@@ -1,0 +1,7 @@
+"""The blind set: a plant of its own (MuJoCo, finer steps, other functional forms) that hides an effect in a log.
+
+It was written from the contract alone, by one who has not seen the library, and imports nothing of it. One way through:
+
+    draw.sample → cases.hide → files.write (log, rig)   and, kept elsewhere, files.write_truth (truth, oracle)
+    table.score: (truth, what was diagnosed) → every figure, with its bounds
+"""

@@ -1,0 +1,76 @@
+"""Make an effect as strong as wanted: trial runs, and a secant in the logarithm of its strength."""
+
+from __future__ import annotations
+
+from math import exp, log
+
+import numpy as np
+
+from .effects import Effect
+from .ledger import Ledger, settle
+from .plant import PlantDivergedError
+from .rigs import Array
+from .scene import STIFF_TRIAL_STEP, TRIAL_STEP, Scene
+from .world import World
+
+TRIALS, CLOSE_ENOUGH, LONGEST_LEAP, LARGEST = 6, 0.15, log(100.0), log(1e6)
+
+
+def shares(ledger: Ledger, rows: slice = slice(None)) -> Array:
+    """Effect rms over torque rms of each joint, (n,)."""
+    return np.sqrt(np.mean(ledger.effect[rows] ** 2, axis=0) / np.maximum(np.mean(ledger.command[rows] ** 2, axis=0), 1e-12))
+
+
+def share_of(effect: Effect, ledger: Ledger, rows: slice = slice(None)) -> float:
+    """The share on the effect's own joint, or the largest where it has none."""
+    each = shares(ledger, rows)
+    return float(each.max() if effect.joint is None else each[effect.joint])
+
+
+def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
+    """A run at coarse steps with this effect alone."""
+    world, trace = scene.run([effect], scene.substeps(STIFF_TRIAL_STEP if effect.stiff else TRIAL_STEP))
+    return world, settle(world, trace)
+
+
+def _tried(scene: Scene, effect: Effect) -> float | None:
+    """The share that it reaches, or nothing if the loop runs away with it."""
+    try:
+        return share_of(effect, trial(scene, effect)[1])
+    except PlantDivergedError:
+        return None
+
+
+def _next(k: float, error: float, tried: list[tuple[float, float]], top: float) -> float:
+    """Where to try next: between the nearest weaker and stronger trial, or a leap as the last slope says."""
+    weaker = max((x for x, e in tried if e > 0.0), default=None)
+    stronger = min((x for x, e in tried if e <= 0.0), default=top if top < LARGEST else None)
+    if weaker is not None and stronger is not None and weaker < stronger:
+        known = dict(tried)
+        low, high = known[weaker], known.get(stronger, -1.0)
+        return weaker + (stronger - weaker) * min(max(low / (low - high), 0.15), 0.85)
+    slope = 1.0
+    if len(tried) > 1 and abs(k - tried[-2][0]) > 1e-3:
+        slope = min(max((tried[-2][1] - error) / (k - tried[-2][0]), 0.15), 3.0)
+    return k + min(max(error / slope, -LONGEST_LEAP), LONGEST_LEAP)
+
+
+def calibrate(scene: Scene, effect: Effect, wanted: float) -> Effect:
+    """The effect scaled until its raw rms is about `wanted` of the torque rms; the nearest found if it cannot be.
+
+    Raises: PlantDivergedError when the loop runs away at every strength tried."""
+    k, top, tried = 0.0, log(effect.widest), list[tuple[float, float]]()
+    for _ in range(TRIALS):
+        share = _tried(scene, effect.scaled(exp(k)))
+        if share is None:
+            top, k = k, k - log(4.0) if not tried else 0.5 * (k + tried[-1][0])
+            continue
+        error = log(wanted / max(share, 1e-9))
+        tried.append((k, error))
+        following = min(_next(k, error, tried, top), top)
+        if abs(error) < CLOSE_ENOUGH or abs(following - k) < 1e-3:
+            break
+        k = following
+    if not tried:
+        raise PlantDivergedError(f"{effect.cause}: no strength that this loop can hold")
+    return effect.scaled(exp(min(tried, key=lambda pair: abs(pair[1]))[0]))

@@ -1,0 +1,61 @@
+"""The loop around the plant: sampled PD with an imperfect feed-forward, on what the sensors show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .excitation import Reference
+from .plant import Controller
+from .rigs import Array, Rig
+from .rnea import inverse_dynamics
+from .sensors import Measurement
+from .world import World
+
+
+@dataclass(frozen=True)
+class Gains:
+    """kp (N m/rad), kd (N m s/rad), each (n,); `trust` of the model's torque that is fed forward (0: none)."""
+
+    kp: Array
+    kd: Array
+    trust: float
+
+
+def joint_inertia(rig: Rig, q: Array) -> Array:
+    """Diagonal of M(q), kg m², at one pose (n,)."""
+    zero = np.zeros((1, len(q)))
+    weight = inverse_dynamics(rig, q[None], zero, zero)[0]
+    rows = [inverse_dynamics(rig, q[None], zero, unit[None])[0] - weight for unit in np.eye(len(q))]
+    return np.asarray(np.diag(np.array(rows)))
+
+
+def draw_gains(rng: np.random.Generator, rig: Rig, reference: Reference, feed_forward: bool) -> Gains:
+    """A loop of 1.5–3.5 Hz, a little under or over damped."""
+    inertia = joint_inertia(rig, reference.q.mean(axis=0))
+    omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
+    damping = 2.0 * rng.uniform(0.6, 1.1, len(inertia))
+    return Gains(inertia * omega**2, damping * inertia * omega, float(rng.uniform(0.6, 1.0)) if feed_forward else 0.0)
+
+
+def feed_forward(model: Rig, reference: Reference, gains: Gains) -> Array:
+    """trust · RNEA of the (wrong) model along the reference, and the dither: (N, n)."""
+    if gains.trust == 0.0:
+        return reference.dither
+    return reference.dither + gains.trust * inverse_dynamics(model, reference.q, reference.dq, reference.ddq)
+
+
+def closed_loop(world: World, reference: Reference, gains: Gains, forward: Array, seen: Measurement) -> Controller:
+    """u = kp (q_ref - q) + kd (dq_ref - dq) + forward, clipped at the motors' limits, of measured q and dq."""
+    limits = [motor.tau_max for motor in world.rig.motors]
+    loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), limits, strict=True))
+    q_ref, dq_ref, ahead = reference.q.tolist(), reference.dq.tolist(), forward.tolist()
+
+    def controller(k: int, q: list[float], v: list[float]) -> tuple[list[float], list[float], list[float]]:
+        measured_q, measured_v = seen(k, q, v)
+        rows = zip(loop, q_ref[k], measured_q, dq_ref[k], measured_v, ahead[k], strict=True)
+        command = [kp * (r - x) + kd * (dr - dx) + u for (kp, kd, _), r, x, dr, dx, u in rows]
+        return measured_q, measured_v, [min(max(u, -top), top) for u, (_, _, top) in zip(command, loop, strict=True)]
+
+    return controller

@@ -1,0 +1,154 @@
+"""A seeded, stratified sample of the factorial: causes and forms × joints × sizes × sensors × rigs × excitations.
+
+Plans come in blocks. Within a block every cause and form of the stratum stands once, and every other factor is spread
+evenly over the block; the first plans of a longer sample are those of a shorter one, so that a run can be taken up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from .corruption import COMMANDED, CORRUPTIONS
+from .effects import CATALOGUE, OUTSIDE, PUBLISHED, TRUSTED, Effect
+from .excitation import EXCITATIONS
+from .mjcf import Base
+from .plan import LEVELS, SHARES, STRATA, Hidden, Plan
+
+T = TypeVar("T")
+RATES = (250.0, 400.0, 500.0, 800.0, 1000.0)
+CLEAN_BLOCK = 60
+DATA_FORMS = tuple((cause, form) for cause, forms in CORRUPTIONS.items() for form in forms)
+ALL_DATA = (*DATA_FORMS, *(("commanded-torque", form) for form in COMMANDED))
+
+
+def _spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]:
+    """Every value equally often (to one), in random order."""
+    offset = int(rng.integers(len(values)))
+    rows = rng.permutation(count)
+    return [values[int(row + offset) % len(values)] for row in rows]
+
+
+def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
+    return [(kind.cause, form) for kind in kinds for form in kind.forms]
+
+
+def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
+    """Plans with everything but something hidden."""
+    axes, levels = _spread(rng, (1, 2, 3, 3), count), _spread(rng, LEVELS, count)
+    excitations, rates = _spread(rng, EXCITATIONS, count), _spread(rng, RATES, count)
+    seconds = rng.integers(20, 61, count)
+    seeds = rng.integers(2**62, size=count)
+    return [
+        Plan(int(seeds[i]), stratum, axes=axes[i], level=levels[i], excitation=excitations[i], rate=rates[i],
+             seconds=float(seconds[i]))
+        for i in range(count)
+    ]  # fmt: skip
+
+
+def _hidden(rng: np.random.Generator, forms: Sequence[tuple[str, str]], block: int) -> list[Hidden]:
+    """Each form once; over five successive blocks, each at every size."""
+    places = _spread(rng, tuple((np.arange(12) + 0.5) / 12.0), len(forms))
+    return [
+        Hidden(cause, form, SHARES[(row + block) % len(SHARES)], float(place))
+        for row, ((cause, form), place) in enumerate(zip(forms, places, strict=True))
+    ]
+
+
+def _with(plan: Plan, hidden: Sequence[Hidden]) -> Plan:
+    """The plan with this hidden in it, on a rig with axes enough."""
+    needed = max(CATALOGUE[item.cause].needs_axes for item in hidden)
+    trusted = plan.trusted or any(item.cause in TRUSTED for item in hidden)
+    return replace(plan, hidden=tuple(hidden), axes=max(plan.axes, needed), trusted=trusted)
+
+
+def _clean(rng: np.random.Generator, block: int) -> list[Plan]:
+    plans = _bare(rng, "clean", CLEAN_BLOCK)
+    trusted = _spread(rng, (False, False, False, True), CLEAN_BLOCK)
+    return [replace(plan, trusted=yes) for plan, yes in zip(plans, trusted, strict=True)]
+
+
+def _singles(rng: np.random.Generator, block: int, stratum: str, kinds: Sequence[type[Effect]]) -> list[Plan]:
+    hidden = _hidden(rng, _forms(kinds), block)
+    plans = [_with(plan, [item]) for plan, item in zip(_bare(rng, stratum, len(hidden)), hidden, strict=True)]
+    return [plans[i] for i in rng.permutation(len(plans))]
+
+
+def _compatible(first: Hidden, second: Hidden) -> bool:
+    """Two different causes, of which one at most holds the base, trusts the URDF, or needs an axis of its own."""
+    kinds = CATALOGUE[first.cause], CATALOGUE[second.cause]
+    moving = sum(kind.base is not Base.FIXED for kind in kinds)
+    trusted = sum(item.cause in TRUSTED for item in (first, second))
+    gearing = sum(kind.stiff for kind in kinds)
+    return first.cause != second.cause and moving < 2 and trusted != 1 and gearing < 2
+
+
+def _pairs(rng: np.random.Generator, block: int, stratum: str, others: Sequence[type[Effect]]) -> list[Plan]:
+    """Every published form once, each with a random partner of at least 3 %, neither of them below 1 %."""
+    firsts = _hidden(rng, _forms(PUBLISHED), block)
+    partners = _forms(others)
+    plans = []
+    for plan, first in zip(_bare(rng, stratum, len(firsts)), firsts, strict=True):
+        first = replace(first, share=max(first.share, SHARES[1]))
+        while True:
+            cause, form = partners[int(rng.integers(len(partners)))]
+            second = Hidden(cause, form, float(rng.choice(SHARES[2:])), float(rng.random()))
+            if _compatible(first, second):
+                break
+        plans.append(_with(plan, [first, second]))
+    return [plans[i] for i in rng.permutation(len(plans))]
+
+
+def _data(rng: np.random.Generator, block: int) -> list[Plan]:
+    plans = _bare(rng, "data", len(ALL_DATA))
+    return [replace(plan, data=item, level="clean") for plan, item in zip(plans, ALL_DATA, strict=True)]
+
+
+def _held_out(rng: np.random.Generator, block: int) -> list[Plan]:
+    """Effects that begin where the last third does."""
+    kinds = [kind for kind in PUBLISHED if kind.can_start_late and kind.base is Base.FIXED and kind.cause not in TRUSTED]
+    return [replace(plan, start=2.0 / 3.0) for plan in _singles(rng, block, "held-out", kinds)]
+
+
+def _corrupted(rng: np.random.Generator, block: int) -> list[Plan]:
+    """A fault of the data in one stretch of a log, which is otherwise clean or holds an effect."""
+    plans = _bare(rng, "corrupted", 2 * len(DATA_FORMS))
+    hidden = [h for h in _hidden(rng, _forms(PUBLISHED), block) if h.cause not in TRUSTED]
+    picks = rng.permutation(len(hidden))
+    ready = []
+    for row, plan in enumerate(plans):
+        begin, length = float(rng.uniform(0.0, 0.8)), float(rng.uniform(0.05, 0.2))
+        plan = replace(plan, data=DATA_FORMS[row // 2], window=(begin, begin + length))
+        ready.append(_with(plan, [hidden[int(picks[row])]]) if row % 2 else plan)
+    return ready
+
+
+def _block(seed: int, stratum: str, block: int) -> list[Plan]:
+    rng = np.random.default_rng([seed, STRATA.index(stratum), block])
+    makers = {
+        "clean": lambda: _clean(rng, block),
+        "single": lambda: _singles(rng, block, "single", PUBLISHED),
+        "outside": lambda: _singles(rng, block, "outside", OUTSIDE),
+        "pair": lambda: _pairs(rng, block, "pair", PUBLISHED),
+        "mixed": lambda: _pairs(rng, block, "mixed", OUTSIDE),
+        "data": lambda: _data(rng, block),
+        "held-out": lambda: _held_out(rng, block),
+        "corrupted": lambda: _corrupted(rng, block),
+    }
+    return makers[stratum]()
+
+
+def sample(n: int, seed: int, stratum: str) -> list[Plan]:
+    """The first n plans of a stratum (plan.STRATA).
+
+    Raises: ValueError for a stratum that there is not."""
+    if stratum not in STRATA:
+        raise ValueError(f"stratum {stratum!r}: there are {', '.join(STRATA)}")
+    plans: list[Plan] = []
+    block = 0
+    while len(plans) < n:
+        plans += _block(seed, stratum, block)
+        block += 1
+    return plans[:n]

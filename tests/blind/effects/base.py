@@ -1,0 +1,120 @@
+"""What a hidden effect is: a frozen description that turns itself into laws of the plant."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from ..mjcf import Appendage, Base
+from ..rigs import Rig
+
+if TYPE_CHECKING:
+    from ..world import State, World
+
+Law = Callable[["State"], None]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What is known of rig and motion before anything is hidden, and how large the effect shall be.
+
+    `torque`: the joint's torque rms, N m; `share`: wanted effect rms over it; `inertia`: seen by the joint, kg m²;
+    `speed`: reference speed rms, rad/s; `lean`: the side (±1) to which the torque leans; `span`: the reference's lowest and highest angle, rad."""
+
+    rig: Rig
+    joint: int
+    share: float
+    torque: float
+    inertia: float
+    speed: float
+    lean: float
+    span: tuple[float, float]
+    seconds: float
+
+    @property
+    def target(self) -> float:
+        """Wanted rms of the effect, N m."""
+        return self.share * self.torque
+
+    def place(self, rng: np.random.Generator) -> float:
+        """An angle within the middle half of the travelled span, rad."""
+        low, high = self.span
+        return float(low + (high - low) * rng.uniform(0.25, 0.75))
+
+    @property
+    def width(self) -> float:
+        """Half of the travelled span, rad."""
+        return max(0.5 * (self.span[1] - self.span[0]), 1e-3)
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """One cause in one functional form, on one joint (None: the whole rig).
+
+    `forms` maps each form's name to whether it is foreign, which is to say other than the formula that the published
+    table of causes gives. `kin` are published causes that come near one from outside. `stage` orders what sits between command and motor."""
+
+    joint: int | None
+    form: str
+
+    cause: ClassVar[str]
+    forms: ClassVar[Mapping[str, bool]]
+    kin: ClassVar[tuple[str, ...]] = ()
+    stage: ClassVar[int] = 0
+    needs_axes: ClassVar[int] = 1
+    widest: ClassVar[float] = 1e6
+    base: ClassVar[Base] = Base.FIXED
+    can_start_late: ClassVar[bool] = True
+    stiff: ClassVar[bool] = False
+    measured: ClassVar[bool] = True
+
+    @classmethod
+    @abstractmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Effect:
+        """A first guess of about the wanted size."""
+
+    @abstractmethod
+    def scaled(self, k: float) -> Effect:
+        """The same effect, k times as strong."""
+
+    @abstractmethod
+    def parameters(self) -> dict[str, float]:
+        """Its true parameters by name, SI."""
+
+    @property
+    def own(self) -> int:
+        """Its joint, where it must have one."""
+        if self.joint is None:
+            raise ValueError(f"{self.cause}: this effect sits on one joint, and none is given")
+        return self.joint
+
+    def plant(self, rig: Rig) -> Rig:
+        """The rig as it truly is with this effect."""
+        return rig
+
+    def frozen(self, rig: Rig) -> Rig:
+        """The rigid rig with Coulomb and viscous friction that comes closest: what a perfect refit would find."""
+        return rig
+
+    def appendages(self, rig: Rig) -> tuple[Appendage, ...]:
+        """Further bodies."""
+        return ()
+
+    def prepare(self, world: World) -> None:
+        """Change the compiled plant: gravity, encoder offsets, who carries the encoder, how the base moves."""
+
+    def drive(self, world: World) -> Law | None:
+        """What happens between the command and the motor: changes `state.u`."""
+        return None
+
+    def force(self, world: World) -> Law | None:
+        """A generalised force: adds to `state.force`."""
+        return None
+
+    def grip(self, world: World) -> Law | None:
+        """Dry friction: changes the limits `state.plus` and `state.minus`."""
+        return None

@@ -1,0 +1,160 @@
+"""What the motor adds or gets wrong: cogging, ripple, gain, bias."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, lcm, pi, sin
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from .base import Context, Effect, Law
+
+if TYPE_CHECKING:
+    from ..world import State, World
+
+Waves = tuple[tuple[float, int, float], ...]
+"""(relative amplitude, harmonic of the mechanical angle, phase)."""
+
+
+@dataclass(frozen=True)
+class Cogging(Effect):
+    """amplitude · Σ w cos(kq + φ): one harmonic, several, a steep-flanked one, or one whose height changes with angle."""
+
+    amplitude: float
+    waves: Waves
+
+    cause: ClassVar[str] = "cogging"
+    forms = {"single": False, "several": False, "steep": True, "modulated": True}
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Cogging:
+        motor = context.rig.motors[context.joint]
+        whole = lcm(motor.slots, motor.poles)
+        main = int(rng.choice([whole, motor.slots, motor.poles, whole // 2]))
+        others = [motor.slots, motor.poles, 2 * motor.slots, whole]
+        harmonics = [main] if form != "several" else [main, *(int(k) for k in rng.choice(others, 2, replace=False))]
+        weights = [1.0, *rng.uniform(0.2, 0.6, len(harmonics) - 1)]
+        waves = tuple((float(w), k, float(rng.uniform(-pi, pi))) for w, k in zip(weights, harmonics, strict=True))
+        return cls(context.joint, form, 1.4 * context.target, waves)
+
+    def scaled(self, k: float) -> Cogging:
+        return replace(self, amplitude=k * self.amplitude)
+
+    def parameters(self) -> dict[str, float]:
+        return {"amplitude": self.amplitude, "harmonic": float(self.waves[0][1])}
+
+    def force(self, world: World) -> Law:
+        dof, a, waves = world.dof[self.own], self.amplitude, self.waves
+        (_, k, phase), form = waves[0], self.form
+
+        def law(state: State) -> None:
+            q = state.q[dof]
+            if form == "steep":
+                x = k * q + phase
+                state.force[dof] -= a * cos(x + 0.45 * sin(x))
+            elif form == "modulated":
+                state.force[dof] -= a * (1.0 + 0.5 * sin(1.37 * q + phase)) * cos(k * q + phase)
+            else:
+                state.force[dof] -= a * sum([w * cos(n * q + p) for w, n, p in waves])
+
+        return law
+
+
+@dataclass(frozen=True)
+class TorqueRipple(Effect):
+    """u · (1 + depth · s(pq)): a harmonic of the electrical angle, two of them, or the trapezoid of six-step drive."""
+
+    depth: float
+    harmonic: int
+    phase: float
+
+    cause: ClassVar[str] = "torque-ripple"
+    forms = {"single": False, "two": False, "six-step": True}
+    stage: ClassVar[int] = 6
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueRipple:
+        pairs = context.rig.motors[context.joint].poles // 2
+        order = 6 if form == "six-step" else int(rng.choice([1, 2, 6]))
+        return cls(context.joint, form, 1.4 * context.share, pairs * order, float(rng.uniform(-pi, pi)))
+
+    def scaled(self, k: float) -> TorqueRipple:
+        return replace(self, depth=k * self.depth)
+
+    def parameters(self) -> dict[str, float]:
+        return {"depth": self.depth, "harmonic": float(self.harmonic)}
+
+    def drive(self, world: World) -> Law:
+        joint, dof, depth, k, phase = self.own, world.dof[self.own], self.depth, self.harmonic, self.phase
+        form = self.form
+
+        def law(state: State) -> None:
+            x = k * state.q[dof] + phase
+            if form == "six-step":
+                wave = 4.0 * abs((x / (2.0 * pi)) % 1.0 - 0.5) - 1.0
+            else:
+                wave = cos(x) if form == "single" else 0.8 * cos(x) + 0.5 * cos(2.0 * x - phase)
+            state.u[joint] *= 1.0 + depth * wave
+
+        return law
+
+
+@dataclass(frozen=True)
+class TorqueGain(Effect):
+    """u · (1 + g): the same both ways, or only in one direction of torque."""
+
+    gain: float
+    side: float
+
+    cause: ClassVar[str] = "torque-gain"
+    forms = {"constant": False, "by-sign": True}
+    stage: ClassVar[int] = 5
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueGain:
+        return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.share, context.lean)
+
+    def scaled(self, k: float) -> TorqueGain:
+        return replace(self, gain=max(k * self.gain, -0.6))
+
+    def parameters(self) -> dict[str, float]:
+        return {"gain": self.gain}
+
+    def drive(self, world: World) -> Law:
+        joint, gain, side, both = self.own, 1.0 + self.gain, self.side, self.form == "constant"
+
+        def law(state: State) -> None:
+            if both or side * state.u[joint] > 0.0:
+                state.u[joint] *= gain
+
+        return law
+
+
+@dataclass(frozen=True)
+class TorqueBias(Effect):
+    """u + bias."""
+
+    bias: float
+
+    cause: ClassVar[str] = "torque-bias"
+    forms = {"constant": False}
+    stage: ClassVar[int] = 7
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueBias:
+        return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.target)
+
+    def scaled(self, k: float) -> TorqueBias:
+        return replace(self, bias=k * self.bias)
+
+    def parameters(self) -> dict[str, float]:
+        return {"bias": self.bias}
+
+    def drive(self, world: World) -> Law:
+        joint, bias = self.own, self.bias
+
+        def law(state: State) -> None:
+            state.u[joint] += bias
+
+        return law

@@ -1,0 +1,233 @@
+"""Outside the published causes: what else a motor and its drive can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import cos, pi, sqrt
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from .base import Context, Effect, Law
+
+if TYPE_CHECKING:
+    from ..world import State, World
+
+
+@dataclass(frozen=True)
+class VoltageLimit(Effect):
+    """At speed the supply runs out: stall (1 - v/v₀) bounds the torque along v, stall (1 + v/v₀) against it."""
+
+    no_load_speed: float
+    stall: float
+
+    cause: ClassVar[str] = "voltage-limit"
+    forms = {"hard": True, "sagging-supply": True}
+    kin: ClassVar[tuple[str, ...]] = ("saturation",)
+    stage: ClassVar[int] = 2
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> VoltageLimit:
+        return cls(context.joint, form, 4.0 * context.speed, context.torque * (2.5 - 2.0 * sqrt(context.share)))
+
+    def scaled(self, k: float) -> VoltageLimit:
+        return replace(self, stall=self.stall / k**0.3, no_load_speed=self.no_load_speed / k**0.15)
+
+    def parameters(self) -> dict[str, float]:
+        return {"no_load_speed": self.no_load_speed, "stall": self.stall}
+
+    def drive(self, world: World) -> Law:
+        joint, dof, top, stall = self.own, world.dof[self.own], self.no_load_speed, self.stall
+        sagging, supply = self.form == "sagging-supply", 1.0
+
+        def law(state: State) -> None:
+            nonlocal supply
+            u, v = state.u[joint], state.v[dof]
+            if sagging:
+                supply += state.dt / 0.5 * (1.15 - 0.3 * min(abs(u) / stall, 1.0) - supply)
+            high, low = stall * max(supply - v / top, 0.0), -stall * max(supply + v / top, 0.0)
+            state.u[joint] = min(max(u, low), high)
+
+        return law
+
+
+@dataclass(frozen=True)
+class HotMotor(Effect):
+    """The torque constant falls as the magnets warm: heat follows u², gain 1 - loss · heat (or loss · √heat)."""
+
+    loss: float
+    time_constant: float
+    reference_power: float
+
+    cause: ClassVar[str] = "hot-motor"
+    forms = {"linear": True, "root": True}
+    kin: ClassVar[tuple[str, ...]] = ("torque-gain",)
+    stage: ClassVar[int] = 5
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> HotMotor:
+        return cls(context.joint, form, 1.5 * context.share, context.rig.motors[context.joint].warm_up, context.torque**2)
+
+    def scaled(self, k: float) -> HotMotor:
+        return replace(self, loss=min(k * self.loss, 0.6))
+
+    def parameters(self) -> dict[str, float]:
+        return {"loss": self.loss, "time_constant": self.time_constant}
+
+    def drive(self, world: World) -> Law:
+        joint, loss, root = self.own, self.loss, self.form == "root"
+        rate, heat = world.dt / self.time_constant, 0.0
+
+        def law(state: State) -> None:
+            nonlocal heat
+            heat += rate * (state.u[joint] ** 2 / self.reference_power - heat)
+            state.u[joint] *= 1.0 - loss * min(sqrt(heat) if root else heat, 1.4)
+
+        return law
+
+
+@dataclass(frozen=True)
+class CrossTalk(Effect):
+    """Stray field: another axis's torque leaks in as c · u_other · cos(k q), or as c · |u_other|."""
+
+    leak: float
+    other: int
+    harmonic: int
+
+    cause: ClassVar[str] = "cross-axis-coupling"
+    forms = {"angle-dependent": True, "rectified": True}
+    kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
+    stage: ClassVar[int] = 8
+    needs_axes: ClassVar[int] = 2
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CrossTalk:
+        others = [i for i in range(len(context.rig.links)) if i != context.joint]
+        return cls(context.joint, form, 1.4 * context.share, int(rng.choice(others)), int(rng.integers(2, 8)))
+
+    def scaled(self, k: float) -> CrossTalk:
+        return replace(self, leak=k * self.leak)
+
+    def parameters(self) -> dict[str, float]:
+        return {"leak": self.leak, "harmonic": float(self.harmonic)}
+
+    def drive(self, world: World) -> Law:
+        joint, dof, other, leak, k = self.own, world.dof[self.own], self.other, self.leak, self.harmonic
+        rectified = self.form == "rectified"
+
+        def law(state: State) -> None:
+            u = state.command[other]
+            state.u[joint] += leak * (abs(u) if rectified else u * cos(k * state.q[dof]))
+
+        return law
+
+
+@dataclass(frozen=True)
+class TorqueSteps(Effect):
+    """The drive knows only so many torques: rounded to steps, or rounded with hysteresis."""
+
+    step: float
+
+    cause: ClassVar[str] = "torque-steps"
+    forms = {"rounded": True, "hysteresis": True}
+    kin: ClassVar[tuple[str, ...]] = ("dead-zone",)
+    stage: ClassVar[int] = 1
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueSteps:
+        return cls(context.joint, form, 3.4 * context.target)
+
+    def scaled(self, k: float) -> TorqueSteps:
+        return replace(self, step=k * self.step)
+
+    def parameters(self) -> dict[str, float]:
+        return {"step": self.step}
+
+    def drive(self, world: World) -> Law:
+        joint, step, level = self.own, self.step, 0.0
+        slack = 0.75 * step if self.form == "hysteresis" else 0.5 * step
+
+        def law(state: State) -> None:
+            nonlocal level
+            u = state.u[joint]
+            if abs(u - level) > slack:
+                level = step * round(u / step)
+            state.u[joint] = level
+
+        return law
+
+
+@dataclass(frozen=True)
+class Dropouts(Effect):
+    """For some tens of milliseconds, now and then, the drive gives nothing (or half)."""
+
+    per_second: float
+    seed: int
+
+    cause: ClassVar[str] = "dropouts"
+    forms = {"nothing": True, "half": True}
+    kin: ClassVar[tuple[str, ...]] = ("outliers",)
+    stage: ClassVar[int] = 2
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Dropouts:
+        return cls(context.joint, form, 40.0 * context.share**2, int(rng.integers(2**31)))
+
+    def scaled(self, k: float) -> Dropouts:
+        return replace(self, per_second=min(k * k * self.per_second, 12.0))
+
+    def parameters(self) -> dict[str, float]:
+        return {"per_second": self.per_second}
+
+    def _windows(self, seconds: float) -> list[tuple[float, float]]:
+        rng = np.random.default_rng(self.seed)
+        count = max(1, round(self.per_second * seconds))
+        starts = np.sort(rng.uniform(0.0, seconds, count))
+        return [(float(s), float(s + d)) for s, d in zip(starts, rng.uniform(0.01, 0.04, count), strict=True)]
+
+    def drive(self, world: World) -> Law:
+        joint, left = self.own, 0.5 if self.form == "half" else 0.0
+        windows = iter([*self._windows(world.seconds), (np.inf, np.inf)])
+        start, end = next(windows)
+
+        def law(state: State) -> None:
+            nonlocal start, end
+            while state.t >= end:
+                start, end = next(windows)
+            if state.t >= start:
+                state.u[joint] *= left
+
+        return law
+
+
+@dataclass(frozen=True)
+class SupplyHum(Effect):
+    """The supply's ripple rides on the torque: u · depth · sin(2π f t), or depth · limit · sin, f fixed in time."""
+
+    depth: float
+    hertz: float
+
+    cause: ClassVar[str] = "supply-hum"
+    forms = {"multiplied": True, "added": True}
+    kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
+    stage: ClassVar[int] = 8
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> SupplyHum:
+        depth = 1.4 * (context.share if form == "multiplied" else context.target)
+        return cls(context.joint, form, depth, float(rng.uniform(3.0, 15.0)))
+
+    def scaled(self, k: float) -> SupplyHum:
+        return replace(self, depth=k * self.depth)
+
+    def parameters(self) -> dict[str, float]:
+        return {"depth": self.depth, "hertz": self.hertz}
+
+    def drive(self, world: World) -> Law:
+        joint, depth, omega, added = self.own, self.depth, 2.0 * pi * self.hertz, self.form == "added"
+
+        def law(state: State) -> None:
+            wave = depth * cos(omega * state.t)
+            state.u[joint] += wave if added else wave * state.u[joint]
+
+        return law

@@ -1,0 +1,251 @@
+"""Outside the published causes: wind, hands, frayed cables, spots and stops that rub."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import copysign, cos, exp, pi
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from .base import Context, Effect, Law
+
+if TYPE_CHECKING:
+    from ..world import State, World
+
+GUST_RATE = 200.0
+
+
+@dataclass(frozen=True)
+class Wind(Effect):
+    """Gusts: a coloured torque with a corner at `hertz`; steady in strength, or in squalls."""
+
+    strength: float
+    hertz: float
+    seed: int
+
+    cause: ClassVar[str] = "wind"
+    forms = {"steady": True, "squalls": True}
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Wind:
+        return cls(context.joint, form, context.target, float(rng.uniform(0.3, 4.0)), int(rng.integers(2**31)))
+
+    def scaled(self, k: float) -> Wind:
+        return replace(self, strength=k * self.strength)
+
+    def parameters(self) -> dict[str, float]:
+        return {"strength": self.strength, "hertz": self.hertz}
+
+    def _gusts(self, seconds: float) -> list[float]:
+        """Two first-order filters in a row over white noise, unit rms, GUST_RATE a second."""
+        rng = np.random.default_rng(self.seed)
+        count, keep = int(seconds * GUST_RATE) + 3, exp(-2.0 * pi * self.hertz / GUST_RATE)
+        first = second = 0.0
+        path = np.empty(count)
+        for i, kick in enumerate(rng.normal(size=count)):
+            first = keep * first + (1.0 - keep) * kick
+            second = keep * second + (1.0 - keep) * first
+            path[i] = second
+        if self.form == "squalls":
+            path *= np.maximum(np.sin(2.0 * pi * np.arange(count) / GUST_RATE / 7.0), 0.0)
+        return list(self.strength * path / np.sqrt(np.mean(path**2)))
+
+    def force(self, world: World) -> Law:
+        dof, gusts = world.link_dof[self.own], self._gusts(world.seconds)
+
+        def law(state: State) -> None:
+            x = state.t * GUST_RATE
+            i = int(x)
+            state.force[dof] += gusts[i] + (x - i) * (gusts[i + 1] - gusts[i])
+
+        return law
+
+
+@dataclass(frozen=True)
+class Touch(Effect):
+    """A hand that now and then pushes for a moment: raised cosines at random times."""
+
+    push: float
+    seed: int
+
+    cause: ClassVar[str] = "human-touch"
+    forms = {"pushes": True}
+    kin: ClassVar[tuple[str, ...]] = ("outliers",)
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Touch:
+        return cls(context.joint, form, 5.0 * context.target, int(rng.integers(2**31)))
+
+    def scaled(self, k: float) -> Touch:
+        return replace(self, push=k * self.push)
+
+    def parameters(self) -> dict[str, float]:
+        return {"push": self.push}
+
+    def force(self, world: World) -> Law:
+        rng = np.random.default_rng(self.seed)
+        count = max(2, int(world.seconds / 6.0))
+        starts = np.sort(rng.uniform(0.03, 0.95, count) * world.seconds).tolist()
+        lengths, sizes = rng.uniform(0.15, 0.9, count).tolist(), (self.push * rng.normal(size=count)).tolist()
+        dof, pushes = world.link_dof[self.own], list(zip(starts, lengths, sizes, strict=True))
+
+        def law(state: State) -> None:
+            for start, length, size in pushes:
+                if start <= state.t < start + length:
+                    state.force[dof] -= 0.5 * size * (1.0 - cos(2.0 * pi * (state.t - start) / length))
+
+        return law
+
+
+@dataclass(frozen=True)
+class BoucWen(Effect):
+    """A cable with hysteresis: ż = v (1 - |z|ⁿ (β sign(v z) + 1 - β)) / stroke, torque -size · z."""
+
+    size: float
+    stroke: float
+    beta: float
+
+    cause: ClassVar[str] = "hysteretic-cable"
+    forms = {"round": True, "pinched": True}
+    kin: ClassVar[tuple[str, ...]] = ("presliding", "cable-spring")
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> BoucWen:
+        return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(0.1, 0.5)) * context.width, 0.6)
+
+    def scaled(self, k: float) -> BoucWen:
+        return replace(self, size=k * self.size)
+
+    def parameters(self) -> dict[str, float]:
+        return {"size": self.size, "stroke": self.stroke}
+
+    def force(self, world: World) -> Law:
+        dof, size, stroke, beta, z = world.link_dof[self.own], self.size, self.stroke, self.beta, 0.0
+        pinched = self.form == "pinched"
+
+        def law(state: State) -> None:
+            nonlocal z
+            v = state.v[dof]
+            move = v * state.dt / stroke
+            z += move * (1.0 - z * z * (beta * copysign(1.0, v * z) + 1.0 - beta))
+            state.force[dof] -= size * (z * abs(z) ** 0.7 if pinched else z)
+
+        return law
+
+
+@dataclass(frozen=True)
+class FrictionSpots(Effect):
+    """Dirt in the bearing: narrow places, strewn at random, where dry friction is much higher."""
+
+    height: float
+    spots: tuple[tuple[float, float, float], ...]
+
+    cause: ClassVar[str] = "friction-spots"
+    forms = {"bumps": True}
+    kin: ClassVar[tuple[str, ...]] = ("position-dependent-friction",)
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> FrictionSpots:
+        low, high = context.span
+        places = rng.uniform(low, high, 5)
+        widths, heights = rng.uniform(0.01, 0.05, 5) * (high - low), rng.uniform(0.3, 1.0, 5)
+        spots = tuple((float(p), float(w), float(h)) for p, w, h in zip(places, widths, heights, strict=True))
+        return cls(context.joint, form, 4.0 * context.target, spots)
+
+    def scaled(self, k: float) -> FrictionSpots:
+        return replace(self, height=k * self.height)
+
+    def parameters(self) -> dict[str, float]:
+        return {"height": self.height}
+
+    def grip(self, world: World) -> Law:
+        joint, dof, height, spots = self.own, world.dof[self.own], self.height, self.spots
+
+        def law(state: State) -> None:
+            q = state.q[dof]
+            more = height * sum([h * exp(-(((q - place) / width) ** 2)) for place, width, h in spots])
+            state.plus[joint] += more
+            state.minus[joint] += more
+
+        return law
+
+
+@dataclass(frozen=True)
+class RubbingStop(Effect):
+    """Near one end of travel something rubs and pushes back: a one-sided soft stop with friction of its own."""
+
+    push: float
+    edge: float
+    width: float
+
+    cause: ClassVar[str] = "rubbing-stop"
+    forms = {"soft": True, "hard": True}
+    kin: ClassVar[tuple[str, ...]] = ("cable-spring", "position-dependent-friction")
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> RubbingStop:
+        low, high = context.span
+        return cls(context.joint, form, 3.0 * context.target, high - 0.25 * (high - low), 0.25 * (high - low))
+
+    def scaled(self, k: float) -> RubbingStop:
+        return replace(self, push=k * self.push)
+
+    def parameters(self) -> dict[str, float]:
+        return {"push": self.push, "edge": self.edge}
+
+    def _depth(self) -> Callable[[float], float]:
+        edge, width, power = self.edge, self.width, 2.0 if self.form == "soft" else 1.0
+        return lambda q: (max(q - edge, 0.0) / width) ** power
+
+    def force(self, world: World) -> Law:
+        dof, push, depth = world.link_dof[self.own], self.push, self._depth()
+
+        def law(state: State) -> None:
+            state.force[dof] -= push * depth(state.q[dof])
+
+        return law
+
+    def grip(self, world: World) -> Law:
+        joint, dof, push, depth = self.own, world.dof[self.own], 0.5 * self.push, self._depth()
+
+        def law(state: State) -> None:
+            more = push * depth(state.q[dof])
+            state.plus[joint] += more
+            state.minus[joint] += more
+
+        return law
+
+
+@dataclass(frozen=True)
+class StickyBrake(Effect):
+    """A brake that drags for a while and lets go again: dry friction that comes and goes with time."""
+
+    drag: float
+    period: float
+
+    cause: ClassVar[str] = "dragging-brake"
+    forms = {"on-off": True, "swelling": True}
+    kin: ClassVar[tuple[str, ...]] = ("friction-drift",)
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, context: Context, form: str) -> StickyBrake:
+        return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(2.0, 7.0)))
+
+    def scaled(self, k: float) -> StickyBrake:
+        return replace(self, drag=k * self.drag)
+
+    def parameters(self) -> dict[str, float]:
+        return {"drag": self.drag, "period": self.period}
+
+    def grip(self, world: World) -> Law:
+        joint, drag, period, sharp = self.own, self.drag, self.period, self.form == "on-off"
+
+        def law(state: State) -> None:
+            wave = cos(2.0 * pi * state.t / period)
+            more = drag * (float(wave > 0.3) if sharp else 0.5 * (1.0 + wave))
+            state.plus[joint] += more
+            state.minus[joint] += more
+
+        return law

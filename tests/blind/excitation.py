@@ -1,0 +1,154 @@
+"""References: multisines, chirps, speed staircases, smoothed random steps, small reversals, and mixtures of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .rigs import Array, Rig
+from .rnea import inverse_dynamics
+
+Shape = Callable[[np.random.Generator, Array], Array]
+"""(generator, its own time (N,)) → angle between -1 and 1."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Wanted motion on the samples' grid: t (N,), q dq ddq (N, n), and a dither torque (N, n) that shakes on top."""
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    dither: Array
+
+
+def multisine(rng: np.random.Generator, t: Array) -> Array:
+    """Five to ten sines, 0.08–2.5 Hz, smaller as they get faster."""
+    count = int(rng.integers(5, 11))
+    hertz = np.exp(rng.uniform(np.log(0.08), np.log(2.5), count))
+    weight = hertz ** -float(rng.uniform(0.5, 1.1))
+    x = (weight * np.sin(2.0 * np.pi * hertz * t[:, None] + rng.uniform(-np.pi, np.pi, count))).sum(axis=1)
+    return np.asarray(x / weight.sum() * 1.6)
+
+
+def chirp(rng: np.random.Generator, t: Array) -> Array:
+    """Sweeps up from 0.15 Hz to 4–8 Hz, one after the other, ever smaller on the way."""
+    period, top = float(rng.uniform(8.0, 15.0)), float(rng.uniform(4.0, 8.0))
+    low = 0.15
+    place = (t / period + float(rng.uniform())) % 1.0
+    rate = np.log(top / low)
+    hertz = low * np.exp(rate * place)
+    phase = 2.0 * np.pi * period * (hertz - low) / rate
+    fade = np.clip(8.0 * np.minimum(place, 1.0 - place), 0.0, 1.0)
+    return np.asarray(np.sin(phase) * np.minimum(1.0, (0.3 / hertz) ** 1.3) * fade)
+
+
+def staircase(rng: np.random.Generator, t: Array) -> Array:
+    """To and fro between the ends at constant speeds, each pass at another, slow ones and fast ones."""
+    speeds = np.exp(rng.uniform(np.log(0.08), np.log(2.5), 400))
+    turns = np.concatenate([[0.0], np.cumsum(2.0 / speeds)]) - float(rng.uniform(0.0, 1.0))
+    side = np.where(np.arange(len(turns)) % 2 == 0, -1.0, 1.0)
+    return np.interp(t, turns, side)
+
+
+def random_steps(rng: np.random.Generator, t: Array) -> Array:
+    """Minimum-jerk moves of 0.3–1.2 s to random places, with rests between."""
+    goals, moves, rests = rng.uniform(-1.0, 1.0, 400), rng.uniform(0.3, 1.2, 400), rng.uniform(0.05, 0.9, 400)
+    starts = np.concatenate([[0.0], np.cumsum(moves + rests)[:-1]])
+    row = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, 398)
+    x = np.clip((t - starts[row]) / moves[row], 0.0, 1.0)
+    return np.asarray(goals[row] + (goals[row + 1] - goals[row]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+
+
+def reversals(rng: np.random.Generator, t: Array) -> Array:
+    """Small triangles of changing size around places that change now and then."""
+    size = np.interp(t, np.linspace(0.0, t[-1] + 1.0, 12), np.exp(rng.uniform(np.log(0.02), np.log(0.2), 12)))
+    hertz = float(rng.uniform(0.4, 1.2))
+    triangle = 4.0 * np.abs((hertz * t + 0.25) % 1.0 - 0.5) - 1.0
+    return np.asarray(0.8 * random_steps(rng, t / 6.0) + size * triangle)
+
+
+SHAPES: dict[str, Shape] = {
+    "multisine": multisine,
+    "chirp": chirp,
+    "staircase": staircase,
+    "random-steps": random_steps,
+    "reversals": reversals,
+}
+EXCITATIONS = (*SHAPES, "mixture")
+
+
+def _smooth(x: Array, samples: int) -> Array:
+    """Twice a moving mean over `samples`: corners become finite accelerations."""
+    if samples < 2:
+        return x
+    window = np.hanning(2 * samples + 1)
+    padded = np.pad(x, samples, mode="edge")
+    return np.convolve(padded, window / window.sum(), mode="valid")
+
+
+def _mixture(rng: np.random.Generator, t: Array, own: Array) -> Array:
+    """Two or three shapes one after the other, each faded into the next within half a second."""
+    names = rng.choice(list(SHAPES), int(rng.integers(2, 4)), replace=False)
+    edges = np.linspace(t[0], t[-1], len(names) + 1)
+    rise = [np.clip((t - edge) / 0.5, 0.0, 1.0) if i else np.ones_like(t) for i, edge in enumerate(edges[:-1])]
+    x = np.zeros_like(t)
+    for name, gate in zip(names, rise, strict=True):
+        soft = gate * gate * (3.0 - 2.0 * gate)
+        x = (1.0 - soft) * x + soft * SHAPES[name](rng, own)
+    return x
+
+
+def _angles(rig: Rig, kind: str, t: Array, paces: Array, seeds: Array) -> Array:
+    """Angles of every joint at its pace; each joint draws from its own seed, so that only the pace changes them."""
+    period = float(t[1] - t[0])
+    columns = []
+    for link, seed, pace in zip(rig.links, seeds, paces, strict=True):
+        child = np.random.default_rng(int(seed))
+        reach = 0.5 * (link.upper - link.lower) * float(child.uniform(0.45, 0.85))
+        centre = 0.5 * (link.upper + link.lower) + 0.1 * float(child.uniform(-1.0, 1.0)) * reach
+        own = pace * float(child.uniform(0.8, 1.25)) * t
+        x = _mixture(child, t, own) if kind == "mixture" else SHAPES[kind](child, own)
+        columns.append(centre + reach * _smooth(x, round(0.08 / pace**0.5 / period)))
+    return np.stack(columns, axis=1)
+
+
+def _derivatives(q: Array, period: float) -> tuple[Array, Array]:
+    dq = np.gradient(q, period, axis=0)
+    return dq, np.gradient(dq, period, axis=0)
+
+
+def _load(rig: Rig, q: Array, period: float) -> Array:
+    """How much of its limits each joint's motion takes: the larger of torque over limit and speed over limit, (n,)."""
+    dq, ddq = _derivatives(q, period)
+    few = slice(None, None, max(1, round(0.01 / period)))
+    tau = np.abs(inverse_dynamics(rig, q[few], dq[few], ddq[few])) + rig.coulomb + rig.viscous * np.abs(dq[few])
+    limits = np.array([motor.tau_max for motor in rig.motors])
+    return np.maximum(np.quantile(tau, 0.999, axis=0) / limits, np.abs(dq).max(axis=0) / rig.velocity_limit)
+
+
+def _dither(rng: np.random.Generator, t: Array, size: Array) -> Array:
+    """Four sines of torque per joint between 8 and 45 Hz."""
+    hertz = np.exp(rng.uniform(np.log(8.0), np.log(45.0), (len(size), 4)))
+    wave = np.sin(2.0 * np.pi * hertz * t[:, None, None] + rng.uniform(-np.pi, np.pi, (len(size), 4)))
+    return np.asarray(size * wave.sum(axis=2) / 2.0**0.5)
+
+
+def draw_reference(rng: np.random.Generator, rig: Rig, kind: str, seconds: float, rate: float) -> Reference:
+    """The fastest motion of this kind that takes no more than a drawn share (40–70 %) of each joint's limits."""
+    t = np.arange(round(seconds * rate)) / rate
+    seeds, wanted = rng.integers(2**31, size=len(rig.links)), rng.uniform(0.4, 0.7, len(rig.links))
+    slow, fast = np.full(len(rig.links), 0.1), np.full(len(rig.links), 3.0)
+    for _ in range(9):
+        paces = np.sqrt(slow * fast)
+        easy = _load(rig, _angles(rig, kind, t, paces, seeds), 1.0 / rate) < wanted
+        slow, fast = np.where(easy, paces, slow), np.where(easy, fast, paces)
+    q = _angles(rig, kind, t, slow, seeds)
+    dq, ddq = _derivatives(q, 1.0 / rate)
+    shaken = rng.random() < 0.4
+    torque = inverse_dynamics(rig, q[::10], dq[::10], ddq[::10]).std(axis=0) + rig.coulomb
+    size = torque * float(rng.uniform(0.02, 0.08)) if shaken else np.zeros_like(torque)
+    return Reference(t, q, dq, ddq, _dither(rng, t, size))

@@ -1,0 +1,85 @@
+"""From a true run to the columns of a log, with and without its sensors' errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .corruption import Columns
+from .motion import BaseMotion
+from .plant import Trace
+from .rigs import Array, Rig
+from .rnea import GRAVITY
+from .scene import Scene
+from .sensors import ACCELEROMETER_DENSITY, GYRO_DENSITY, kept_rows, stamps, torque_noise
+from .visibility import Channels
+
+AMBIENT = 25.0
+
+
+def _columns(rig: Rig, t: Array, shown: Channels) -> Columns:
+    columns = {"t": t}
+    for prefix, values in (("q", shown.q), ("dq", shown.v), ("tau", shown.tau)):
+        if values is not None:
+            columns |= {f"{prefix}_{joint}": values[:, i] for i, joint in enumerate(rig.joints)}
+    return columns
+
+
+def clean_channels(trace: Trace, encoder_q: Array, has_rate: bool) -> Channels:
+    """What perfect sensors would have shown."""
+    return Channels(encoder_q, trace.v if has_rate else None, trace.command)
+
+
+def noisy_channels(scene: Scene, trace: Trace, rng: np.random.Generator, silent_torque: bool) -> Channels:
+    """What these sensors showed; a torque that is a formula of the other channels has no noise of its own."""
+    noise = torque_noise(rng, scene.sensors, trace.command, scene.rate)
+    tau = trace.command if silent_torque else trace.command + noise
+    return Channels(trace.measured_q, trace.measured_v if scene.sensors.has_rate else None, tau)
+
+
+def temperatures(rig: Rig, trace: Trace, period: float) -> Columns:
+    """Windings warmed by the square of their torque, a first-order rise of 20 °C at the run's mean power."""
+    columns = {}
+    for i, (joint, motor) in enumerate(zip(rig.joints, rig.motors, strict=True)):
+        power = trace.command[:, i] ** 2
+        heat, path = 0.0, np.empty(len(power))
+        for k, x in enumerate((power / max(power.mean(), 1e-12)).tolist()):
+            heat += period / motor.warm_up * (x - heat)
+            path[k] = heat
+        columns[f"temp_{joint}"] = AMBIENT + 20.0 * path
+    return columns
+
+
+def imu(rig: Rig, t: Array, motion: BaseMotion | None) -> Columns:
+    """Rate and specific force of the base link, in its own frame; at rest where there is no motion."""
+    still = np.zeros((len(t), 3))
+    gyro, force = motion.imu(t) if motion else (still, still - GRAVITY)
+    names = [(f"{kind}_{rig.base}_{axis}", i) for kind in ("gyro", "accel") for i, axis in enumerate("xyz")]
+    return {name: (gyro if name.startswith("gyro") else force)[:, i] for name, i in names}
+
+
+def shaken(columns: Columns, rng: np.random.Generator, rate: float) -> Columns:
+    """The IMU's and the thermometers' columns with white noise, the thermometers in steps of 0.1 °C."""
+    density = {"gyro": float(GYRO_DENSITY), "accel": ACCELEROMETER_DENSITY}
+    noisy = {}
+    for name, values in columns.items():
+        kind = name.split("_")[0]
+        if kind == "temp":
+            noisy[name] = np.round(values + 0.1 * rng.normal(size=len(values)), 1)
+        else:
+            noisy[name] = values + density[kind] * np.sqrt(rate / 2.0) * rng.normal(size=len(values))
+    return noisy
+
+
+def write_columns(scene: Scene, shown: Channels, extra: Columns, reference: bool, rng: np.random.Generator) -> Columns:
+    """The log as it is written: stamped, with rows lost, and with the reference if asked for."""
+    rig, t = scene.rig, scene.reference.t
+    columns = _columns(rig, stamps(rng, scene.sensors, t), shown) | extra
+    if reference:
+        columns |= {f"q_ref_{joint}": scene.reference.q[:, i] for i, joint in enumerate(rig.joints)}
+    rows = kept_rows(rng, scene.sensors, len(t))
+    return {name: values[rows] for name, values in columns.items()}
+
+
+def perfect_columns(rig: Rig, t: Array, shown: Channels, extra: Columns) -> Columns:
+    """The same log from perfect sensors."""
+    return _columns(rig, t, shown) | extra

@@ -1,0 +1,172 @@
+"""The simulation loop: Moreau's midpoint rule on MuJoCo's M(q) and h(q, v), second order, with true stick.
+
+    q_m = q + dt/2 v,   M(q_m) (v⁺ - v)/dt + h(q_m, v_m) + f_dry = u + forces,   q⁺ = q_m + dt/2 v⁺
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+from operator import mul
+
+import mujoco
+import numpy as np
+
+from .rigs import Array
+from .stick import dry_friction
+from .world import State, World
+
+Controller = Callable[[int, list[float], list[float]], tuple[list[float], list[float], list[float]]]
+"""(sample, true q, true v of the encoders' side) → (measured q, measured v, torque command)."""
+
+RUNAWAY = 200.0
+
+
+class PlantDivergedError(RuntimeError):
+    """The closed loop ran away: the effect is too strong for this controller."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A run: per sample (N, n) the true q v at the encoder, what the controller measured, its held command; per step
+    (N · substeps, n) the mid-step q, v, a on the encoder's side, v at the step's end, dry friction and bristles' friction."""
+
+    t: Array
+    q: Array
+    v: Array
+    measured_q: Array
+    measured_v: Array
+    command: Array
+    step_q: Array
+    step_v: Array
+    step_a: Array
+    step_end_v: Array
+    step_dry: Array
+    step_bristle: Array
+
+
+class Stepper:
+    """Owns the state of every degree of freedom and advances it by one step under a held command."""
+
+    def __init__(self, world: World, q: list[float], v: list[float]) -> None:
+        self.world, self.model, self.data = world, world.model, world.data
+        self.state = State(world.dt, world.joints, world.dofs)
+        self.time = 0.0
+        self.q, self.v, self.a = [0.0] * world.dofs, [0.0] * world.dofs, [0.0] * world.dofs
+        for i in range(world.joints):
+            for dof in (world.dof[i], world.link_dof[i]):
+                self.q[dof], self.v[dof] = q[i], v[i]
+        self.dry, self.each = [0.0] * world.dofs, tuple(range(world.dofs))
+        self.coulomb = [float(x) for x in world.rig.coulomb]
+        self.viscous = [float(x) for x in world.rig.viscous]
+        self.drives, self.forces, self.grips = (world.laws(kind) for kind in ("drive", "force", "grip"))
+        self._qpos, self._qvel = world.data.qpos, world.data.qvel
+        self._bias, self._held = np.zeros(world.dofs), np.zeros(world.dofs)
+        self._inverse, self._eye = np.zeros((world.dofs, world.dofs)), np.eye(world.dofs)
+
+    def _dynamics(self) -> tuple[list[list[float]], list[float]]:
+        """M⁻¹ and h at the middle of the step, from MuJoCo."""
+        state, model, data = self.state, self.model, self.data
+        self._qpos[:] = state.q
+        mujoco.mj_fwdPosition(model, data)
+        if self.world.needs_gravity:
+            self._qvel[:] = 0.0
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_rne(model, data, 0, self._held)
+            state.gravity = self._held.tolist()
+        self._qvel[:] = state.v
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)
+        mujoco.mj_solveM(model, data, self._inverse, self._eye)
+        return self._inverse.tolist(), self._bias.tolist()
+
+    def _applied(self, command: list[float]) -> list[float]:
+        """Motor, viscous and every other smooth force, on each degree of freedom."""
+        state, dofs = self.state, self.world.dof
+        state.command, state.u = command, list(command)
+        for law in self.drives:
+            law(state)
+        state.force = [0.0] * self.world.dofs
+        for i, dof in enumerate(dofs):
+            state.force[dof] += state.u[i] - self.viscous[i] * state.v[dof]
+        for law in self.forces:
+            law(state)
+        state.plus, state.minus = list(self.coulomb), list(self.coulomb)
+        for law in self.grips:
+            law(state)
+        return state.force
+
+    def step(self, command: list[float]) -> None:
+        """Advance by dt; afterwards `state` holds the middle of the step, `q`, `v` its end, `a` its acceleration."""
+        state, dt, each, q, v, a = self.state, self.world.dt, self.each, self.q, self.v, self.a
+        half = 0.5 * dt
+        state.t = self.time + half
+        middle = state.q = [q[i] + half * v[i] for i in each]
+        state.v = [v[i] + half * a[i] for i in each]
+        inverse, bias = self._dynamics()
+        applied = self._applied(command)
+        net = [applied[i] - bias[i] for i in each]
+        free = [v[i] + dt * sum(map(mul, inverse[i], net)) for i in each]
+        dry = dry_friction(free, inverse, self.world.dof, (state.plus, state.minus), dt, self.dry)
+        ends = [free[i] - dt * sum(map(mul, inverse[i], dry)) for i in each]
+        for j, dof in enumerate(self.world.dof):
+            if -state.minus[j] < dry[dof] < state.plus[j]:
+                ends[dof] = 0.0
+        self.a = [(ends[i] - v[i]) / dt for i in each]
+        self.q = [middle[i] + half * ends[i] for i in each]
+        self.v = ends
+        self.time += dt
+
+
+def simulate(world: World, controller: Controller, start: tuple[list[float], list[float]], samples: int,
+             substeps: int) -> Trace:
+    """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next.
+
+    Raises: PlantDivergedError when a joint's speed runs away."""
+    stepper = Stepper(world, *start)
+    dofs = world.dof
+    rows, steps = Tape(world.joints, 5), Tape(world.joints, 6)
+    follow = _follow_base(world, stepper)
+    for k in range(samples):
+        q, v = [stepper.q[d] for d in dofs], [stepper.v[d] for d in dofs]
+        measured_q, measured_v, command = controller(k, q, v)
+        rows.write([*q, *v, *measured_q, *measured_v, *command])
+        for _ in range(substeps):
+            follow()
+            stepper.step(command)
+            channels = (stepper.state.q, stepper.state.v, stepper.a, stepper.v, stepper.dry)
+            steps.write([*(values[d] for values in channels for d in dofs), *stepper.state.bristle])
+        if not all(isfinite(x) and abs(x) < RUNAWAY for x in v):
+            raise PlantDivergedError(f"speed {v} rad/s after {stepper.time:.3f} s")
+    t = np.arange(samples) * world.dt * substeps
+    return Trace(t, *rows.columns(), *steps.columns())
+
+
+class Tape:
+    """Rows of floats as they come, kept where the garbage collector need not look at them."""
+
+    def __init__(self, width: int, channels: int) -> None:
+        self.width, self.channels, self.values = width, channels, array("d")
+
+    def write(self, values: list[float]) -> None:
+        self.values.extend(values)
+
+    def columns(self) -> list[Array]:
+        """One array (N, width) for each channel."""
+        table = np.array(self.values).reshape(-1, self.channels, self.width)
+        return [np.ascontiguousarray(table[:, i]) for i in range(self.channels)]
+
+
+def _follow_base(world: World, stepper: Stepper) -> Callable[[], None]:
+    """Before each step, put a driven base exactly where its path says."""
+    path, dofs = world.base_path, world.base_dofs
+    if path is None:
+        return lambda: None
+
+    def follow() -> None:
+        for dof, q, v, a in zip(dofs, *path(stepper.time), strict=True):
+            stepper.q[dof], stepper.v[dof], stepper.a[dof] = q, v, a
+
+    return follow

@@ -1,0 +1,154 @@
+"""The rig as the plant knows it: a chain of links, a payload, and motors with their friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+EYE: Array = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass (kg), centre of mass (3, m) and inertia tensor about it (3x3, kg m²), all in one frame."""
+
+    mass: float
+    com: Array
+    tensor: Array
+
+    def seen_from(self, rotation: Array, position: Array) -> Inertia:
+        """The same body in the frame in which its present frame stands at `position`, turned by `rotation`."""
+        return Inertia(self.mass, rotation @ self.com + position, rotation @ self.tensor @ rotation.T)
+
+    def about_origin(self) -> Array:
+        """I_o = I_c + m (cᵀc 1 - c cᵀ), kg m², (3, 3)."""
+        c = self.com
+        return self.tensor + self.mass * (c @ c * EYE - np.outer(c, c))
+
+    def plus(self, other: Inertia) -> Inertia:
+        """Both bodies as one rigid body."""
+        mass = self.mass + other.mass
+        com = (self.mass * self.com + other.mass * other.com) / mass
+        tensor = self.about_origin() + other.about_origin() - mass * (com @ com * EYE - np.outer(com, com))
+        return Inertia(mass, com, tensor)
+
+    def vector(self) -> Array:
+        """(m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin): what torque is linear in, (10,)."""
+        upper = self.about_origin()[np.triu_indices(3)]
+        return np.concatenate([[self.mass], self.mass * self.com, upper])
+
+
+@dataclass(frozen=True)
+class Link:
+    """A body and the revolute joint that carries it; the joint frame stands at `position`, turned by `rotation`."""
+
+    name: str
+    joint: str
+    rotation: Array
+    position: Array
+    axis: Array
+    inertia: Inertia
+    lower: float
+    upper: float
+    continuous: bool = False
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the last link carries, bolted on by a fixed joint."""
+
+    name: str
+    joint: str
+    rotation: Array
+    position: Array
+    inertia: Inertia
+
+    @property
+    def on_link(self) -> Inertia:
+        """Its inertia in the last link's frame."""
+        return self.inertia.seen_from(self.rotation, self.position)
+
+
+@dataclass(frozen=True)
+class Motor:
+    """One joint's motor and bearing; dry friction (N m) and viscous friction (N m s/rad) are the plant's secret."""
+
+    torque_constant: float
+    tau_max: float
+    slots: int
+    poles: int
+    encoder_bits: int
+    coulomb: float
+    viscous: float
+    warm_up: float
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Base link, a serial chain of links, one motor for each, and a payload on the last."""
+
+    name: str
+    base: str
+    links: tuple[Link, ...]
+    motors: tuple[Motor, ...]
+    payload: Payload
+    armature: tuple[float, ...]
+    velocity_limit: float
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, base to tip."""
+        return tuple(link.joint for link in self.links)
+
+    @property
+    def bodies(self) -> tuple[Inertia, ...]:
+        """One rigid body for each joint, the payload merged into the last."""
+        bodies = [link.inertia for link in self.links]
+        return (*bodies[:-1], bodies[-1].plus(self.payload.on_link))
+
+    @property
+    def coulomb(self) -> Array:
+        """Dry friction of each joint, N m, (n,)."""
+        return np.array([motor.coulomb for motor in self.motors])
+
+    @property
+    def viscous(self) -> Array:
+        """Viscous friction of each joint, N m s/rad, (n,)."""
+        return np.array([motor.viscous for motor in self.motors])
+
+    def with_motor(self, joint: int, motor: Motor) -> Rig:
+        """A rig with another motor on `joint`."""
+        return replace(self, motors=(*self.motors[:joint], motor, *self.motors[joint + 1 :]))
+
+    def with_coulomb(self, joint: int, least: float) -> Rig:
+        """A rig with at least this much dry friction (N m) on `joint`."""
+        motor = self.motors[joint]
+        return self.with_motor(joint, replace(motor, coulomb=max(motor.coulomb, least)))
+
+    def with_viscous(self, joint: int, least: float) -> Rig:
+        """A rig with at least this much viscous friction (N m s/rad) on `joint`."""
+        motor = self.motors[joint]
+        return self.with_motor(joint, replace(motor, viscous=max(motor.viscous, least)))
+
+    def with_body(self, link: int, extra: Inertia) -> Rig:
+        """A rig with `extra` (in the link's frame) frozen to a link."""
+        heavier = replace(self.links[link], inertia=self.links[link].inertia.plus(extra))
+        return replace(self, links=(*self.links[:link], heavier, *self.links[link + 1 :]))
+
+    def with_payload(self, inertia: Inertia) -> Rig:
+        """A rig whose payload has another inertia (in the payload's own frame)."""
+        return replace(self, payload=replace(self.payload, inertia=inertia))
+
+
+def point_mass(mass: float, position: Array) -> Inertia:
+    """A mass without size at `position`."""
+    return Inertia(mass, position, np.zeros((3, 3)))
+
+
+def rotation_about(axis: Array, angle: float) -> Array:
+    """Rodrigues: R = 1 + sin θ K + (1 - cos θ) K², with `axis` a unit vector."""
+    k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    return EYE + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)

@@ -1,0 +1,83 @@
+"""One rig, one motion, one controller, one set of sensors: the stage on which effects are hidden and tried out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .control import Gains, closed_loop, draw_gains, feed_forward, joint_inertia
+from .effects import Context, Effect
+from .excitation import Reference, draw_reference
+from .plant import Trace, simulate
+from .rig_draw import nominal
+from .rigs import Array, Rig
+from .rnea import inverse_dynamics
+from .sensors import Measurement, Sensors
+from .world import World
+
+FINE_STEP, TRIAL_STEP, STIFF_TRIAL_STEP = 0.25e-3, 1e-3, 0.5e-3
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything but the effect. `rate`: samples a second; `noise_seed`: the sensors' noise, the same in every run."""
+
+    rig: Rig
+    reference: Reference
+    gains: Gains
+    forward: Array
+    sensors: Sensors
+    rate: float
+    noise_seed: int
+
+    @property
+    def seconds(self) -> float:
+        """Length of the run, s."""
+        return len(self.reference.t) / self.rate
+
+    def substeps(self, longest: float) -> int:
+        """Steps in a sample, none longer than `longest` (s)."""
+        return int(np.ceil(1.0 / (self.rate * longest) - 1e-9))
+
+    def run(self, effects: Sequence[Effect], substeps: int, start: float = 0.0) -> tuple[World, Trace]:
+        """Simulate the closed loop with these effects, which begin at `start` (s)."""
+        world = World(self.rig, effects, 1.0 / (self.rate * substeps), self.seconds, start)
+        samples = len(self.reference.t)
+        seen = Measurement(world, self.sensors, samples, np.random.default_rng(self.noise_seed))
+        controller = closed_loop(world, self.reference, self.gains, self.forward, seen)
+        begin = self.reference.q[0].tolist(), self.reference.dq[0].tolist()
+        return world, simulate(world, controller, begin, samples, substeps)
+
+    def context(self, joint: int, share: float) -> Context:
+        """What an effect's first guess is made from, by the reference alone."""
+        few = slice(None, None, 5)
+        q, dq, ddq = self.reference.q[few], self.reference.dq[few], self.reference.ddq[few]
+        tau = inverse_dynamics(self.rig, q, dq, ddq) + self.rig.coulomb * np.tanh(dq / 0.01) + self.rig.viscous * dq
+        return Context(
+            rig=self.rig,
+            joint=joint,
+            share=share,
+            torque=float(np.sqrt(np.mean(tau[:, joint] ** 2))),
+            inertia=float(joint_inertia(self.rig, q.mean(axis=0))[joint]),
+            speed=float(np.sqrt(np.mean(dq[:, joint] ** 2))),
+            lean=1.0 if tau[:, joint].mean() > 0.0 else -1.0,
+            span=(float(q[:, joint].min()), float(q[:, joint].max())),
+            seconds=self.seconds,
+        )
+
+    def gravity(self) -> Array:
+        """Gravity torque rms along the reference, N m, (n,)."""
+        q = self.reference.q[::20]
+        return np.sqrt(np.mean(inverse_dynamics(self.rig, q, 0.0 * q, 0.0 * q) ** 2, axis=0))
+
+
+def draw_scene(streams: dict[str, np.random.Generator], rig: Rig, sensors: Sensors, excitation: str, seconds: float,
+               rate: float, formula: bool) -> Scene:
+    """A scene by its random streams; with `formula` the command is nothing but PD on the logged channels."""
+    reference = draw_reference(streams["motion"], rig, excitation, seconds, rate)
+    gains = draw_gains(streams["control"], rig, reference, not formula)
+    model = nominal(streams["control"], rig, 0.15)
+    forward = np.zeros_like(reference.q) if formula else feed_forward(model, reference, gains)
+    return Scene(rig, reference, gains, forward, sensors, rate, int(streams["noise"].integers(2**31)))

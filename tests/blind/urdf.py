@@ -1,0 +1,73 @@
+"""The rig as text: URDF and the YAML beside it, which is all that a diagnoser may read of it."""
+
+from __future__ import annotations
+
+from math import atan2, hypot
+
+from .rigs import Array, Inertia, Link, Motor, Rig
+
+
+def _numbers(values: Array | tuple[float, ...]) -> str:
+    return " ".join(f"{float(value):.12g}" for value in values)
+
+
+def roll_pitch_yaw(rotation: Array) -> tuple[float, float, float]:
+    """Fixed-axis angles of URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    pitch = atan2(-rotation[2, 0], hypot(rotation[0, 0], rotation[1, 0]))
+    if abs(rotation[2, 0]) > 1.0 - 1e-12:
+        return 0.0, pitch, atan2(-rotation[0, 1], rotation[1, 1])
+    return atan2(rotation[2, 1], rotation[2, 2]), pitch, atan2(rotation[1, 0], rotation[0, 0])
+
+
+def _origin(rotation: Array, position: Array) -> str:
+    return f'<origin xyz="{_numbers(position)}" rpy="{_numbers(roll_pitch_yaw(rotation))}"/>'
+
+
+def _link(name: str, inertia: Inertia) -> str:
+    tensor = inertia.tensor
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    moments = " ".join(f'{key}="{tensor[at]:.12g}"' for key, at in entries.items())
+    return (
+        f'  <link name="{name}">\n    <inertial>\n      <origin xyz="{_numbers(inertia.com)}" rpy="0 0 0"/>\n'
+        f'      <mass value="{inertia.mass:.12g}"/>\n      <inertia {moments}/>\n    </inertial>\n  </link>\n'
+    )
+
+
+def _joint(link: Link, parent: str, motor: Motor, speed: float) -> str:
+    kind = "continuous" if link.continuous else "revolute"
+    travel = "" if link.continuous else f'lower="{link.lower:.6g}" upper="{link.upper:.6g}" '
+    return (
+        f'  <joint name="{link.joint}" type="{kind}">\n    <parent link="{parent}"/>\n    <child link="{link.name}"/>\n'
+        f'    {_origin(link.rotation, link.position)}\n    <axis xyz="{_numbers(link.axis)}"/>\n'
+        f'    <limit {travel}effort="{motor.tau_max:.6g}" velocity="{speed:.6g}"/>\n  </joint>\n'
+    )
+
+
+def urdf_text(rig: Rig) -> str:
+    """The rig as URDF."""
+    parts = [f'<?xml version="1.0"?>\n<robot name="{rig.name}">\n  <link name="{rig.base}"/>\n']
+    parents = (rig.base, *(link.name for link in rig.links))
+    for link, parent, motor in zip(rig.links, parents, rig.motors, strict=False):
+        parts += [_link(link.name, link.inertia), _joint(link, parent, motor, rig.velocity_limit)]
+    payload = rig.payload
+    parts.append(_link(payload.name, payload.inertia))
+    parts.append(
+        f'  <joint name="{payload.joint}" type="fixed">\n    <parent link="{parents[-1]}"/>\n'
+        f'    <child link="{payload.name}"/>\n    {_origin(payload.rotation, payload.position)}\n  </joint>\n</robot>\n'
+    )
+    return "".join(parts)
+
+
+def yaml_text(rig: Rig, encoder_bits: int, trusted: bool) -> str:
+    """The YAML beside the URDF: motors and limits, and whether the URDF's inertias are to be trusted."""
+    lines = [f"name: {rig.name}", "urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
+    for joint, motor in zip(rig.joints, rig.motors, strict=True):
+        lines.append(
+            f"  {joint}: {{torque_constant: {motor.torque_constant:.6g}, tau_max: {motor.tau_max:.6g}, "
+            f"slots: {motor.slots}, poles: {motor.poles}, encoder_bits: {encoder_bits}}}"
+        )
+    lines.append("limits:")
+    for link, motor in zip(rig.links, rig.motors, strict=True):
+        travel = "" if link.continuous else f"lower: {link.lower:.6g}, upper: {link.upper:.6g}, "
+        lines.append(f"  {link.joint}: {{{travel}velocity: {rig.velocity_limit:.6g}, effort: {motor.tau_max:.6g}}}")
+    return "\n".join(lines) + "\n"

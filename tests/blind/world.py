@@ -1,0 +1,102 @@
+"""The compiled plant: MuJoCo's model, which degree of freedom is whose, and the state that laws read and write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+
+from .effects.base import Effect, Law
+from .mjcf import BASE_DOFS, Base, build
+from .rigs import Array, Inertia, Rig
+
+BasePath = Callable[[float], tuple[list[float], list[float], list[float]]]
+
+
+class State:
+    """The plant in the middle of one step; lists of floats, for speed. Laws write `u`, `force`, `plus`, `minus`;
+    what friction they put into `force` themselves they tell in `bristle`, joint by joint."""
+
+    __slots__ = ("bristle", "command", "dt", "force", "gravity", "minus", "plus", "q", "t", "u", "v")
+
+    def __init__(self, dt: float, joints: int, dofs: int) -> None:
+        self.t, self.dt = 0.0, dt
+        self.q, self.v, self.force, self.gravity = ([0.0] * dofs for _ in range(4))
+        self.command, self.u, self.plus, self.minus, self.bristle = ([0.0] * joints for _ in range(5))
+
+
+class World:
+    """A rig with its hidden effects, ready to be stepped.
+
+    `dof[i]` is the degree of freedom on which joint i's motor, bearing and encoder sit; `link_dof[i]` moves the link
+    (the same, unless something between them gives); `offset[i]` is added to the encoder's reading, and `eccentric`
+    (amplitude, phase) once per turn; `encoder` says what the encoder shows of an angle. Before `start` (s) the effects'
+    laws are silent."""
+
+    def __init__(self, rig: Rig, effects: Sequence[Effect], dt: float, seconds: float, start: float = 0.0) -> None:
+        self.dt, self.seconds, self.nominal, self.start = dt, seconds, rig, start
+        self.effects = tuple(sorted(effects, key=lambda effect: effect.stage))
+        self.rig = rig
+        for effect in self.effects:
+            self.rig = effect.plant(self.rig)
+        hangers = tuple(item for effect in self.effects for item in effect.appendages(self.rig))
+        self.base = next((e.base for e in self.effects if e.base is not Base.FIXED), Base.FIXED)
+        self.model = build(self.rig, hangers, self.base, _base_inertia(self.rig))
+        self.data = mujoco.MjData(self.model)
+        self.joints, self.dofs = len(self.rig.links), int(self.model.nv)
+        self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
+        self.link_dof = [self.names.index(joint) for joint in self.rig.joints]
+        self.dof = list(self.link_dof)
+        self.offset = [0.0] * self.joints
+        self.eccentric = [(0.0, 0.0)] * self.joints
+        self.base_path: BasePath | None = None
+        self.needs_gravity = False
+        for effect in self.effects:
+            effect.prepare(self)
+
+    def named(self, name: str) -> int:
+        """The degree of freedom of this name."""
+        return self.names.index(name)
+
+    @property
+    def base_dofs(self) -> list[int]:
+        """x y z yaw pitch roll of the base; empty where it is fixed."""
+        return [] if self.base is Base.FIXED else [self.names.index(name) for name in BASE_DOFS]
+
+    @property
+    def reference(self) -> Rig:
+        """The rigid rig that a perfect refit would find."""
+        rig = self.nominal
+        for effect in self.effects:
+            rig = effect.frozen(rig)
+        return rig
+
+    def laws(self, kind: str) -> list[Law]:
+        """The laws of one kind ("drive", "force", "grip"), in order, silent before the effects' start."""
+        found = (getattr(effect, kind)(self) for effect in self.effects)
+        return [_from(self.start, law) for law in found if law is not None]
+
+    def encoder(self, q: Array) -> Array:
+        """What the encoders show of true angles q (..., n), rad."""
+        amplitude, phase = np.array(self.eccentric).T
+        shown: Array = q + np.array(self.offset) + amplitude * np.sin(q + phase)
+        return shown
+
+
+def _from(start: float, law: Law) -> Law:
+    if start <= 0.0:
+        return law
+
+    def late(state: State) -> None:
+        if state.t >= start:
+            law(state)
+
+    return late
+
+
+def _base_inertia(rig: Rig) -> Inertia:
+    """A head about as heavy as what it carries."""
+    mass = sum(body.mass for body in rig.bodies)
+    size = 0.15 * (mass / 4.0) ** (1.0 / 3.0)
+    return Inertia(mass, np.zeros(3), mass * size**2 / 6.0 * np.eye(3))
