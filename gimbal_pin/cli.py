@@ -37,7 +37,7 @@ Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to writ
 MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write")]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]
 Seed = Annotated[int, arg(help="seed of everything random")]
-Cutoff = Annotated[float | None, arg(help="low-pass on every column and on the torque, Hz; None: 5")]
+Cutoff = Annotated[float | None, arg(help="low-pass on every column and on the torque, Hz; None: 4")]
 Alignment = Annotated[float | None, arg(help="the torque acts that much later than its stamp, s; None: half a sample")]
 Holdout = Annotated[str | None, arg(help="last-third, log:N or none")]
 EstimatorName = Literal["weighted", "ols", "robust"]
@@ -442,7 +442,8 @@ def rivals(name: str, rig: Rig) -> dict[str, Law]:
 
     law, data = read_controller(name, rig), read_yaml(name)
     wish = {**data["wish"], "kind": "pid", "robust": False}
-    return {data["controller"]: law, **({} if data["controller"] == "pid" else {"pid": run(nominal(rig), **wish).controller})}
+    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(nominal(rig), **wish).controller}
+    return {data["controller"]: law, **laws}
 
 
 def law_of(name: str, plant: Model, bandwidth_hz: float) -> Law:

@@ -27,13 +27,16 @@ class Accuracy:
 
     Attributes:
         how: Which rows.
-        torque_rmse: Joint → root mean square error, N m.
-        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28).
+        torque_rmse: Joint → root mean square error, N m, over all samples but those near standstill.
+        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples.
+        used: Joint → share of the rows that were used; the rest is near standstill, where a joint's motion does not
+            tell its torque.
     """
 
     how: str
     torque_rmse: Mapping[str, float]
     fit_percent: Mapping[str, float]
+    used: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +126,7 @@ def identify(
     estimate = estimator(blocks)
     check_seen(rows, blocks, estimate)
     model = to_model(rows, estimate)
-    trained, tested = (kept(replace(rows, logs=part, found=model)) for part in (train, test))
+    tested = kept(replace(rows, logs=test))
     held_out = accuracy(rig.joints, tested, estimate.theta, how) if test else None
     consistent, shift = nearest_physical(rows, estimate)
     change = rms([block.A[:, :, : len(shift)] @ shift for block in blocks])
@@ -133,7 +136,7 @@ def identify(
         estimate=estimate,
         names=rows.names,
         units=units_of(rows),
-        train=accuracy(rig.joints, trained, estimate.theta, "training part"),
+        train=accuracy(rig.joints, blocks, estimate.theta, "training part"),
         held_out=held_out,
         consistent=consistent,
         torque_change=dict(zip(rig.joints, change.tolist())),
@@ -240,9 +243,12 @@ def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: 
     """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
     if not blocks:
         raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
-    measured = np.concatenate([block.b for block in blocks])
+    measured, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share"))
     error = measured - np.concatenate([block.A @ theta for block in blocks])
-    rmse = np.sqrt(np.mean(error**2, axis=0))
-    spread = np.maximum(np.linalg.norm(measured - measured.mean(axis=0), axis=0), 1e-300)
+    rows = np.maximum(np.sum(share**2, axis=0), 1e-300)
+    rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
+    mean = np.sum(measured * share, axis=0) / rows
+    spread = np.maximum(np.linalg.norm(measured - mean * share, axis=0), 1e-300)
     fit = 100 * (1 - np.linalg.norm(error, axis=0) / spread)
-    return Accuracy(how, dict(zip(joints, rmse.tolist())), dict(zip(joints, fit.tolist())))
+    used = np.mean(share**2, axis=0)
+    return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used)))

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from gimbal_pin.effects import Coulomb, Effect, Sample, Term, Viscous
+from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
+
+ITERATIONS = 50
+"""Most passes for terms that depend on the total torque; three do where they are linear in it."""
+SETTLED = 1e-10
+"""Change of the torque at which they stop, N m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,33 +61,89 @@ class Model:
         """The terms that act on each joint, (n)."""
         return tuple(tuple(term for term in self.terms if term.effect.joint == joint) for joint in self.rig.joints)
 
-    def inverse(self, q: Array, v: Array, a: Array, slide: Array | None = None, t: Array | None = None) -> Array:
-        """Torque that moves the rig as given, N m.
+    @cached_property
+    def armature(self) -> Array:
+        """Inertia that the terms add for each joint's own motor, kg m², (n,): their torque per acceleration."""
+        still, moving = (Sample(0.0, 0.0, 0.0, a, 0.0, 0.0) for a in (0.0, 1.0))
+        per_joint = [sum(t.torque(moving) - t.torque(still) for t in terms) for terms in self.by_joint]
+        return np.array(per_joint, dtype=np.float64)
+
+    @cached_property
+    def loaded(self) -> bool:
+        """Whether a term depends on the total torque."""
+        return any(term.effect.loaded for term in self.terms)
+
+    def inverse(
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        slide: Array | None = None,
+        t: Array | None = None,
+        temperature: Array | None = None,
+    ) -> Array:
+        """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
 
         Args:
-            q: Angles, rad, (N, n).
+            q: Angles, rad, (N, n), of consecutive samples where a term has a memory.
             v: Rates, rad/s, (N, n).
             a: Accelerations, rad/s², (N, n).
             slide: Direction of sliding in [-1, 1], (N, n); sign(v) if None.
             t: Time, s, (N,); zero if None.
+            temperature: Motor temperatures, °C, (N, n); ambient if None.
         """
+        direction = np.sign(v) if slide is None else slide
         rigid = rnea(self.rig, q, v, a)
-        return rigid + self.passive(q, v, a, np.sign(v) if slide is None else slide, rigid, t)
 
-    def passive(self, q: Array, v: Array, a: Array, slide: Array, tau: Array, t: Array | None = None) -> Array:
-        """Torque of all terms, N m, (N, n); `tau` is the total that load-dependent terms see."""
+        def total(tau: Array) -> Array:
+            return rigid + self.passive(q, v, a, direction, tau, t, temperature)
+
+        return consistent(total, rigid) if self.loaded else total(rigid)
+
+    def passive(
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        slide: Array,
+        tau: Array,
+        t: Array | None = None,
+        temperature: Array | None = None,
+    ) -> Array:
+        """Torque of all terms, N m, (N, n); `tau` is the total torque, which load-dependent terms see."""
         out = np.zeros_like(q)
         times = np.zeros(len(q)) if t is None else t
+        warm = np.full_like(q, AMBIENT) if temperature is None else temperature
         for j, terms in enumerate(self.by_joint):
-            at = Sample(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j])
+            at = Sample(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j], warm[:, j])
             for term in terms:
                 out[:, j] += term.torque(at)
         return out
 
-    def level(self, q: Array, v: Array, a: Array, tau: Array, t: Array | None = None) -> Array:
-        """Total dry friction that each joint could bear, N m, (N, n): the dry terms at slide = 1."""
+    def level(
+        self, q: Array, v: Array, a: Array, tau: Array, t: Array | None = None, slide: Array | None = None
+    ) -> Array:
+        """Dry friction that each joint can bear, N m, (N, n), against a torque in the direction `slide`, ±1.
+
+        It is positive in both directions; without `slide` it is that of the positive one.
+        """
+        way = np.ones_like(q) if slide is None else slide
         dry = Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
-        return dry.passive(q, v, a, np.ones_like(q), tau, t)
+        return way * (dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t))
+
+
+def consistent(total: Callable[[Array], Array], start: Array) -> Array:
+    """Solve ``tau = total(tau)``, entry by entry, by the secant method: exact at once where it is linear in tau."""
+    x, y = start, total(start)
+    rest = y - x
+    for _ in range(ITERATIONS):
+        rest_y = total(y) - y
+        if np.abs(rest_y).max(initial=0.0) < SETTLED:
+            break
+        change = rest_y - rest
+        slope = np.divide(change, y - x, out=-np.ones_like(x), where=np.abs(y - x) > 1e-12)
+        x, y, rest = y, y - rest_y / np.where(slope < -1e-3, slope, -1.0), rest_y
+    return y
 
 
 def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:

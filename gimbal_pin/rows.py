@@ -6,7 +6,7 @@ log → uniform grid → smoothed q, v, a → columns at full rate → low-pass 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +18,6 @@ from gimbal_pin import signals
 from gimbal_pin.effects import Effect, Sample
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.regressor import columns, regressor
 from gimbal_pin.rig import Rig
@@ -45,8 +44,8 @@ class Filtering:
             held from its sample to the next.
     """
 
-    cutoff: float = 5.0
-    smoothing: float = 6.0
+    cutoff: float = 4.0
+    smoothing: float = 8.0
     alignment: float | None = None
 
 
@@ -99,8 +98,9 @@ class Rows:
         effects: Effects whose coefficients follow the base parameters in theta.
         logs: Trajectories, never joined.
         filtering: Filter and alignment.
-        found: None to fit: samples near standstill are masked out. The fitted model to evaluate it on every sample:
-            near standstill its torque balance says how far a joint slides.
+        masked: Leave out what dry friction makes unpredictable: a joint at rest takes any torque within its dry
+            friction without moving, so near standstill its motion does not tell the torque. False: every sample, with
+            the sign of the rate as it is, for those who want to see all.
     """
 
     rig: Rig
@@ -108,7 +108,7 @@ class Rows:
     effects: tuple[Effect, ...]
     logs: tuple[Log, ...]
     filtering: Filtering
-    found: Model | None = None
+    masked: bool = True
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -138,29 +138,32 @@ class Rows:
     def block(self, channels: Channels, keep: slice, rate: float) -> Block:
         """Return the rows at the samples `keep` of the channels.
 
-        A joint's equation holds at every sample, so it may be multiplied by any mask before the filter: without a
-        model to ask, the samples near standstill, where dry friction's direction is unknown, are masked out.
+        A joint's equation holds at every sample, so it may be multiplied by any mask before the filter: the samples
+        near standstill, where the direction of dry friction is unknown, are masked out, and the equation stays exact.
         """
         still = standstill(channels, self.filtering)
-        A = np.concatenate([self.rigid_columns(channels), self.effect_columns(channels, still)], axis=2)
-        fitting = self.found is None
-        moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if fitting else np.ones(still.shape)
+        # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
+        smoother = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
+        jumping = signals.zero_phase(self.effect_columns(channels), smoother)
+        A = np.concatenate([self.rigid_columns(channels), jumping], axis=2)
+        moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
         A *= moving[:, :, None]
         sections = signals.lowpass(self.filtering.cutoff, rate)
         present = np.any(A != 0.0, axis=0)
         filtered = np.zeros((len(range(*keep.indices(len(A)))), *A.shape[1:]))
         filtered[:, present] = signals.zero_phase(A[:, present], sections)[keep]
         b, share = (signals.zero_phase(x, sections)[keep] for x in (channels.tau * moving, moving))
-        return Block(channels.t[keep], filtered, b, channels.v[keep], np.clip(share, 0.0, 1.0))
+        # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
+        return Block(channels.t[keep].copy(), filtered, b.copy(), channels.v[keep].copy(), np.clip(share, 0.0, 1.0))
 
     def rigid_columns(self, channels: Channels) -> Array:
         """Base columns of the regressor, (m, n, b)."""
         places = columns_of(self.rig, self.reduction)
         return regressor(self.rig, channels.q, channels.v, channels.a)[:, :, places]
 
-    def effect_columns(self, channels: Channels, still: Flags) -> Array:
+    def effect_columns(self, channels: Channels) -> Array:
         """Columns of the effects, (m, n, e)."""
-        slide = np.sign(channels.v) if self.found is None else balanced(self.found, channels, still)
+        slide = np.sign(channels.v)
         width = sum(len(effect.coefficients) for effect in self.effects)
         out, column = np.zeros((*channels.q.shape, width)), 0
         for effect in self.effects:
@@ -170,23 +173,6 @@ class Rows:
                 out[:, j, column] = basis
                 column += 1
         return out
-
-
-def balanced(model: Model, channels: Channels, still: Flags) -> Array:
-    """Direction of sliding, (m, n): the rate's sign, and where that is unknown what the torque balance leaves to it.
-
-    A joint at rest takes any torque within its dry friction without moving, so its motion cannot tell the torque:
-    there the share of dry friction in [-1, 1] is solved from the measured torque.
-    """
-    slide = np.sign(channels.v)
-    rows = np.flatnonzero(still.any(axis=1))
-    if len(rows):
-        t, q, v, a = channels.t[rows], channels.q[rows], channels.v[rows], channels.a[rows]
-        free = model.inverse(q, v, a, np.zeros_like(v), t)
-        level = np.maximum(model.level(q, v, a, free, t), 1e-12)
-        share = np.clip((channels.tau[rows] - free) / level, -1.0, 1.0)
-        slide[rows] = np.where(still[rows], share, slide[rows])
-    return slide
 
 
 def standstill(channels: Channels, filtering: Filtering) -> Flags:
@@ -210,7 +196,7 @@ def mask(still: Flags, taper: int) -> Array:
     opened = 1.0 - dilated(still, 2 * half)
     for _ in range(2):
         opened = uniform_filter1d(opened, 2 * (half // 2) + 1, axis=0, mode="nearest")
-    return np.clip(opened, 0.0, 1.0)
+    return np.where(still, 0.0, np.clip(opened, 0.0, 1.0))
 
 
 def dilated(still: Flags, reach: int) -> Flags:
@@ -260,22 +246,27 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int) -> C
     rate_std = signals.noise_std(raw_q) * signals.noise_gain(sections, 1 / dt, 1)
     if log.v is not None:
         raw_v = signals.resample(t, log.v[near], grid)
-        v, rate_std = fused(v, raw_q, raw_v, sections, dt)
+        v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
     tau = signals.zero_phase(signals.resample(t + alignment, log.tau[near], grid), sections)
     return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std)
 
 
-def fused(derived: Array, raw_q: Array, raw_v: Array, sections: Array, dt: float) -> tuple[Array, Array]:
+def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
     """Combine the angle's derivative with the measured rate; return rate and its standard deviation.
 
     The derivative of an angle with white noise σ_q is the better rate below the frequency where 2π f σ_q = σ_v, the
     measured rate above it: a complementary filter at that crossover takes each where it is better, and removes a
     gyro's bias on the way.
     """
+    sections = signals.lowpass(cutoff, 1 / dt)
     angle_noise, rate_noise = signals.noise_std(raw_q), signals.noise_std(raw_v)
     rate = signals.zero_phase(raw_v, sections)
     rate_std = rate_noise * signals.noise_gain(sections, 1 / dt, 0)
     out = rate.copy()
+    difference = derived - rate
+    # The smoothed angle is wrong at its two ends; a slow crossover would carry that far inwards.
+    edge = min(round(signals.settling(cutoff) / dt), len(rate) // 2 - 1)
+    difference[:edge], difference[-edge:] = difference[edge], difference[-edge - 1]
     for j, (sigma_q, sigma_v) in enumerate(zip(angle_noise, rate_noise)):
         crossover = sigma_v / (2 * np.pi * max(sigma_q, 1e-12))
         if crossover * dt < 1e-4:
@@ -285,15 +276,10 @@ def fused(derived: Array, raw_q: Array, raw_v: Array, sections: Array, dt: float
             rate_std[j] = angle_noise[j] * signals.noise_gain(sections, 1 / dt, 1)
             continue
         slow = signals.lowpass(crossover, 1 / dt)
-        out[:, j] += signals.zero_phase((derived - rate)[:, j : j + 1], slow)[:, 0]
+        out[:, j] += signals.zero_phase(difference[:, j : j + 1], slow)[:, 0]
     return out, rate_std
 
 
 def kept(rows: Rows) -> tuple[Block, ...]:
     """Compute every block once and keep them: after decimation even a million samples are some 20 MB."""
     return tuple(rows)
-
-
-def count(blocks: Sequence[Block]) -> int:
-    """Number of rows per joint."""
-    return sum(len(block.t) for block in blocks)

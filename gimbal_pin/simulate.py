@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from tqdm import tqdm
 
+from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
@@ -65,9 +68,72 @@ class Sensors:
         return Sensors(steps, np.full(rig.n, rate), np.full(rig.n, torque_std))
 
     def angle(self, q: Array) -> Array:
-        """The angle as the encoder reports it."""
-        step = np.where(self.encoder_step > 0, self.encoder_step, 1.0)
-        return np.where(self.encoder_step > 0, np.round(q / step) * step, q)
+        """The angle as the encoder reports it, rad, (n,)."""
+        steps = self.encoder_step.tolist()
+        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(q.tolist(), steps)])
+
+
+Planted = Term | Signal | RigEffect
+
+
+class Altered(NamedTuple):
+    """A plant with causes planted in it: what `simulate` takes as `plant` and `drive`."""
+
+    plant: Model
+    drive: tuple[Signal, ...]
+
+
+def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
+    """Return the plant that a model becomes with some causes on top: more terms, signals in its drive, its rig changed.
+
+    Args:
+        model: The model to start from.
+        causes: Terms, drive signals (in the order in which the command passes them) and rig effects.
+
+    Raises:
+        UsageError: A joint that the rig does not have, or dry friction that would push somewhere.
+    """
+    rig = model.rig
+    for cause in causes:
+        if isinstance(cause, RigEffect):
+            rig = cause.apply(rig)
+        else:
+            rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
+    plant = Model(rig, model.terms + tuple(cause for cause in causes if isinstance(cause, Term)))
+    check_dry(plant)
+    return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
+
+
+def check_dry(plant: Model) -> None:
+    """Raise `UsageError` if a joint's dry friction at rest, unloaded, is negative anywhere on a turn."""
+    q = np.repeat(np.linspace(-np.pi, np.pi, 2001)[:, None], plant.rig.n, axis=1)
+    zero = np.zeros_like(q)
+    for t in (0.0, 1e6):
+        for way in (1.0, -1.0):
+            least = plant.level(q, zero, zero, zero, np.full(len(q), t), way + zero).min(axis=0)
+            for joint, level in zip(plant.rig.joints, least.tolist()):
+                if level < -1e-9:
+                    what = f"has a dry friction of {level:.3g} N m somewhere: it would push"
+                    raise UsageError(f"joint {joint}", what, "plant less of it, or more Coulomb friction")
+
+
+class Drive:
+    """The drives of all joints: commands in, acting torques out, with the memory of the signals in between."""
+
+    def __init__(self, signals: Sequence[Signal], rig: Rig, dt: float) -> None:
+        """Start every signal at rest."""
+        self.dt = dt
+        self.chain = [(rig.joint_index(signal.joint), signal) for signal in signals]
+        self.memory = [signal.start() for signal in signals]
+
+    def acting(self, command: Array) -> Array:
+        """Return the mean torque that acts over the next interval, N m, (n,)."""
+        if not self.chain:
+            return command
+        out = command.tolist()
+        for i, (j, signal) in enumerate(self.chain):
+            self.memory[i], out[j] = signal.step(self.memory[i], out[j], self.dt)
+        return np.array(out)
 
 
 def simulate(
@@ -78,6 +144,7 @@ def simulate(
     rng: np.random.Generator,
     sensors: Sensors | None = None,
     delay: int = 1,
+    drive: Sequence[Signal] = (),
     start: State | None = None,
     name: str = "simulated",
 ) -> Log:
@@ -86,6 +153,9 @@ def simulate(
     At sample k the controller sees the sensors at `t[k]`; its torque reaches the motors `delay` samples later, is
     clipped at their limits, and is held for one sample. The plant is integrated by RK4, one step per sample.
 
+        plant, drive = plant_with(model, [parse_effect("cogging:yaw:amplitude=0.03,harmonic=42", rig)])
+        log = simulate(plant, controller, reference, rng=rng, drive=drive)
+
     Args:
         plant: The plant: a model whose terms need not be the controller's.
         controller: The control law.
@@ -93,11 +163,12 @@ def simulate(
         rng: Source of the sensors' noise.
         sensors: The sensors; None: the rig's encoders and gyros.
         delay: Samples between measurement and torque.
+        drive: What stands between the command, which the log keeps, and the torque that acts.
         start: State at the first sample; None: at rest on the reference.
         name: Name of the log.
 
     Returns:
-        A log of the measured angles and rates, and of the torque held from each sample on, as the drive reports it.
+        A log of the measured angles and rates, and of the torque commanded for each interval, as the drive reports it.
 
     Raises:
         UsageError: The reference is not sampled at the controller's interval, or the state left the finite numbers.
@@ -110,19 +181,19 @@ def simulate(
     q, v, tau = np.empty((steps, n)), np.empty((steps, n)), np.empty((steps, n))
     rate_noise = sense.rate_std * rng.standard_normal((steps, n))
     torque_noise = sense.torque_std * rng.standard_normal((steps, n))
-    limit, system, memory = plant.rig.tau_max, Plant(plant), controller.start()
+    system, motors, memory = Plant(plant), Drive(drive, plant.rig, dt), controller.start()
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
     pending: deque[Array] = deque([np.zeros(n)] * delay)
-    for k in tqdm(range(steps), desc=name, unit="sample", disable=None, leave=False, delay=2):
+    limit, times, rows = plant.rig.tau_max, reference.t.tolist(), zip(reference.q, reference.v, reference.a)
+    for k, wished in enumerate(tqdm(rows, name, steps, unit="sample", disable=None, leave=False, delay=2)):
+        if not isfinite(sum(state.q.tolist())):
+            what = f"the closed loop diverged {times[k] - times[0]:.3g} s after its start"
+            raise UsageError(name, what, "lower the controller's bandwidth or its delay")
         q[k], v[k] = sense.angle(state.q), state.v + rate_noise[k]
-        wanted, memory = controller.torque(
-            float(reference.t[k]), q[k], v[k], Reference(reference.q[k], reference.v[k], reference.a[k]), memory
-        )
+        wanted, memory = controller.torque(times[k], q[k], v[k], Reference(*wished), memory)
         pending.append(wanted)
-        tau[k] = np.clip(pending.popleft(), -limit, limit)
-        state = system.step(float(reference.t[k]), state, tau[k], dt)
-    if not (np.isfinite(q).all() and np.isfinite(tau).all()):
-        raise UsageError(name, "the closed loop diverged", "lower the controller's bandwidth or its delay")
+        tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
+        state = system.step(times[k], state, motors.acting(tau[k]), dt)
     return Log(
         name=name,
         joints=plant.rig.joints,

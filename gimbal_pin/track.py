@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field
 from math import isnan, nan
 from typing import Any
 
@@ -14,7 +14,6 @@ from gimbal_pin.control.uncertainty import home
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
-from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulate import Controller, Sensors, simulate
 from gimbal_pin.trajectories import minimum_jerk, within
@@ -170,6 +169,18 @@ def track(
 
 
 @dataclass(frozen=True, eq=False)
+class Witness(Sensors):
+    """Sensors that keep the true angles that they were asked to measure: metrics should not see the encoder's steps."""
+
+    seen: list[Array] = field(default_factory=list)
+
+    def angle(self, q: Array) -> Array:
+        """The angle as the encoder reports it."""
+        self.seen.append(q.copy())
+        return super().angle(q)
+
+
+@dataclass(frozen=True, eq=False)
 class Stand:
     """What all experiments of one `track` share; the attributes are its arguments."""
 
@@ -184,24 +195,13 @@ class Stand:
         rig, dt = self.plant.rig, controller.dt
         start, after = home(rig), self.seconds - BEFORE - self.move
         reference = minimum_jerk(start, start + goal, dt=dt, move=self.move, before=BEFORE, after=after)
-        # The reported torque is the one that acted, free of noise: the true angles follow from it.
-        seen = replace(self.sensors or Sensors.of(rig, dt), torque_std=np.zeros(rig.n))
+        witness = Witness(**vars(self.sensors or Sensors.of(rig, dt)))
         title = f"{name}, {label}"
-        log = simulate(self.plant, controller, reference, rng=rng, sensors=seen, delay=self.delay, name=title)
-        q = true_angles(self.plant, log, reference) if np.any(seen.encoder_step) else log.q
+        log = simulate(self.plant, controller, reference, rng=rng, sensors=witness, delay=self.delay, name=title)
+        q = np.array(witness.seen)
         rows = dict(zip(rig.joints, measured(rig, reference, q, log, goal)))
         still = [row.peak_error for row, distance in zip(rows.values(), goal) if distance == 0]
         return Experiment(name, label, rows, max(still, default=nan), q, log)
-
-
-def true_angles(plant: Model, log: Log, reference: Motion) -> Array:
-    """Angles of the plant under the log's torques, rad, (N, n): what the encoders rounded."""
-    system, state = Plant(plant), State(reference.q[0].copy(), reference.v[0].copy())
-    out, tau = np.empty_like(log.q), np.asarray(log.tau)
-    for k, t in enumerate(log.t.tolist()):
-        out[k] = state.q
-        state = system.step(t, state, tau[k], log.dt)
-    return out
 
 
 def measured(rig: Rig, reference: Motion, q: Array, log: Log, goal: Array) -> list[StepMetrics]:

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gimbal_pin import effects
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
 from gimbal_pin.control.design import Wish, braking, inner, layered, lowered, seen_inertia
 from gimbal_pin.control.lyapunov import lyapunov
 from gimbal_pin.control.reasons import about_bandwidth, about_inertia, about_layer, about_model, grouped
-from gimbal_pin.effects import Effect, Term
+from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.model import Model
 from gimbal_pin.rig import Rig
@@ -96,7 +95,7 @@ class Tuning:
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
             "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
             "reasons": list(self.reasons),
-            "model": {"phi": rig.phi.tolist(), "terms": [written(term) for term in self.model.terms]},
+            "model": {"phi": rig.phi.tolist(), "terms": [term.to_dict() for term in self.model.terms]},
         }
 
 
@@ -180,7 +179,7 @@ def controller_from(data: Mapping[str, Any], rig: Rig) -> Law:
         gains = tuple(Pid(*(float(rows[joint][key]) for key in Pid._fields)) for joint in rig.joints)
         inertia = tuple(float(rows[joint]["inertia"]) for joint in rig.joints)
         brakes = tuple(inf if rows[joint]["braking"] is None else float(rows[joint]["braking"]) for joint in rig.joints)
-        terms = tuple(read(term) for term in data["model"]["terms"])
+        terms = tuple(term_from(term) for term in data["model"]["terms"])
         model = Model(rig.with_phi(np.array(data["model"]["phi"], dtype=float)), terms)
         return law_of(wish, model, gains, inertia, brakes, redesign(data["robust"], gains))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -198,19 +197,3 @@ def redesign(data: Mapping[str, Any] | None, gains: tuple[Pid, ...]) -> Robust |
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:
     """Return the values with null for what JSON cannot say."""
     return {key: value if isfinite(value) else None for key, value in values.items()}
-
-
-def written(term: Term) -> dict[str, Any]:
-    """Return a term as plain data: the effect's name, its fields, and the values of its coefficients."""
-    shape = {f.name: getattr(term.effect, f.name) for f in fields(term.effect)}
-    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in shape.items()}
-    return {"effect": term.effect.name, **plain, "values": list(term.values)}
-
-
-def read(data: Mapping[str, Any]) -> Term:
-    """Return the term that `written` wrote."""
-    kinds = {kind.name: kind for kind in vars(effects).values() if isinstance(kind, type) and hasattr(kind, "name")}
-    shape = {key: value for key, value in data.items() if key not in ("effect", "values")}
-    held: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in shape.items()}
-    effect: Effect = kinds[data["effect"]](**held)
-    return Term(effect, tuple(float(value) for value in data["values"]))

@@ -79,11 +79,12 @@ def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Refere
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_exact_model_leaves_the_sampled_double_integrator(delay: int) -> None:
-    """The tip axis alone, in free fall: its inertia is constant, and the simulation is the linear loop's, to rounding."""
+    """The tip axis alone, in free fall: its inertia is constant, the simulation is the linear loop's, to rounding."""
     rig = weightless(unlimited("turret", "none"))
-    plant = frictionless(rig)
     locked = pin.buildReducedModel(rig.model, [1], np.zeros(2))
-    single = replace(rig, model=locked, joints=rig.joints[1:], links=rig.links[1:], motors=(Motor(),), limits=(Limits(),))
+    single = replace(
+        rig, model=locked, joints=rig.joints[1:], links=rig.links[1:], motors=(Motor(),), limits=(Limits(),)
+    )
     plant = frictionless(single)
     law = ComputedTorque(plant, (GAINS,), DT)
     log = run(plant, law, hold(np.zeros(1), 0.4), State(np.array([0.3]), np.zeros(1)), delay)
@@ -357,7 +358,9 @@ def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:
         q = rng.uniform(-0.7, 0.7, 3)
         state = (q, np.zeros(3), Reference(q + 1e-5 * rng.standard_normal(3), np.zeros(3), np.zeros(3)), plain.start())
         plant = perturbed(rig, rng)
-        law = replace(plain, robust=Robust(lyapunov(plain.gains), holding(plain.model, frictionless(plant), state), 1e-9))
+        law = replace(
+            plain, robust=Robust(lyapunov(plain.gains), holding(plain.model, frictionless(plant), state), 1e-9)
+        )
         grew += decay(law, plant, state)[0] > 0
     assert grew > 50
 
@@ -367,9 +370,7 @@ def test_inside_the_layer_the_redesign_is_exactly_more_pid() -> None:
     s, e, r = [1e-6, -2e-6], [1e-5, 3e-5], [-1e-4, 2e-4]
     more = [stiffened(GAINS, row, 0.7) for row in law.rows]
     w = law.correction(s, e, r, [0.0, 0.0], [0.0, 0.0])
-    extra = [
-        (m.kp - GAINS.kp) * x + (m.ki - GAINS.ki) * i + (m.kd - GAINS.kd) * y for m, i, x, y in zip(more, s, e, r)
-    ]
+    extra = [(m.kp - GAINS.kp) * x + (m.ki - GAINS.ki) * i + (m.kd - GAINS.kd) * y for m, i, x, y in zip(more, s, e, r)]
     np.testing.assert_allclose(w, extra, rtol=1e-9)
 
 

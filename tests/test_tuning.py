@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from math import atan, pi, sqrt
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,13 +42,13 @@ def tuned(thesis: Model) -> Tuning:
 # --- Margins -----------------------------------------------------------------------------------------------------
 
 
-def by_hand(gains: Pid, dt: float, samples: int, omega: float) -> complex:
+def by_hand(gains: Pid, dt: float, samples: int, omega: Any) -> Any:
     """L of a PID around the held double integrator with whole samples of delay, from its z-transform."""
-    z = np.exp(1j * omega * dt)
+    z = np.exp(1j * np.asarray(omega) * dt)
     position = dt**2 / 2 * (z + 1) / (z - 1) ** 2
     rate = dt / (z - 1)
     law = (gains.kp + gains.ki * dt * z / (z - 1)) * position + gains.kd * rate
-    return complex(law * z**-samples)
+    return law * z**-samples
 
 
 @given(st.floats(2, 12), st.floats(0.5, 1.5), st.floats(0, 0.3), st.integers(0, 4))
@@ -59,15 +60,14 @@ def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral:
     w = 2 * pi * hz
     crossover = brentq(lambda omega: abs(by_hand(gains, dt, samples, omega)) - 1, 0.5 * w, 10 * w)
     phase = np.angle(by_hand(gains, dt, samples, crossover))
-    grid = np.geomspace(w / 30, pi / dt * 0.999, 20000)
-    loop = np.array([by_hand(gains, dt, samples, omega) for omega in grid[::10]])
+    loop = by_hand(gains, dt, samples, np.append(np.geomspace(w / 100, pi / dt * 0.9999, 20000), pi / dt))
     assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-3)
     assert found.phase_margin_deg == pytest.approx(180 + np.degrees(phase), abs=0.1)
     assert found.delay_margin == pytest.approx((pi + phase) / crossover, rel=2e-3)
     assert found.disk_margin == pytest.approx((2 * np.abs(1 + loop) / np.abs(1 - loop)).min(), rel=2e-3)
-    crossings = [a for a, b in zip(loop, loop[1:]) if a.imag * b.imag < 0 and a.real < 0]
-    nearest = min(abs(20 * np.log10(abs(a))) for a in crossings)
-    assert found.gain_margin_db == pytest.approx(nearest, abs=0.2)
+    crossing = np.append(np.flatnonzero(loop.imag[:-2] * loop.imag[1:-1] < 0), len(loop) - 1)
+    gains_there = np.abs(loop[crossing][loop[crossing].real < 0])
+    assert found.gain_margin_db == pytest.approx(np.abs(20 * np.log10(gains_there)).min(), abs=0.05)
 
 
 def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
@@ -94,15 +94,15 @@ def free(rig: Rig) -> Model:
     return Model(replace(rig, model=model, motors=(Motor(),) * rig.n, limits=(Limits(),) * rig.n), ())
 
 
-def growth(plant: Model, law: ComputedTorque | JointPid, delay: int, start: Array) -> float:
-    """Amplitude in the last quarter of two seconds over that in the second quarter."""
-    steps = 2000
+def growth(plant: Model, law: ComputedTorque | JointPid, delay: int, start: Array, steps: int = 2000) -> float:
+    """Amplitude in the last quarter of a run over that in its second quarter."""
     zero = np.zeros((steps, plant.rig.n))
     motion = Motion(law.dt * np.arange(steps), zero, zero, zero)
     rng, sensors = np.random.default_rng(0), Sensors.exact(plant.rig.n)
     start_state = State(start, 0 * start)
     log = simulate(plant, law, motion, rng=rng, sensors=sensors, delay=delay, start=start_state)
-    return float(np.abs(log.q[-500:]).max() / np.abs(log.q[500:1000]).max())
+    quarter = steps // 4
+    return float(np.abs(log.q[-quarter:]).max() / np.abs(log.q[quarter : 2 * quarter]).max())
 
 
 def test_the_simulated_loop_has_the_delay_margin_that_is_stated() -> None:
@@ -123,7 +123,7 @@ def test_the_simulated_loop_has_the_gain_margin_that_is_stated() -> None:
     start = np.array([1e-9, 1e-9])
     for share, stable in ((0.95, True), (1.05, False)):
         lighter = Model(plant.rig.with_phi(plant.rig.phi / (share * ratio)), ())
-        assert (growth(lighter, tuning.controller, 1, start) < 1) == stable
+        assert (growth(lighter, tuning.controller, 1, start, steps=240) < 1) == stable
 
 
 # --- Wishes ------------------------------------------------------------------------------------------------------
@@ -297,10 +297,11 @@ def test_a_foreign_or_broken_file_is_refused(tuned: Tuning) -> None:
             controller_from(broken, Rig.load("thesis"))
 
 
-def test_plot_shows_every_loop(tuned: Tuning, tmp_path: object) -> None:
+def test_plot_shows_every_loop(tuned: Tuning) -> None:
     figure = tuned.with_(bandwidth_hz={"yaw": 4, "roll": 6, "tilt": 8}).plot()
     gain, nyquist, phase, step = figure.axes
-    assert len(gain.get_legend().get_texts()) == 3
+    legend = gain.get_legend()
+    assert legend is not None and len(legend.get_texts()) == 3
     # The gain diagram crosses one where the margins say.
     for line, hz in zip(gain.get_lines(), (4, 6, 8)):
         f, magnitude = np.array(line.get_data(), dtype=float)
@@ -310,4 +311,4 @@ def test_plot_shows_every_loop(tuned: Tuning, tmp_path: object) -> None:
     for line in step.get_lines():
         answer = np.asarray(line.get_ydata(), dtype=float)
         assert abs(answer[-1]) < 0.5 * answer.max()
-    assert phase.get_lines()[0].get_ydata()[0] == pytest.approx(-270, abs=15)
+    assert np.asarray(phase.get_lines()[0].get_ydata(), dtype=float)[0] == pytest.approx(-270, abs=15)

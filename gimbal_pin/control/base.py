@@ -28,6 +28,11 @@ class Pid(NamedTuple):
         w = 2 * pi * bandwidth_hz
         return Pid((1 + 2 * damping * integral) * w**2, integral * w**3, (2 * damping + integral) * w)
 
+    @property
+    def integrates(self) -> bool:
+        """Whether there is integral action worth the name: a pole a million times slower than the rest is none."""
+        return bool(self.ki > 1e-6 * self.kp**1.5)
+
 
 class Memory(NamedTuple):
     """What a law remembers from sample to sample.

@@ -85,7 +85,7 @@ def sampled_loop(gains: Pid, dt: float, delay: float, gain: float = 1.0) -> cont
     C = np.zeros((1, size))
     C[0, :2] = gains.kp + gains.ki * dt, gains.kd
     C[0, -1] = gains.ki
-    if gains.ki == 0:  # an integrator that nothing reads would count as an unstable mode
+    if not gains.integrates:  # an integrator that nothing reads would count as an unstable mode
         A, C = A[:-1, :-1], C[:, :-1]
         return control.ss(A, B, gain * C, 0.0, dt)
     return control.ss(A, np.vstack([B, [[0.0]]]), gain * C, 0.0, dt)
@@ -120,13 +120,20 @@ def margins(gains: Pid, dt: float, delay: float, gain: float = 1.0) -> Margins:
         gm, pm, _, _, wgc, _ = control.stability_margins(response, returnall=True)
         disk = control.disk_margins(loop, omega)[0]
     phase, crossover = np.abs(np.atleast_1d(pm)), np.atleast_1d(wgc)
+    gains_at_180 = np.append(np.atleast_1d(gm), at_nyquist(loop))
     return Margins(
         phase_margin_deg=float(phase.min(initial=np.inf)),
-        gain_margin_db=float(np.abs(20 * np.log10(np.atleast_1d(gm))).min(initial=np.inf)),
+        gain_margin_db=float(np.abs(20 * np.log10(gains_at_180)).min(initial=np.inf)),
         disk_margin=float(disk),
         delay_margin=float((np.deg2rad(phase) / crossover).min(initial=np.inf)),
         crossover_hz=float(crossover.max(initial=0.0) / (2 * pi)),
     )
+
+
+def at_nyquist(loop: control.StateSpace) -> Array:
+    """Gain margin at half the sampling rate, where a sampled loop ends on the real axis; empty if on its right."""
+    edge = float(np.real(loop(-1.0)))
+    return np.array([-1 / edge] if edge < 0 else [])
 
 
 def worst(several: list[Margins]) -> Margins:

@@ -84,7 +84,7 @@ def lyapunov(gains: Sequence[Pid]) -> Array:
 
     out = np.zeros((len(gains), 3, 3))
     for P, pid in zip(out, gains):
-        part = slice(0 if pid.ki > 0 else 1, 3)
+        part = slice(0 if pid.integrates else 1, 3)
         A, Q = error_system(pid)[part, part], weight(pid)[part, part]
         P[part, part] = solve_continuous_lyapunov(A.T, -Q)
     return out

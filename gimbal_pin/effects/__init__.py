@@ -1,7 +1,49 @@
-"""Causes: one small class in one file each, exported here."""
+"""Causes: one small class in one file each, exported here; exporting is registering."""
 
-from gimbal_pin.effects.base import Effect, Sample, Term
-from gimbal_pin.effects.coulomb import Coulomb
-from gimbal_pin.effects.viscous import Viscous
+from collections.abc import Mapping
+from types import MappingProxyType
 
-__all__ = ["Coulomb", "Effect", "Sample", "Term", "Viscous"]
+from gimbal_pin.effects.actuator_lag import ActuatorLag as ActuatorLag
+from gimbal_pin.effects.armature import Armature as Armature
+from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction as AsymmetricFriction
+from gimbal_pin.effects.backlash import Backlash as Backlash
+from gimbal_pin.effects.base import Effect as Effect
+from gimbal_pin.effects.base import Sample as Sample
+from gimbal_pin.effects.base import Term as Term
+from gimbal_pin.effects.base_tilt import BaseTilt as BaseTilt
+from gimbal_pin.effects.cable_spring import CableSpring as CableSpring
+from gimbal_pin.effects.cause import Cause as Cause
+from gimbal_pin.effects.cogging import Cogging as Cogging
+from gimbal_pin.effects.coulomb import Coulomb as Coulomb
+from gimbal_pin.effects.dead_zone import DeadZone as DeadZone
+from gimbal_pin.effects.delay import Delay as Delay
+from gimbal_pin.effects.encoder_offset import EncoderOffset as EncoderOffset
+from gimbal_pin.effects.friction_drift import FrictionDrift as FrictionDrift
+from gimbal_pin.effects.joint_flexibility import JointFlexibility as JointFlexibility
+from gimbal_pin.effects.load_dependent_friction import LoadDependentFriction as LoadDependentFriction
+from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia as OffDiagonalInertia
+from gimbal_pin.effects.payload_mass import PayloadMass as PayloadMass
+from gimbal_pin.effects.payload_shift import PayloadShift as PayloadShift
+from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction as PositionDependentFriction
+from gimbal_pin.effects.presliding import Presliding as Presliding
+from gimbal_pin.effects.quadratic_drag import QuadraticDrag as QuadraticDrag
+from gimbal_pin.effects.rig_effect import RigEffect as RigEffect
+from gimbal_pin.effects.saturation import Saturation as Saturation
+from gimbal_pin.effects.signal import Signal as Signal
+from gimbal_pin.effects.stribeck import Stribeck as Stribeck
+from gimbal_pin.effects.torque_bias import TorqueBias as TorqueBias
+from gimbal_pin.effects.torque_gain import TorqueGain as TorqueGain
+from gimbal_pin.effects.torque_ripple import TorqueRipple as TorqueRipple
+from gimbal_pin.effects.viscous import Viscous as Viscous
+
+ALWAYS: tuple[type[Effect], ...] = (Coulomb, Viscous)
+"""Friction that is part of every model, and no finding."""
+
+CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
+    {
+        kind.name: kind
+        for kind in tuple(vars().values())
+        if isinstance(kind, type) and issubclass(kind, Cause) and hasattr(kind, "name") and kind not in ALWAYS
+    }
+)
+"""Every physical cause of CONTRACT.md by its name there (platform-motion is not a cause of its own yet)."""

@@ -1,19 +1,25 @@
-"""What an effect is: torque per coefficient at one joint, one formula for fit and simulation alike."""
+"""What a torque effect is: torque per coefficient at one joint, one formula for fit and simulation alike."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, TypeVar
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import nan, sqrt
+from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
-Value = TypeVar("Value", float, Array)
+AMBIENT = 25.0
+"""Motor temperature where none is known, °C."""
 
 
 class Sample(NamedTuple):
-    """The state of one joint: floats in simulation, arrays (N,) in identification.
+    """The state of one joint: floats in simulation, arrays (N,) of consecutive samples in identification.
 
     Attributes:
         t: Time, s.
@@ -22,7 +28,9 @@ class Sample(NamedTuple):
         a: Acceleration, rad/s².
         slide: Direction of sliding in [-1, 1]: sign(v) while it slides, and while it sticks the share of the dry
             friction that the torque balance takes. Effects use it in place of sign(v), never a smooth sign.
-        tau: The model's total torque at the joint, N m.
+        tau: The model's total torque at the joint, N m; never the measured one, whose noise would leak into columns.
+        temperature: Motor temperature, °C.
+        memory: What the effect remembers of the way so far, see `Effect.evolve`; None where nobody keeps it.
     """
 
     t: float | Array
@@ -31,14 +39,15 @@ class Sample(NamedTuple):
     a: float | Array
     slide: float | Array
     tau: float | Array
+    temperature: float | Array = AMBIENT
+    memory: float | Array | None = None
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
+class Effect(Cause):
     """A torque at one joint that is linear in its coefficients: ``tau_joint = rnea + sum_k coefficient_k basis_k``.
 
-    A subclass states its `name`, its `coefficients` (names, units, bounds), whether it is `dry` friction, and its
-    `basis`. Shape parameters, in which it is not linear, are fields of the subclass.
+    A subclass states its `basis` and what the class variables below ask.
 
     Attributes:
         joint: The joint it acts on.
@@ -46,14 +55,69 @@ class Effect(ABC):
 
     joint: str
 
-    name: ClassVar[str]
-    coefficients: ClassVar[tuple[Parameter, ...]]
+    linear: ClassVar[tuple[Parameter, ...]] = ()
+    """Names, units and bounds of its coefficients; a subclass whose number of them varies overrides `coefficients`."""
     dry: ClassVar[bool] = False
-    """True if its basis is `slide` times a level: the level then takes part in sticking."""
+    """True if its basis holds `slide`: its torque then takes part in sticking."""
+    affine: ClassVar[bool] = False
+    """True if its basis is ``c0 + c1 slide + c2 v`` and reads nothing else: the simulation evaluates it but once."""
+    loaded: ClassVar[bool] = False
+    """True if its basis reads `tau`: the model's total torque then depends on itself, and is iterated."""
+    compensation: ClassVar[str] = "its torque at the reference is added to the controller's feed-forward"
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The coefficients, in the order of `basis`."""
+        return self.linear
 
     @abstractmethod
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""
+
+    def start(self) -> float | None:
+        """Return the memory at rest; None for an effect without memory."""
+        return None
+
+    def evolve(self, memory: float, moved: float) -> float:
+        """Return the memory after the joint has moved by `moved` rad in one direction."""
+        return memory
+
+    def remembered(self, at: Sample) -> float | Array:
+        """Return the memory at a sample, on arrays by a scan of `evolve`.
+
+        A lone sample whose memory nobody keeps counts as slid to the end: that is what a controller compensates.
+        """
+        if at.memory is not None:
+            return at.memory
+        if not isinstance(at.q, np.ndarray):
+            return at.slide
+        return self.scan(at.q)
+
+    def scan(self, q: Array) -> Array:
+        """Memory at each of the consecutive angles q, rad, (N,), from rest."""
+        memory = self.start() or 0.0
+        out = [memory]
+        for moved in np.diff(q).tolist():
+            memory = self.evolve(memory, moved)
+            out.append(memory)
+        return np.array(out[: len(q)])
+
+    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+        """Shape parameters, then coefficients with their standard deviations."""
+        deviations = [nan] * len(values) if covariance is None else [sqrt(x) for x in np.diag(covariance)]
+        rows = zip(self.coefficients, values, deviations)
+        return super().shown() + tuple(replace(c, value=float(x), std=std) for c, x, std in rows)
+
+    @classmethod
+    def stated(cls) -> tuple[Parameter, ...]:
+        """Shape parameters, then coefficients."""
+        return cls.shapes + cls.linear
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """Return the term with these parameters."""
+        effect = super().planted(joint, given)
+        return Term(effect, tuple(given[coefficient.name] for coefficient in effect.coefficients))
 
 
 @dataclass(frozen=True)
@@ -74,3 +138,11 @@ class Term:
         for value, basis in zip(self.values, self.effect.basis(at)):
             total = total + value * basis
         return total
+
+    def sentence(self) -> str:
+        """Return the effect's sentence with these values."""
+        return self.effect.sentence(self.values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data: the effect's name and fields, and `values`; `plain.term_from` reads it back."""
+        return {**self.effect.to_dict(), "values": list(self.values)}

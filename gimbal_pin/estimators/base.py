@@ -13,6 +13,9 @@ from gimbal_pin.rows import Block
 
 LAGS = 8
 """Rows over which residuals may be correlated: four periods of the cutoff."""
+LEAF = 8192
+"""Numbers in one leaf of the TSQR: it stays in the cache, and is too small for BLAS to wake threads, which on a busy
+machine cost a hundred times the work they share."""
 RANK = 1e-10
 """Singular values of the scaled factor under this share of the largest are directions that the data do not show."""
 
@@ -72,13 +75,29 @@ def factor(blocks: Iterable[Block], weights: Iterable[Array] | None = None) -> A
         width = rows.shape[2]
         if not factors:
             factors = [np.zeros((0, width))] * rows.shape[1]
-        factors = [triangle(np.vstack([R, rows[:, j]])) for j, R in enumerate(factors)]
+        factors = [triangle(np.vstack([R, compressed(rows[:, j])])) for j, R in enumerate(factors)]
     return np.stack([np.vstack([R, np.zeros((R.shape[1] - len(R), R.shape[1]))]) for R in factors])
 
 
+def compressed(rows: Array) -> Array:
+    """As few rows as there are columns that are not zero, with the same RᵀR: a joint feels only what it carries."""
+    present = np.asarray(rows.any(axis=0))
+    present[-1] = True  # a joint without any torque still has that column
+    R = triangle(rows[:, present])
+    out = np.zeros((len(R), rows.shape[1]))
+    out[:, present] = R
+    return out
+
+
 def triangle(matrix: Array) -> Array:
-    """The triangular factor R of ``matrix = Q R``, (k, k) or shorter."""
-    return np.asarray(np.linalg.qr(matrix, mode="r"))
+    """The triangular factor R of ``matrix = Q R``, (k, k) or shorter; a tall matrix is cut into leaves (TSQR)."""
+    width = matrix.shape[1]
+    leaf = max(LEAF // width, 2 * width)
+    while len(matrix) > leaf:
+        whole = len(matrix) // leaf * leaf
+        leaves = np.asarray(np.linalg.qr(matrix[:whole].reshape(-1, leaf, width), mode="r"))
+        matrix = np.concatenate([leaves.reshape(-1, width), matrix[whole:]])
+    return np.array(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
 
 
 def solve(factors: Array, scale: Array) -> tuple[Array, Array, float]:

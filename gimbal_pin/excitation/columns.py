@@ -13,11 +13,9 @@ from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import friction_effects
-from gimbal_pin.reduction import reduce, samples
+from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import columns, regressor, rnea
 from gimbal_pin.rig import Rig
-
-REFERENCE = 2000
 
 
 def sliding(motion: Motion, step: float) -> Array:
@@ -58,21 +56,14 @@ class Columns:
         column is charged for it. (Scaled by its own rms on the motion, a column that is never excited looks as good
         as any other: optimising that condition number left standard deviations a hundred times larger.)
         """
-        q, v, a = samples(self.rig, REFERENCE)
-        reach = Envelope.of(self.rig).filled
-        spread = Motion(
-            np.zeros(REFERENCE),
-            reach.centre + reach.half * q / np.pi,
-            reach.velocity * v / 5.0,
-            reach.acceleration * a / 25.0,
-        )
+        spread = Envelope.of(self.rig).spread()
         size = np.sqrt(np.mean(self.at(spread, np.sign(spread.v)) ** 2, axis=(0, 1)))
         return np.where(size > 0, size, 1.0)
 
     def at(self, motion: Motion, slide: Array) -> Array:
         """``W`` along a motion, (N, n, p); `slide` is the direction of sliding (N, n)."""
         rigid = regressor(self.rig, motion.q, motion.v, motion.a)[:, :, self.places]
-        tau = rnea(self.rig, motion.q, motion.v, motion.a)
+        tau = self.load(motion)
         blocks = [rigid]
         for effect in self.effects:
             j = self.rig.joint_index(effect.joint)
@@ -82,6 +73,11 @@ class Columns:
             for k, column in enumerate(basis):
                 blocks[-1][:, j, k] = column
         return np.concatenate(blocks, axis=2)
+
+    def load(self, motion: Motion) -> Array:
+        """The rigid torque that load-dependent effects see, N m, (N, n); zero where there is no such effect."""
+        loaded = any(effect.loaded for effect in self.effects)
+        return rnea(self.rig, motion.q, motion.v, motion.a) if loaded else np.zeros_like(motion.q)
 
     def unit(self, motion: Motion, slide: Array) -> Array:
         """``W`` in unit torque, stacked, (N n, p)."""
@@ -124,8 +120,7 @@ class Columns:
 
     def effects_gradient(self, motion: Motion, step: float, weights: Array) -> Array:
         """The effects' part of `gradient`; weights (N, n, coefficients)."""
-        slide, tau = sliding(motion, step), rnea(self.rig, motion.q, motion.v, motion.a)
-        arrays = (motion.q, motion.v, motion.a, slide, tau)
+        arrays = (motion.q, motion.v, motion.a, sliding(motion, step), self.load(motion))
         bars = np.zeros((len(arrays), *motion.q.shape))
         column = 0
         for effect in self.effects:

@@ -25,22 +25,47 @@ class Criterion(Protocol):
         """Return left (rows, r) and right (r, p) with ``d value = sum_r left_r' dA right_r``."""
 
 
+NEGLIGIBLE = 1e-7
+"""Share of the derivative under which a pair of singular vectors is left out."""
+
+
 @dataclass(frozen=True)
 class Condition:
-    """``log cond(A)``: how much worse the worst seen combination of parameters is than the best (Gautier, Khalil 1992)."""
+    """``log ||sigma||_m ||1/sigma||_m``: the log of the condition number of A from above, within ``2 log(p)/m``.
 
+    Good experiments make the smallest singular values equal, where the condition number itself has a kink that stops
+    a gradient method; the m-norms have none.
+
+    Attributes:
+        sharpness: m.
+    """
+
+    sharpness: float = 64.0
     name: str = "condition"
 
     def value(self, a: Array) -> float:
-        """``log sigma_1 - log sigma_p``."""
-        sigma = np.linalg.svd(a, compute_uv=False)
-        return float(np.log(sigma[0]) - np.log(max(sigma[-1], np.finfo(float).tiny)))
+        """``log sigma_1/sigma_p + 1/m log sum (sigma/sigma_1)^m + 1/m log sum (sigma_p/sigma)^m``."""
+        sigma = regular(np.linalg.svd(a, compute_uv=False))
+        sums = [norm.sum() for norm in self.norms(sigma)]
+        return float(np.log(sigma[0] / sigma[-1]) + np.log(sums).sum() / self.sharpness)
 
     def factors(self, a: Array) -> tuple[Array, Array]:
-        """``d sigma_k = u_k' dA v_k``: two pairs."""
+        """``d sigma_k = u_k' dA v_k``, weighted; few pairs, those at either end."""
         u, sigma, vt = np.linalg.svd(a, full_matrices=False)
-        ends = [0, -1]
-        return u[:, ends] * np.array([1.0, -1.0]) / sigma[ends], vt[ends]
+        sigma = regular(sigma)
+        largest, smallest = (norm / norm.sum() for norm in self.norms(sigma))
+        share = largest - smallest
+        heard = np.abs(share) > NEGLIGIBLE
+        return u[:, heard] * (share / sigma)[heard], vt[heard]
+
+    def norms(self, sigma: Array) -> tuple[Array, Array]:
+        """The terms of both norms, the largest of each one."""
+        return (sigma / sigma[0]) ** self.sharpness, (sigma[-1] / sigma) ** self.sharpness
+
+
+def regular(sigma: Array) -> Array:
+    """Singular values kept off zero, so that a combination that is not seen at all costs much instead of infinity."""
+    return np.maximum(sigma, np.finfo(float).eps * max(sigma[0], np.finfo(float).tiny))
 
 
 @dataclass(frozen=True, eq=False)

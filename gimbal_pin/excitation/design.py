@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,10 +23,11 @@ from gimbal_pin.rig import Rig
 TOLERANCE = 3e-4
 """Change of the criterion at which the optimiser stops; the log of a condition number need not be known better."""
 
-ITERATIONS = 150
+HEATS, BRIEF, FULL = 3, 10, 150
+"""Random motions for every start; the optimiser's iterations on each of them, and on those that are followed up."""
 
 COARSE, FINE = 12, 24
-"""Samples per period of the highest harmonic: from the random starts, and from the changes of the best."""
+"""Samples per period of the highest harmonic: from the random motions, and from changes of the best."""
 
 KICK = 0.15
 """Random change of the best motion's coefficients before it is optimised again, as a share of their mean size."""
@@ -95,16 +96,17 @@ def excite(
 ) -> Excitation:
     """Design the finite Fourier series that shows a rig's base parameters and friction best, within its limits.
 
-    SLSQP with exact gradients from `starts` random motions, then, on a finer grid, from as many random changes of the
-    best. Limits are kept on that grid while optimising, and checked on one ten times denser afterwards; amplitudes
-    are scaled down until they hold there. Interrupted (Ctrl-C), it returns the best so far.
+    SLSQP with exact gradients: briefly from a few random motions for each of the `starts`, then to the end from as
+    many of the best as there are starts, then on a finer grid from as many random changes of the best. Limits are
+    kept on the optimisation's grid, and checked on one ten times denser; amplitudes are scaled down until they hold
+    there. Interrupted (Ctrl-C), it returns the best so far.
 
     Args:
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
             way; rate, acceleration and torque are free where the rig states no limit.
         seconds: Length, s.
         harmonics: Harmonics of 1/seconds, two or more.
-        starts: Random starts, one or more.
+        starts: How many of the motions tried are followed up, one or more.
         rng: Source of the starts.
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
@@ -153,30 +155,50 @@ def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exc
 
 def optimised(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
     """Return the best motion found, and whether the search came to its end."""
-    best = problem.start(rng)
-    for k in tqdm(range(2 * starts), desc="excitation", unit="start", disable=None, leave=False):
-        if k == starts:
-            problem = replace(problem, per_period=FINE)
-        first = best if k == 0 else problem.start(rng) if k < starts else kicked(best, rng)
-        x, stopped = descended(problem, first)
-        best = better(problem, best, x)
-        if stopped:
-            return best, False
-    return best, True
+    found = [problem.start(rng)]
+    bar = tqdm(
+        searches(problem, starts, rng, found),
+        total=(HEATS + 2) * starts,
+        desc="excitation",
+        unit="search",
+        disable=None,
+        leave=False,
+    )
+    finished = True
+    for at, first, iterations in bar:
+        x, finished = descended(at, first, iterations)
+        repaired = problem.repaired(x)
+        if repaired is not None:
+            found.append(repaired)
+        if not finished:
+            break
+    return min(found, key=replace(problem, per_period=FINE).objective), finished
 
 
-def kicked(x: Array, rng: np.random.Generator) -> Array:
-    """Return x with a random change of all its coefficients."""
-    return x + KICK * np.mean(np.abs(x)) * rng.standard_normal(len(x))
+def searches(
+    problem: Problem, starts: int, rng: np.random.Generator, found: list[Array]
+) -> Iterator[tuple[Problem, Array, int]]:
+    """Yield what to descend on, from where, and for how many iterations; `found` grows meanwhile.
+
+    A heat of random motions, the best `starts` of them to the end, then as many random changes of the best.
+    """
+    for _ in range(HEATS * starts):
+        yield problem, problem.start(rng), BRIEF
+    for x in sorted(found, key=problem.objective)[:starts]:
+        yield problem, x, FULL
+    fine = replace(problem, per_period=FINE)
+    for _ in range(starts):
+        best = min(found, key=fine.objective)
+        yield fine, best + KICK * np.mean(np.abs(best)) * rng.standard_normal(len(best)), FULL
 
 
-def descended(problem: Problem, x: Array) -> tuple[Array, bool]:
-    """Return what SLSQP makes of x, or where it was when it was interrupted, and whether it was."""
+def descended(problem: Problem, x: Array, iterations: int) -> tuple[Array, bool]:
+    """Return what SLSQP makes of x, or where it was when it was interrupted, and whether it was not."""
     from scipy.optimize import minimize
 
     path = [x]
     room = {"type": "ineq", "fun": problem.room, "jac": problem.room_slopes}
-    options = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
+    options = {"maxiter": iterations, "ftol": TOLERANCE}
     try:
         minimize(
             problem.objective,
@@ -188,11 +210,5 @@ def descended(problem: Problem, x: Array) -> tuple[Array, bool]:
             callback=lambda at: path.append(at.copy()),
         )
     except KeyboardInterrupt:
-        return path[-1], True
-    return path[-1], False
-
-
-def better(problem: Problem, best: Array, x: Array) -> Array:
-    """Return x, brought within its limits, if that is better than the best, else the best."""
-    repaired = problem.repaired(x) if np.isfinite(x).all() else None
-    return best if repaired is None or problem.objective(repaired) >= problem.objective(best) else repaired
+        return path[-1], False
+    return path[-1], True

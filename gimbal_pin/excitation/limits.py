@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite, pi
 
 import numpy as np
@@ -18,7 +18,13 @@ from gimbal_pin.rig import Limits, Rig
 TURN = pi
 """Travel to either side that is used where a revolute joint states no limit, rad; one-sided limits get twice that."""
 
+REFERENCE = 2000
+"""States that `Envelope.spread` returns."""
+
 QUANTITIES = ("q", "dq", "ddq", "tau")
+
+SIGNS = (1.0, -1.0)
+"""Directions of a torque."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +59,15 @@ class Envelope:
                     raise UsageError(f"rig {rig.name}: joint '{joint}'", f"has a {name} of {value:g}", "widen its limits")
         return Envelope(ends.mean(axis=1), *(part * (1 - margin) for part in parts))
 
-    @property
-    def filled(self) -> Envelope:
-        """The same with finite rates and accelerations: half a hertz over the full travel where none is stated."""
+    def spread(self) -> Motion:
+        """States spread evenly over the limits, always the same ones, (REFERENCE, n); not a motion in time.
+
+        Where no rate or acceleration limit is stated: what half a hertz over the full travel takes.
+        """
+        q, v, a = np.split(evenly(3 * len(self.centre), REFERENCE), 3, axis=1)
         velocity = np.where(np.isfinite(self.velocity), self.velocity, pi * self.half)
-        return replace(
-            self,
-            velocity=velocity,
-            acceleration=np.where(np.isfinite(self.acceleration), self.acceleration, pi * velocity),
-        )
+        acceleration = np.where(np.isfinite(self.acceleration), self.acceleration, pi * velocity)
+        return Motion(np.zeros(REFERENCE), self.centre + self.half * q, velocity * v, acceleration * a)
 
     def kinematic(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""
@@ -91,7 +97,12 @@ class Envelope:
         )
 
 
-SIGNS = (1.0, -1.0)
+def evenly(dimensions: int, count: int) -> Array:
+    """Points that fill [-1, 1]^dimensions evenly and always alike (Roberts's R sequence), (count, dimensions)."""
+    root = 2.0
+    for _ in range(64):
+        root = (1 + root) ** (1 / (dimensions + 1))
+    return 2 * (np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimensions + 1)) % 1.0) - 1
 
 
 def channels(motion: Motion) -> tuple[Array, Array, Array]:

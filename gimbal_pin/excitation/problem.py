@@ -18,6 +18,9 @@ from gimbal_pin.model import Model
 DENSE = 240
 """Samples per period of the highest harmonic on which the limits are checked afterwards."""
 
+NEAR = 0.8
+"""Share of its limit that a torque has to reach anywhere to be watched, if all other limits are stated; the dense grid sees all."""
+
 POSES = 200
 """Random poses that are tried before it is said that the motors can hold none."""
 
@@ -92,8 +95,9 @@ class Problem:
 
     @cached_property
     def driven(self) -> Array:
-        """Which joints have a torque limit, (n)."""
-        return np.isfinite(self.envelope.torque)
+        """Joints whose torque can come near its limit while the other limits hold, (n); the others need no watching."""
+        near = self.envelope.torques(self.model, self.envelope.spread()).max(axis=(0, 1)) > NEAR
+        return np.isfinite(self.envelope.torque) & (near | (not self.stated.all()))
 
     def room(self, x: Array) -> Array:
         """What is left of every limit at every coarse sample, as a share; all >= 0 if the limits hold."""
@@ -124,7 +128,7 @@ class Problem:
         return bool(self.envelope.shares(self.model, self.motion(x, self.dense)).max() <= 1)
 
     def scaled(self, x: Array, factor: float | Array) -> Array:
-        """x with its amplitudes times `factor` (one, or one per joint), about the same middle."""
+        """X with its amplitudes times `factor` (one, or one per joint), about the same middle."""
         coefficients = self.coefficients(x)
         coefficients[1:] *= factor
         return (self.series.rest.T @ coefficients).ravel()
@@ -134,7 +138,7 @@ class Problem:
         return self.series.rest @ x.reshape(-1, self.model.rig.n)
 
     def repaired(self, x: Array) -> Array | None:
-        """x with its amplitudes scaled down until every limit holds on the dense grid; None if no motion is left.
+        """X with its amplitudes scaled down until every limit holds on the dense grid; None if no motion is left.
 
         Angle, rate and acceleration by joint, which is exact; then the torque for all joints together, by bisection.
         """

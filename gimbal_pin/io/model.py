@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identify import Identified
 from gimbal_pin.io.files import read_yaml, write_yaml
 from gimbal_pin.model import Estimated, Model
 from gimbal_pin.rig import Rig
-from gimbal_pin.tuning import read, written
 
 KIND = "gimbal_pin model"
 
@@ -30,7 +30,7 @@ def write_model(identified: Identified, path: str | Path) -> None:
         "joints": list(model.rig.joints),
         **report,
         "phi": model.rig.phi.tolist(),
-        "terms": [written(term) for term in model.terms],
+        "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
     }
     write_yaml(content, path)
@@ -49,7 +49,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     try:
-        terms = tuple(read(entry) for entry in data["terms"])
+        terms = tuple(term_from(entry) for entry in data["terms"])
         return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, known(data))
     except (KeyError, TypeError, ValueError) as error:
         raise ModelError(str(path), f"cannot be read ({error!r})", "write it with 'gimbal-pin identify'") from error

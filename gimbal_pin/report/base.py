@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import chain, count
 from pathlib import Path
 
 from markupsafe import Markup
@@ -58,6 +59,6 @@ def anchors(titles: Sequence[str]) -> list[str]:
     found: list[str] = []
     for title in titles:
         plain = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "section"
-        same = sum(name == plain or re.fullmatch(rf"{plain}-\d+", name) is not None for name in found)
-        found.append(f"{plain}-{same + 1}" if same else plain)
+        others = (f"{plain}-{k}" for k in count(2))
+        found.append(next(name for name in chain([plain], others) if name not in found))
     return found

@@ -15,7 +15,7 @@ from gimbal_pin.rows import Block, Rows, kept
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Filtered rows of one trajectory, (m,) and (m, n): time s, rates rad/s, torques N m; t jumps at gaps of the log."""
+    """Filtered rows of one trajectory, (m,) and (m, n): time s, rates rad/s, torques N m; t jumps at gaps."""
 
     log: str
     t: Array
@@ -37,13 +37,13 @@ class Evaluated:
         joints: Joint names (n).
         how: Which rows.
         parts: The trajectories.
-        reach: Root mean square of the torque per unit of each parameter, on the joint where it is largest, (k,).
+        columns: Root mean square of the torque per unit of each parameter, N m per unit, (n, k).
     """
 
     joints: tuple[str, ...]
     how: str
     parts: tuple[Part, ...]
-    reach: Array
+    columns: Array
 
     def stacked(self, name: str) -> Array:
         """Return "v", "measured", "predicted" or "error" of all trajectories, (rows, n)."""
@@ -53,6 +53,16 @@ class Evaluated:
     def torque_rms(self) -> Array:
         """Root mean square of the measured torque, N m, (n,)."""
         return np.asarray(np.sqrt(np.mean(self.stacked("measured") ** 2, axis=0)))
+
+    @property
+    def reach(self) -> Array:
+        """Torque per unit of each parameter on the joint where it is largest, N m rms per unit, (k,)."""
+        return np.asarray(self.columns.max(axis=0))
+
+    @property
+    def share(self) -> Array:
+        """The same as a share of the joint's measured torque, on the joint where that is largest, per unit, (k,)."""
+        return np.asarray((self.columns / np.maximum(self.torque_rms, 1e-300)[:, None]).max(axis=0))
 
 
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
@@ -65,11 +75,11 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     train, test, how = split(logs, holdout(found), found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
     rig = found.model.rig
-    rows = Rows(rig, found.reduction, effects, test or train, found.filtering, found.model)
+    rows = Rows(rig, found.reduction, effects, test or train, found.filtering, masked=False)
     each = [(log.name, kept(replace(rows, logs=(log,)))) for log in rows.logs]
     blocks = [block for _, some in each for block in some]
     parts = tuple(part(name, some, found.estimate.theta) for name, some in each if some)
-    return Evaluated(rig.joints, how if test else "training part", parts, reach(blocks))
+    return Evaluated(rig.joints, how if test else "training part", parts, column_rms(blocks))
 
 
 def holdout(found: Identified) -> str:
@@ -86,7 +96,7 @@ def part(name: str, blocks: Sequence[Block], theta: Array) -> Part:
     return Part(name, t, v, measured, np.concatenate([block.A @ theta for block in blocks]))
 
 
-def reach(blocks: Sequence[Block]) -> Array:
-    """Root mean square of each column on the joint where it is largest, N m per unit, (k,)."""
-    power = sum(np.sum(block.A**2, axis=0) for block in blocks) / max(1, sum(len(block.t) for block in blocks))
-    return np.asarray(np.sqrt(power).max(axis=0))
+def column_rms(blocks: Sequence[Block]) -> Array:
+    """Root mean square of each joint's columns, N m per unit, (n, k)."""
+    power = np.sum([np.sum(block.A**2, axis=0) for block in blocks], axis=0)
+    return np.asarray(np.sqrt(power / max(1, sum(len(block.t) for block in blocks))))

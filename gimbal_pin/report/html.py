@@ -74,7 +74,13 @@ def cards(several: Sequence[Card]) -> Markup:
     return Markup('<div class="cards">{}</div>').format(inside)
 
 
-def table(head: Sequence[Content], rows: Sequence[Sequence[Content | None]], texts: int = 1, caption: str = "") -> Markup:
+def table(
+    head: Sequence[Content],
+    rows: Sequence[Sequence[Content | None]],
+    texts: int = 1,
+    caption: str = "",
+    label: str = "",
+) -> Markup:
     """Return a table whose first column names the rows.
 
     Args:
@@ -82,6 +88,7 @@ def table(head: Sequence[Content], rows: Sequence[Sequence[Content | None]], tex
         rows: Cells; None: a dash.
         texts: How many columns from the left hold text; the others hold numbers, set flush right.
         caption: A line above it.
+        label: What it is, for those who cannot see the heading above it. Not needed with a caption.
     """
     top = Markup("<caption>{}</caption>").format(caption) if caption else Markup()
     heads = join(
@@ -90,7 +97,7 @@ def table(head: Sequence[Content], rows: Sequence[Sequence[Content | None]], tex
     body = join(Markup("<tr>{}</tr>").format(join(cell(k, texts, x) for k, x in enumerate(row))) for row in rows)
     inside = Markup("<table>{}<thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(top, heads, body)
     return Markup('<div class="table" tabindex="0" role="region" aria-label="{}">{}</div>').format(
-        caption or "Table", inside
+        caption or label or "Table", inside
     )
 
 
@@ -110,6 +117,11 @@ def cell(column: int, texts: int, content: Content | None) -> Markup:
 def picture(svg: Markup, caption: Content) -> Markup:
     """Return a drawing with its caption."""
     return Markup('<figure><div class="plot">{}</div><figcaption>{}</figcaption></figure>').format(svg, caption)
+
+
+def notice(title: str, content: Markup) -> Markup:
+    """Return something that must not be missed."""
+    return Markup('<aside class="notice"><strong>{}</strong>{}</aside>').format(title, content)
 
 
 def folded(summary: Content, content: Content) -> Markup:

@@ -15,6 +15,9 @@ from gimbal_pin.rig import Rig
 PALETTE = ("#1a75f2", "#e23b2f", "#14a05a", "#d98200", "#8a4fd0", "#0b96a8", "#d23f8d", "#8b6b3f")
 """Blue, red and green are the accents of the rigs' motors; the others follow for further joints."""
 
+LEAST = 1e-4
+"""Smallest angle, °, or position, mm, that is told from zero."""
+
 AXES = (("yaw", "pan", "azimuth"), ("roll",), ("tilt", "pitch", "elevation"))
 """Words in a joint's name that claim the palette's first three colours."""
 
@@ -44,7 +47,9 @@ class Joint:
         """Return an angle, or a rate with `per` = "/s", as text with its unit; a dash if it is not finite."""
         if not isfinite(value):
             return DASH
-        space = "" if self.unit == "°" else " "
+        space = "" if self.unit == "°" else "\u00a0"
+        if 0 < abs(self.scale * value) < LEAST:
+            return f"< {LEAST:.4f}{space}{self.unit}{per}"
         return f"{figures(self.scale * value, digits)}{space}{self.unit}{per}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from math import floor, inf, isfinite, isnan, log10, pi
 
@@ -23,9 +24,9 @@ def figures(value: float | None, digits: int = 3) -> str:
         return "∞" if value > 0 else "−∞"
     if value == 0:
         return "0"
-    power = floor(log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if power < -4 or power > 6:
-        return f"{value / 10.0**power:.{digits - 1}f}·10{str(power).translate(SUPERSCRIPT)}".replace("-", "−", 1)
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    if not -4 <= (power := int(exponent)) <= 6:
+        return f"{mantissa.replace('-', '−')}·10{str(power).translate(SUPERSCRIPT)}"
     return signed(value, max(0, digits - 1 - power))
 
 
@@ -58,6 +59,22 @@ def between(values: Iterable[float], digits: int = 2) -> str:
     return low if low == high else f"{low} to {high}"
 
 
+def torque_unit(largest: float) -> tuple[float, str]:
+    """Return the unit in which a torque reads well, and what N m are multiplied by: small ones are in mN m."""
+    return (1e3, "mN m") if largest < 0.02 else (1.0, "N m")
+
+
+def torque_text(value: float, digits: int = 2) -> str:
+    """Return a torque in N m as text with its unit."""
+    scale, name = torque_unit(abs(value))
+    return f"{figures(scale * value, digits)} {name}"
+
+
+def controller_name(key: str) -> str:
+    """Return a controller's name as a person reads it: ``pid`` as PID, ``computed-torque`` as computed torque."""
+    return "PID" if key == "pid" else key.replace("-", " ")
+
+
 def percent(value: float, decimals: int = 1) -> str:
     """Return per cent to so many decimals; what is not quite 100 does not read 100."""
     if isnan(value):
@@ -67,8 +84,18 @@ def percent(value: float, decimals: int = 1) -> str:
 
 
 def unit(text: str) -> str:
-    """Return a unit with raised powers: ``kg m^2`` as ``kg m²``."""
-    return text.replace("^2", "²").replace("^3", "³")
+    """Return a unit with raised powers that no line breaks: ``kg m^2`` as ``kg m²``."""
+    return text.replace("^2", "²").replace("^3", "³").replace(" ", "\u00a0")
+
+
+def file_name(path: str) -> str:
+    """Return the last part of a log's name, which may be a path."""
+    return re.split(r"[/\\]", path.rstrip("/\\"))[-1] or path
+
+
+def rows_named(how: str) -> str:
+    """Return which rows an accuracy speaks of, within a sentence: ``the last third``, ``log 2 of 3``."""
+    return how if how.startswith("log ") else f"the {how}"
 
 
 def listed(names: Iterable[str]) -> str:

@@ -1,27 +1,34 @@
-"""Matplotlib figures as SVG inside a page: one style, no global state, light and dark by the page's own colours."""
+"""What the sections' figures are drawn with."""
 
 from __future__ import annotations
 
-import hashlib
-import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from io import StringIO
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from markupsafe import Markup, escape
 
 from gimbal_pin.log import Array
-from gimbal_pin.report.joints import PALETTE
+from gimbal_pin.report.svg import FAINT, INK, MUTED, PAPER, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, MUTED, FAINT, PAPER = "#0a0b0c", "#0a0b0d", "#0a0b0e", "#0a0b0f"
-"""Stand-ins for the page's colours of text, of side matters, of lines and of the ground: `inlined` replaces them."""
-INKS = {INK: "currentColor", MUTED: "var(--muted)", FAINT: "var(--line)", PAPER: "var(--ground)"}
+__all__ = [
+    "FAINT",
+    "INK",
+    "MUTED",
+    "PAPER",
+    "PLAIN",
+    "curve",
+    "dots",
+    "drawn",
+    "named",
+    "panels",
+    "thinned",
+    "zero_line",
+]
+
 PLAIN = "#8d98a7"
 """Colour of what joints' colours are compared with: what was measured, the other controller."""
 POINTS = 2000
@@ -31,94 +38,40 @@ WIDTH = 10.2
 """Width of every figure, in; the page scales it to fit."""
 
 
-@contextmanager
-def style(colours: Sequence[str] = PALETTE) -> Iterator[None]:
-    """Draw in the report's style within the block; figures made in it cycle through `colours`."""
-    import matplotlib
-    from cycler import cycler
+def panels(
+    rows: int,
+    columns: int,
+    height: float,
+    *,
+    ratios: Sequence[float] | None = None,
+    left: float = 0.85,
+    gaps: tuple[float, float] = (0.75, 0.35),
+    share: tuple[bool, bool] = (False, False),
+) -> tuple[Figure, Any]:
+    """Return a figure of the page's width and its axes, (rows, columns), placed by lengths in inches.
 
-    settings = {
-        "font.family": "sans-serif",
-        "font.size": 9.5,
-        "text.color": INK,
-        "text.parse_math": False,
-        "axes.titlesize": 10.5,
-        "axes.titleweight": "bold",
-        "axes.titlelocation": "left",
-        "axes.labelcolor": MUTED,
-        "axes.edgecolor": FAINT,
-        "axes.facecolor": "none",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "axes.prop_cycle": cycler(color=list(colours)),
-        "axes.unicode_minus": True,
-        "grid.color": FAINT,
-        "grid.linewidth": 0.6,
-        "xtick.color": FAINT,
-        "ytick.color": FAINT,
-        "xtick.labelcolor": MUTED,
-        "ytick.labelcolor": MUTED,
-        "xtick.minor.visible": False,
-        "lines.linewidth": 1.4,
-        "patch.linewidth": 0.0,
-        "legend.frameon": False,
-        "legend.fontsize": 9,
-        "figure.facecolor": "none",
-        "savefig.facecolor": "none",
-        "svg.fonttype": "none",
-        "svg.hashsalt": "gimbal-pin",
-        "path.simplify_threshold": 0.2,
-    }
-    with matplotlib.rc_context(settings):
-        yield
-
-
-def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
-    """Return the figure that `make` draws in the report's style as SVG for a page.
+    Matplotlib's own arranging looks at every label several times and doubles the time a report takes.
 
     Args:
-        make: Draws it; called within `style`.
-        alt: What is to be seen, for those who cannot see it.
-        colours: Colours of the curves that ask for none.
+        rows: Number of rows.
+        columns: Number of columns.
+        height: Height of the figure, in.
+        ratios: The rows' heights to each other.
+        left: Room for the labels at the left, in.
+        gaps: Room between columns, and between rows, in.
+        share: Whether all rows share one x axis, and all columns one y axis.
     """
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    out = StringIO()
-    with style(colours):
-        FigureCanvasSVG(make()).print_svg(out, metadata={"Date": None, "Creator": None})
-    return inlined(out.getvalue(), alt)
-
-
-def inlined(document: str, alt: str) -> Markup:
-    """Return an SVG document as an element of a page.
-
-    Its identifiers become the figure's own, its colours the page's, its size the page's; coordinates keep a
-    hundredth of a point; its style sheet, which would reach the whole page, is left out.
-    """
-    text = document[document.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->", "", text, flags=re.S)
-    box = re.search(r'viewBox="([^"]*)"', text)
-    assert box is not None  # Matplotlib always writes one
-    body = text[text.index(">") + 1 :]
-    key = "f" + hashlib.sha256(body.encode()).hexdigest()[:8]
-    used = set(re.findall(r"(?:url\(#|href=\"#)([^)\"]+)", body))
-    body = re.sub(r' id="([^"]*)"', lambda m: f' id="{key}{m[1]}"' if m[1] in used else "", body)
-    body = re.sub(r"(url\(#|href=\"#)", rf"\g<1>{key}", body.replace("xlink:href", "href"))
-    body = re.sub(r"(\d\.\d\d)\d+", r"\1", body)
-    for stand_in, colour in {**INKS, "#000000": "currentColor"}.items():
-        body = body.replace(stand_in, colour)
-    body = re.sub(r"font: (?:[\w.]+ )*?([\d.]+px) [^;\"]*", r"font-size: \1", body)
-    head = f'<svg viewBox="{box[1]}" role="img" aria-label="{escape(alt)}">'
-    return Markup(head + body)
-
-
-def figure(height: float) -> Figure:
-    """Return an empty figure of the page's width, its parts arranged by themselves."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+    right, bottom, top = 0.12, 0.55, 0.35
+    wide = (WIDTH - left - right - (columns - 1) * gaps[0]) / columns
+    high = (height - bottom - top - (rows - 1) * gaps[1]) / rows
+    figure = Figure(figsize=(WIDTH, height))
+    grid: dict[str, Any] = dict(
+        left=left / WIDTH, right=1 - right / WIDTH, bottom=bottom / height, top=1 - top / height
+    )
+    grid |= dict(wspace=gaps[0] / wide, hspace=gaps[1] / high, height_ratios=ratios)
+    return figure, figure.subplots(rows, columns, squeeze=False, sharex=share[0], sharey=share[1], gridspec_kw=grid)
 
 
 def thinned(t: Array, values: Array, most: int = POINTS) -> tuple[Array, Array]:
@@ -144,9 +97,9 @@ def thinned(t: Array, values: Array, most: int = POINTS) -> tuple[Array, Array]:
     return t[places], values[places]
 
 
-def curve(axes: Axes, t: Array, values: Array, **looks: object) -> None:
+def curve(axes: Axes, t: Array, values: Array, **looks: Any) -> None:
     """Draw a curve, thinned to what can be seen."""
-    axes.plot(*thinned(t, values), **looks)  # type: ignore[arg-type]  # Line2D's own keywords
+    axes.plot(*thinned(t, values), **looks)
 
 
 def dots(axes: Axes, x: Array, y: Array, colour: str, size: float = 2.4) -> None:
@@ -167,6 +120,7 @@ def named(axes: Axes, entries: Sequence[tuple[str, str]]) -> None:
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], color=colour, lw=2.2, label="x") for _, colour in entries]
-    legend = axes.legend(handles, ["x"] * len(entries), loc="lower left", bbox_to_anchor=(0, 1), ncols=len(entries) or 1)
+    placed: Any = dict(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(entries) or 1, borderpad=0.2)
+    legend = axes.legend(handles, ["x"] * len(entries), **placed)
     for text, (name, _) in zip(legend.get_texts(), entries):
         text.set_text(name)

@@ -9,21 +9,18 @@ import numpy as np
 from .effects import Effect
 from .ledger import Ledger, settle
 from .plant import PlantDivergedError
-from .rigs import Array
 from .scene import STIFF_TRIAL_STEP, TRIAL_STEP, Scene
+from .visibility import blocks, rms, smooth
 from .world import World
 
 TRIALS, CLOSE_ENOUGH, LONGEST_LEAP, LARGEST = 6, 0.15, log(100.0), log(1e6)
 
 
-def shares(ledger: Ledger, rows: slice = slice(None)) -> Array:
-    """Effect rms over torque rms of each joint, (n,)."""
-    return np.sqrt(np.mean(ledger.effect[rows] ** 2, axis=0) / np.maximum(np.mean(ledger.command[rows] ** 2, axis=0), 1e-12))
-
-
-def share_of(effect: Effect, ledger: Ledger, rows: slice = slice(None)) -> float:
-    """The share on the effect's own joint, or the largest where it has none."""
-    each = shares(ledger, rows)
+def share_of(effect: Effect, ledger: Ledger, rate: float, rows: slice = slice(None)) -> float:
+    """Effect rms over torque rms on the effect's own joint, or the largest share where it has none."""
+    torque = ledger.effect[rows]
+    size = rms(smooth(blocks(torque, rate), rate)) if effect.in_band else rms(torque)
+    each = size / np.maximum(rms(ledger.command[rows]), 1e-9)
     return float(each.max() if effect.joint is None else each[effect.joint])
 
 
@@ -36,7 +33,7 @@ def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
 def _tried(scene: Scene, effect: Effect) -> float | None:
     """The share that it reaches, or nothing if the loop runs away with it."""
     try:
-        return share_of(effect, trial(scene, effect)[1])
+        return share_of(effect, trial(scene, effect)[1], scene.rate)
     except PlantDivergedError:
         return None
 

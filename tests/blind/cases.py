@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .calibrate import calibrate, share_of, trial
+from .calibrate import calibrate
 from .corruption import CORRUPTIONS, Columns, Damage
-from .effects import CATALOGUE, OUTSIDE, TRUSTED, Effect, PlatformMotion, diagonal
-from .ledger import Ledger, settle
-from .logbook import clean_channels, imu, noisy_channels, perfect_columns, shaken, temperatures, write_columns
+from .effects import CATALOGUE, Effect, PlatformMotion, diagonal
+from .ledger import settle
+from .logbook import ROW, clean_channels, imu, noisy_channels, perfect_columns, shaken, temperatures, write_columns
 from .plan import Hidden, Plan
-from .plant import Trace
 from .rig_draw import draw_rig, nominal
 from .rigs import Array, Rig
 from .scene import FINE_STEP, Scene, draw_scene
 from .sensors import Sensors, draw_sensors
-from .visibility import noise_floor, projected, rms
+from .truth import Blur, Run, Truth, describe
+from .visibility import noise_floor
 from .world import World
 
 STREAMS = ("rig", "motion", "control", "sensors", "effects", "noise", "log", "damage", "nominal")
-DROWNED = 0.3
-"""Where noise is this share of the smoothed acceleration, naming `acceleration-noise` is no false finding."""
-Truth = dict[str, object]
 
 
 @dataclass(frozen=True)
 class Case:
     """A hidden case: the rig as its URDF has it, whether that is to be trusted, the log and the same log from perfect
-    sensors, the truth (JSON), and the oracle's arrays (t q v a tau_total tau_effect, (N,) and (N, n))."""
+    sensors, the truth (JSON), and the oracle's arrays: t (N,); q v (N, n) as perfect encoders show them at t;
+    means over the hold [t, t + period) q_hold v_hold a tau_total tau_effect (N, n); rows (M,): the log's samples."""
 
     plan: Plan
     given: Rig
@@ -49,7 +46,7 @@ def _streams(seed: int) -> dict[str, np.random.Generator]:
 def _sensors(plan: Plan, rng: np.random.Generator) -> Sensors:
     """The grade's sensors; a torque that is a formula of rates needs the rates in the log."""
     drawn = draw_sensors(rng, plan.level, plan.rate)
-    return replace(drawn, has_rate=True) if plan.data and plan.data[0] == "commanded-torque" else drawn
+    return replace(drawn, has_rate=True) if plan.formula else drawn
 
 
 def _joint(scene: Scene, hidden: Hidden) -> int:
@@ -78,13 +75,10 @@ def hide(plan: Plan) -> Case:
     rig = draw_rig(streams["rig"], plan.axes)
     if any(hidden.cause == "off-diagonal-inertia" for hidden in plan.hidden):
         rig = diagonal(rig)
-    formula = plan.data is not None and plan.data[0] == "commanded-torque"
-    sensors = _sensors(plan, streams["sensors"])
-    scene = draw_scene(streams, rig, sensors, plan.excitation, plan.seconds, plan.rate, formula)
-    effects = [_drawn(scene, hidden, streams["effects"]) for hidden in plan.hidden]
-    start = plan.start * plan.seconds
-    world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(FINE_STEP), start)
-    return _case(plan, scene, effects, world, trace, streams)
+    scene = draw_scene(streams, rig, _sensors(plan, streams["sensors"]), plan)
+    effects = tuple(_drawn(scene, hidden, streams["effects"]) for hidden in plan.hidden)
+    world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(FINE_STEP), plan.start * plan.seconds)
+    return _case(Run(plan, scene, effects, world, trace, settle(world, trace)), streams)
 
 
 def _drive_of(plan: Plan) -> list[Effect]:
@@ -95,98 +89,48 @@ def _drive_of(plan: Plan) -> list[Effect]:
     return [lag(joint, "first-order", 1e-3, 1.0) for joint in range(plan.axes)]  # type: ignore[call-arg]
 
 
-def _case(plan: Plan, scene: Scene, effects: Sequence[Effect], world: World, trace: Trace,
-          streams: dict[str, np.random.Generator]) -> Case:
-    ledger = settle(world, trace)
-    formula = plan.data is not None and plan.data[0] == "commanded-torque"
+def _case(run: Run, streams: dict[str, np.random.Generator]) -> Case:
+    plan, scene, world, trace = run.plan, run.scene, run.world, run.trace
     clean = clean_channels(trace, world.encoder(trace.q), scene.sensors.has_rate)
-    noisy = noisy_channels(scene, trace, streams["noise"], formula)
-    floor, drowned = noise_floor(world.reference, noisy, clean, scene.rate)
-    extra = _extra(plan, scene, effects, trace, streams["log"])
-    wants_reference = formula or streams["log"].random() < 0.5
-    log = write_columns(scene, noisy, shaken(extra, streams["log"], scene.rate), wants_reference, streams["log"])
+    noisy = noisy_channels(scene, trace, streams["noise"], plan.formula)
+    extra = _extra(run, streams["log"])
+    log = write_columns(scene, noisy, shaken(extra, streams["log"], scene.rate), plan.formula, streams["log"])
     damage = _damaged(plan, log, streams["damage"])
-    perfect = perfect_columns(scene.rig, trace.t, clean, extra)
-    truth = _truth(plan, scene, effects, (world, ledger), damage, floor, drowned)
-    oracle = {"t": trace.t, "q": clean.q, "v": trace.v, "a": ledger.a, "tau_total": trace.command,
-              "tau_effect": ledger.effect}
-    given = _given(plan, scene.rig, world, streams["nominal"])
-    return Case(plan, given, scene.sensors.encoder_bits, damage.columns, perfect, truth, oracle)
+    blur = Blur(*noise_floor(world.reference, noisy, clean, scene.rate))
+    return Case(
+        plan=plan,
+        given=_given(plan, scene.rig, world, streams["nominal"]),
+        encoder_bits=scene.sensors.encoder_bits,
+        log={name: values for name, values in damage.columns.items() if name != ROW},
+        perfect=perfect_columns(scene.rig, trace.t, clean, extra),
+        truth=describe(run, damage, blur),
+        oracle=_oracle(run, clean.q, damage.columns[ROW]),
+    )
 
 
-def _extra(plan: Plan, scene: Scene, effects: Sequence[Effect], trace: Trace, rng: np.random.Generator) -> Columns:
+def _oracle(run: Run, shown_q: Array, rows: Array) -> dict[str, Array]:
+    ledger, trace = run.ledger, run.trace
+    return {
+        "t": trace.t, "q": shown_q, "v": trace.v, "a": ledger.a, "q_hold": ledger.q, "v_hold": ledger.v,
+        "tau_total": trace.command, "tau_effect": ledger.effect, "rows": rows,
+    }  # fmt: skip
+
+
+def _extra(run: Run, rng: np.random.Generator) -> Columns:
     """Base IMU (where the base moves and is measured, and now and then where it stands still) and temperatures."""
+    rig, t, effects = run.scene.rig, run.trace.t, run.effects
     moving = next((e for e in effects if isinstance(e, PlatformMotion)), None)
     with_imu, with_temperature = rng.random() < 0.1, rng.random() < 0.3
     columns: Columns = {}
     if moving is not None and moving.measured:
-        columns |= imu(scene.rig, trace.t, moving.motion())
-    elif with_imu and not any(e.cause in ("base-tilt", "soft-base") or isinstance(e, PlatformMotion) for e in effects):
-        columns |= imu(scene.rig, trace.t, None)
-    return columns | temperatures(scene.rig, trace, 1.0 / scene.rate) if with_temperature else columns
+        columns |= imu(rig, t, moving.motion())
+    elif with_imu and moving is None and not any(e.cause in ("base-tilt", "soft-base") for e in effects):
+        columns |= imu(rig, t, None)
+    return columns | temperatures(rig, run.trace, 1.0 / run.scene.rate) if with_temperature else columns
 
 
 def _damaged(plan: Plan, log: Columns, rng: np.random.Generator) -> Damage:
-    if plan.data is None or plan.data[0] == "commanded-torque":
+    if plan.data is None or plan.formula:
         return Damage(log)
     cause, form = plan.data
     return CORRUPTIONS[cause][form](log, rng, plan.window)
-
-
-def _by_joint(rig: Rig, values: Array) -> dict[str, float]:
-    return {joint: float(value) for joint, value in zip(rig.joints, values, strict=True)}
-
-
-def _truth(plan: Plan, scene: Scene, effects: Sequence[Effect], run: tuple[World, Ledger], damage: Damage,
-           floor: Array, drowned: Array) -> Truth:
-    world, ledger = run
-    faults = list(scene.sensors.faults)
-    if bool((drowned > DROWNED).any()):
-        faults.append("acceleration-noise")
-    data = None
-    if plan.data is not None:
-        data = {"cause": plan.data[0], "form": plan.data[1], "parameters": damage.parameters,
-                "channels": list(damage.channels), "window": list(plan.window)}
-    causes = [_cause(plan, scene, effect, hidden, run if len(effects) == 1 else None, floor)
-              for effect, hidden in zip(effects, plan.hidden, strict=True)]
-    return {
-        "schema": 1, "plan": asdict(plan), "rig": scene.rig.name, "joints": list(scene.rig.joints),
-        "stratum": plan.stratum, "level": plan.level, "expected": expected(plan), "causes": causes, "data": data,
-        "faults": sorted(set(faults) | ({plan.data[0]} if plan.data else set())),
-        "noise_floor": _by_joint(scene.rig, floor), "acceleration_noise": _by_joint(scene.rig, drowned),
-        "torque_rms": _by_joint(scene.rig, rms(ledger.command)), "effect_rms": _by_joint(scene.rig, rms(ledger.effect)),
-        "coulomb": _by_joint(scene.rig, world.reference.coulomb), "viscous": _by_joint(scene.rig, scene.rig.viscous),
-        "sensors": asdict(scene.sensors), "train_until": 2.0 / 3.0 * plan.seconds,
-    }  # fmt: skip
-
-
-def _cause(plan: Plan, scene: Scene, effect: Effect, hidden: Hidden, run: tuple[World, Ledger] | None,
-           floor: Array) -> Truth:
-    """What is true of one effect; where several act, its size is that of a run with it alone."""
-    world, ledger = run if run is not None else trial(scene, effect)
-    trusted = effect.cause in TRUSTED
-    smoothed, left = projected(world.reference, ledger, scene.rate, trusted)
-    rows = slice(int(plan.start * len(ledger.command)), None)
-    joint = None if effect.joint is None else scene.rig.joints[effect.joint]
-    foreign, outside = effect.forms[effect.form], type(effect) in OUTSIDE
-    return {
-        "cause": effect.cause, "form": effect.form, "joint": joint, "foreign": foreign, "outside": outside,
-        "kin": list(effect.kin), "parameters": effect.parameters(), "comparable": not foreign,
-        "target_share": hidden.share, "share": share_of(effect, ledger, rows), "active_from": plan.start * plan.seconds,
-        "raw_rms": _by_joint(scene.rig, rms(ledger.effect[rows])), "smoothed_rms": _by_joint(scene.rig, smoothed),
-        "projected_rms": _by_joint(scene.rig, left), "snr": _by_joint(scene.rig, left / np.maximum(floor, 1e-12)),
-    }  # fmt: skip
-
-
-def expected(plan: Plan) -> list[str]:
-    """The verdicts that would be right."""
-    if plan.data is not None:
-        return ["data"]
-    if not plan.hidden:
-        return ["nothing"]
-    if plan.start > 0.5:
-        return ["nothing", "unknown"]
-    names = {kind.cause for kind in OUTSIDE}
-    if all(hidden.cause in names for hidden in plan.hidden):
-        return ["unknown"]
-    return ["named", "ambiguous"]

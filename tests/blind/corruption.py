@@ -158,4 +158,4 @@ CORRUPTIONS: dict[str, dict[str, Corruption]] = {
     "outliers": {"spikes": spikes, "burst": burst},
 }
 COMMANDED = ("pure", "lagging-drive")
-"""Forms of `commanded-torque`, which is no damage to a log: the torque column is the controller's formula from the start."""
+"""Forms of `commanded-torque`, no damage done to a log: its torque is the controller's formula from the start."""

@@ -32,7 +32,7 @@ def _spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T
 
 
 def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
-    return [(kind.cause, form) for kind in kinds for form in kind.forms]
+    return [(kind.cause, form) for kind in kinds for form in kind.known + kind.foreign]
 
 
 def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
@@ -85,19 +85,19 @@ def _compatible(first: Hidden, second: Hidden) -> bool:
     return first.cause != second.cause and moving < 2 and trusted != 1 and gearing < 2
 
 
+def _partner(rng: np.random.Generator, first: Hidden, others: Sequence[type[Effect]]) -> Hidden | None:
+    """Something of at least 3 % that may stand beside the first; None where nothing may."""
+    joint, share = float(rng.random()), float(rng.choice(SHARES[2:]))
+    ready = [item for item in (Hidden(*form, share, joint) for form in _forms(others)) if _compatible(first, item)]
+    return ready[int(rng.integers(len(ready)))] if ready else None
+
+
 def _pairs(rng: np.random.Generator, block: int, stratum: str, others: Sequence[type[Effect]]) -> list[Plan]:
-    """Every published form once, each with a random partner of at least 3 %, neither of them below 1 %."""
-    firsts = _hidden(rng, _forms(PUBLISHED), block)
-    partners = _forms(others)
-    plans = []
-    for plan, first in zip(_bare(rng, stratum, len(firsts)), firsts, strict=True):
-        first = replace(first, share=max(first.share, SHARES[1]))
-        while True:
-            cause, form = partners[int(rng.integers(len(partners)))]
-            second = Hidden(cause, form, float(rng.choice(SHARES[2:])), float(rng.random()))
-            if _compatible(first, second):
-                break
-        plans.append(_with(plan, [first, second]))
+    """Every published form once, at 1 % or more, each with a random partner."""
+    firsts = [replace(item, share=max(item.share, SHARES[1])) for item in _hidden(rng, _forms(PUBLISHED), block)]
+    bare = _bare(rng, stratum, len(firsts))
+    seconds = [_partner(rng, first, others) for first in firsts]
+    plans = [_with(p, [a, b]) for p, a, b in zip(bare, firsts, seconds, strict=True) if b is not None]
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
@@ -108,7 +108,7 @@ def _data(rng: np.random.Generator, block: int) -> list[Plan]:
 
 def _held_out(rng: np.random.Generator, block: int) -> list[Plan]:
     """Effects that begin where the last third does."""
-    kinds = [kind for kind in PUBLISHED if kind.can_start_late and kind.base is Base.FIXED and kind.cause not in TRUSTED]
+    kinds = [kind for kind in PUBLISHED if kind.can_start_late]
     return [replace(plan, start=2.0 / 3.0) for plan in _singles(rng, block, "held-out", kinds)]
 
 

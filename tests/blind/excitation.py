@@ -102,12 +102,12 @@ def _mixture(rng: np.random.Generator, t: Array, own: Array) -> Array:
     return x
 
 
-def _angles(rig: Rig, kind: str, t: Array, paces: Array, seeds: Array) -> Array:
+def _angles(rig: Rig, kind: str, t: Array, paces: Array, seeds: list[int]) -> Array:
     """Angles of every joint at its pace; each joint draws from its own seed, so that only the pace changes them."""
     period = float(t[1] - t[0])
     columns = []
     for link, seed, pace in zip(rig.links, seeds, paces, strict=True):
-        child = np.random.default_rng(int(seed))
+        child = np.random.default_rng(seed)
         reach = 0.5 * (link.upper - link.lower) * float(child.uniform(0.45, 0.85))
         centre = 0.5 * (link.upper + link.lower) + 0.1 * float(child.uniform(-1.0, 1.0)) * reach
         own = pace * float(child.uniform(0.8, 1.25)) * t
@@ -140,7 +140,7 @@ def _dither(rng: np.random.Generator, t: Array, size: Array) -> Array:
 def draw_reference(rng: np.random.Generator, rig: Rig, kind: str, seconds: float, rate: float) -> Reference:
     """The fastest motion of this kind that takes no more than a drawn share (40–70 %) of each joint's limits."""
     t = np.arange(round(seconds * rate)) / rate
-    seeds, wanted = rng.integers(2**31, size=len(rig.links)), rng.uniform(0.4, 0.7, len(rig.links))
+    seeds, wanted = rng.integers(2**31, size=len(rig.links)).tolist(), rng.uniform(0.4, 0.7, len(rig.links))
     slow, fast = np.full(len(rig.links), 0.1), np.full(len(rig.links), 3.0)
     for _ in range(9):
         paces = np.sqrt(slow * fast)

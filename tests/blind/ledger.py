@@ -20,8 +20,8 @@ class Ledger:
     """command = rigid + viscous + dry + effect, each (N, n), N m, a mean over [t, t + period).
 
     `q v a` are the encoder's angle and its rates over the same hold; `dry` is the baseline's Coulomb share, which at
-    standstill is whatever the balance needs up to its limit; `effect` is everything that a perfectly refitted rigid model
-    with Coulomb and viscous friction on a fixed base leaves."""
+    standstill is whatever the balance needs up to its limit; `effect` is everything that a perfectly refitted rigid
+    model with Coulomb and viscous friction on a fixed base leaves."""
 
     q: Array
     v: Array

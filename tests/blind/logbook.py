@@ -14,6 +14,8 @@ from .sensors import ACCELEROMETER_DENSITY, GYRO_DENSITY, kept_rows, stamps, tor
 from .visibility import Channels
 
 AMBIENT = 25.0
+ROW = "#"
+"""A column for the truth, which never reaches a file."""
 
 
 def _columns(rig: Rig, t: Array, shown: Channels) -> Columns:
@@ -71,13 +73,14 @@ def shaken(columns: Columns, rng: np.random.Generator, rate: float) -> Columns:
 
 
 def write_columns(scene: Scene, shown: Channels, extra: Columns, reference: bool, rng: np.random.Generator) -> Columns:
-    """The log as it is written: stamped, with rows lost, and with the reference if asked for."""
+    """The log as it is written: stamped, with rows lost, with the reference if asked for (else in every other
+    log), and with each row's sample in column ROW."""
     rig, t = scene.rig, scene.reference.t
     columns = _columns(rig, stamps(rng, scene.sensors, t), shown) | extra
-    if reference:
+    if reference or rng.random() < 0.5:
         columns |= {f"q_ref_{joint}": scene.reference.q[:, i] for i, joint in enumerate(rig.joints)}
     rows = kept_rows(rng, scene.sensors, len(t))
-    return {name: values[rows] for name, values in columns.items()}
+    return {name: values[rows] for name, values in columns.items()} | {ROW: rows.astype(float)}
 
 
 def perfect_columns(rig: Rig, t: Array, shown: Channels, extra: Columns) -> Columns:

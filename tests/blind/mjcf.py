@@ -68,7 +68,7 @@ def _dangling(appendages: tuple[Appendage, ...], parent: int) -> str:
     parts = []
     for item in (a for a in appendages if a.parent == parent):
         joints = "".join(_joint(hinge.name, hinge.kind, hinge.axis) for hinge in item.hinges)
-        parts.append(f'<body {_pose(item.rotation, item.position)}>{joints}{_inertial(item.inertia)}</body>')
+        parts.append(f"<body {_pose(item.rotation, item.position)}>{joints}{_inertial(item.inertia)}</body>")
     return "".join(parts)
 
 

@@ -36,3 +36,8 @@ class Plan:
     rate: float = 500.0
     seconds: float = 30.0
     trusted: bool = False
+
+    @property
+    def formula(self) -> bool:
+        """Whether the logged torque is nothing but the controller's formula of the other channels."""
+        return self.data is not None and self.data[0] == "commanded-torque"

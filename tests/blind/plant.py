@@ -1,6 +1,6 @@
 """The simulation loop: Moreau's midpoint rule on MuJoCo's M(q) and h(q, v), second order, with true stick.
 
-    q_m = q + dt/2 v,   M(q_m) (v⁺ - v)/dt + h(q_m, v_m) + f_dry = u + forces,   q⁺ = q_m + dt/2 v⁺
+q_m = q + dt/2 v,   M(q_m) (v⁺ - v)/dt + h(q_m, v_m) + f_dry = u + forces,   q⁺ = q_m + dt/2 v⁺
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite
 from operator import mul
 
 import mujoco
@@ -31,7 +30,8 @@ class PlantDivergedError(RuntimeError):
 @dataclass(frozen=True)
 class Trace:
     """A run: per sample (N, n) the true q v at the encoder, what the controller measured, its held command; per step
-    (N · substeps, n) the mid-step q, v, a on the encoder's side, v at the step's end, dry friction and bristles' friction."""
+    (N · substeps, n) the mid-step q, v, a on the encoder's side, v at the step's end, dry friction and that of
+    bristles."""
 
     t: Array
     q: Array
@@ -120,8 +120,9 @@ class Stepper:
         self.time += dt
 
 
-def simulate(world: World, controller: Controller, start: tuple[list[float], list[float]], samples: int,
-             substeps: int) -> Trace:
+def simulate(
+    world: World, controller: Controller, start: tuple[list[float], list[float]], samples: int, substeps: int
+) -> Trace:
     """Run `samples` samples of `substeps` steps each; the command of a sample is held until the next.
 
     Raises: PlantDivergedError when a joint's speed runs away."""
@@ -138,9 +139,9 @@ def simulate(world: World, controller: Controller, start: tuple[list[float], lis
             stepper.step(command)
             channels = (stepper.state.q, stepper.state.v, stepper.a, stepper.v, stepper.dry)
             steps.write([*(values[d] for values in channels for d in dofs), *stepper.state.bristle])
-        if not all(isfinite(x) and abs(x) < RUNAWAY for x in v):
-            raise PlantDivergedError(f"speed {v} rad/s after {stepper.time:.3f} s")
-    t = np.arange(samples) * world.dt * substeps
+        if not all(abs(x) < RUNAWAY for x in stepper.v):  # also where a speed is not a number
+            raise PlantDivergedError(f"speed {max(map(abs, stepper.v)):.3g} rad/s after {stepper.time:.3f} s")
+    t = np.asarray(np.arange(samples) * world.dt * substeps, dtype=np.float64)
     return Trace(t, *rows.columns(), *steps.columns())
 
 

@@ -77,7 +77,9 @@ def _links(rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: 
         span = _travel(rng, kind)
         endless = kind == "pan" and i == 0 and rng.random() < 0.3
         axis = frame.T @ direction
-        links.append(Link(names[i + 1], joints[kind], world.T @ frame, world.T @ position, axis, inertia, -span, span, endless))
+        links.append(
+            Link(names[i + 1], joints[kind], world.T @ frame, world.T @ position, axis, inertia, -span, span, endless)
+        )
         world = frame
     return links
 

@@ -10,6 +10,7 @@ import numpy as np
 from .control import Gains, closed_loop, draw_gains, feed_forward, joint_inertia
 from .effects import Context, Effect
 from .excitation import Reference, draw_reference
+from .plan import Plan
 from .plant import Trace, simulate
 from .rig_draw import nominal
 from .rigs import Array, Rig
@@ -73,11 +74,10 @@ class Scene:
         return np.sqrt(np.mean(inverse_dynamics(self.rig, q, 0.0 * q, 0.0 * q) ** 2, axis=0))
 
 
-def draw_scene(streams: dict[str, np.random.Generator], rig: Rig, sensors: Sensors, excitation: str, seconds: float,
-               rate: float, formula: bool) -> Scene:
-    """A scene by its random streams; with `formula` the command is nothing but PD on the logged channels."""
-    reference = draw_reference(streams["motion"], rig, excitation, seconds, rate)
-    gains = draw_gains(streams["control"], rig, reference, not formula)
+def draw_scene(streams: dict[str, np.random.Generator], rig: Rig, sensors: Sensors, plan: Plan) -> Scene:
+    """A plan's scene by its random streams; where the torque is to be a formula there is no feed-forward."""
+    reference = draw_reference(streams["motion"], rig, plan.excitation, plan.seconds, plan.rate)
+    gains = draw_gains(streams["control"], rig, reference, not plan.formula)
     model = nominal(streams["control"], rig, 0.15)
-    forward = np.zeros_like(reference.q) if formula else feed_forward(model, reference, gains)
-    return Scene(rig, reference, gains, forward, sensors, rate, int(streams["noise"].integers(2**31)))
+    forward = np.zeros_like(reference.q) if plan.formula else feed_forward(model, reference, gains)
+    return Scene(rig, reference, gains, forward, sensors, plan.rate, int(streams["noise"].integers(2**31)))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import exp, pi, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .rigs import Array
 from .world import World
@@ -47,17 +48,29 @@ class Sensors:
 
 
 def draw_sensors(rng: np.random.Generator, level: str, rate: float) -> Sensors:
-    """"clean": white noise and 16 bits; "dirty": coarse encoders, coloured noise, bias, jitter, lost rows."""
+    """ "clean": white noise and 16 bits; "dirty": coarse encoders, coloured noise, bias, jitter, lost rows."""
     gyro = float(GYRO_DENSITY * np.sqrt(rate / 2.0))
     if level == "clean":
         white = float(rng.uniform(0.002, 0.01))
-        return Sensors(level, 16, 2e-5, bool(rng.random() < 0.75), gyro * float(rng.uniform(0.7, 1.5)), 0.0, white, 0.0, 1.0, 0.0, 0.0)
+        return Sensors(
+            level,
+            16,
+            2e-5,
+            bool(rng.random() < 0.75),
+            gyro * float(rng.uniform(0.7, 1.5)),
+            0.0,
+            white,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+        )
     return Sensors(
         level=level,
-        encoder_bits=int(rng.integers(12, 15)),
+        encoder_bits=int(rng.integers(12, 16)),
         encoder_noise=float(rng.uniform(0.0, 1e-4)),
         has_rate=bool(rng.random() < 0.7),
-        rate_noise=gyro * float(rng.uniform(2.0, 10.0)),
+        rate_noise=gyro * float(rng.uniform(2.0, 6.0)),
         rate_bias=float(np.radians(rng.uniform(-0.3, 0.3))),
         torque_white=float(rng.uniform(0.002, 0.014)),
         torque_coloured=float(rng.uniform(0.002, 0.014)),
@@ -113,8 +126,8 @@ def stamps(rng: np.random.Generator, sensors: Sensors, t: Array) -> Array:
     return np.asarray(t + error - error[0])
 
 
-def kept_rows(rng: np.random.Generator, sensors: Sensors, samples: int) -> Array:
-    """Indices of the rows that were not lost (some alone, some in bursts of up to five)."""
+def kept_rows(rng: np.random.Generator, sensors: Sensors, samples: int) -> NDArray[np.intp]:
+    """Indices of the rows that were not lost (some alone, some two or three in a row)."""
     keep = np.ones(samples, dtype=bool)
     for start in rng.integers(2, samples - 8, int(sensors.lost * samples / 2.0)):
         keep[start : start + int(rng.integers(1, 4))] = False

@@ -9,8 +9,14 @@ TOLERANCE = 1e-13
 ROUNDS = 200
 
 
-def dry_friction(free: list[float], inverse: Rows, dofs: list[int], limits: tuple[list[float], list[float]], dt: float,
-                 friction: list[float]) -> list[float]:
+def dry_friction(
+    free: list[float],
+    inverse: Rows,
+    dofs: list[int],
+    limits: tuple[list[float], list[float]],
+    dt: float,
+    friction: list[float],
+) -> list[float]:
     """f in [-minus, plus] with f = plus where v⁺ > 0, f = -minus where v⁺ < 0, and v⁺ = 0 wherever f lies between.
 
     v⁺ = free - dt M⁻¹ f. Projected Gauss–Seidel over the joints (Moreau, time-stepping). `free`, `inverse` (M⁻¹) and

@@ -15,7 +15,7 @@ from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import Content, bullets, join, picture, table
 from gimbal_pin.report.joints import Joint, joint_colours, joints_of, units
-from gimbal_pin.report.numbers import DASH, figures
+from gimbal_pin.report.numbers import DASH, figures, file_name
 from gimbal_pin.rig import Rig
 
 if TYPE_CHECKING:
@@ -73,15 +73,15 @@ def speed(log: Log) -> Array:
 
 def shown(rig: Rig, log: Log) -> Markup:
     """Return the log's angles and torques over time."""
-    alt = f"Angle and torque of {', '.join(log.joints)} over time in {log.name}"
+    alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
     svg = plots.drawn(partial(overview, rig, log), alt, joint_colours(rig.joints))
-    return picture(svg, f"{log.name}: every joint as recorded.")
+    return picture(svg, f"{file_name(log.name)}: every joint as recorded.")
 
 
 def overview(rig: Rig, log: Log) -> Figure:
     """Draw angles above torques."""
-    figure = plots.figure(3.6)
-    angle, torque = figure.subplots(2, 1, sharex=True)
+    figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
+    angle, torque = panels[:, 0]
     looks = joints_of(rig)
     for j, joint in enumerate(looks):
         plots.curve(angle, log.t, joint.scale * log.q[:, j], lw=1.2)
@@ -90,4 +90,5 @@ def overview(rig: Rig, log: Log) -> Figure:
     plots.named(angle, [(joint.name, joint.colour) for joint in looks])
     angle.set(ylabel=f"position, {units(looks)}", xlim=(log.t[0], log.t[-1]))
     torque.set(ylabel="torque, N m", xlabel="time, s")
+    figure.align_ylabels()
     return figure

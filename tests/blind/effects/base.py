@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -23,7 +23,8 @@ class Context:
     """What is known of rig and motion before anything is hidden, and how large the effect shall be.
 
     `torque`: the joint's torque rms, N m; `share`: wanted effect rms over it; `inertia`: seen by the joint, kg m²;
-    `speed`: reference speed rms, rad/s; `lean`: the side (±1) to which the torque leans; `span`: the reference's lowest and highest angle, rad."""
+    `speed`: reference speed rms, rad/s; `lean`: the side (±1) to which the torque leans; `span`: the reference's lowest
+    and highest angle, rad."""
 
     rig: Rig
     joint: int
@@ -55,14 +56,17 @@ class Context:
 class Effect(ABC):
     """One cause in one functional form, on one joint (None: the whole rig).
 
-    `forms` maps each form's name to whether it is foreign, which is to say other than the formula that the published
-    table of causes gives. `kin` are published causes that come near one from outside. `stage` orders what sits between command and motor."""
+    `known` forms have the formula that the published table of causes gives, `foreign` ones another; `kin` are published
+    causes that come near one from outside. `stage` orders what sits between command and motor. `widest`: how many times
+    stronger than its first guess it may become. `stiff` ones need fine steps even in a trial run, and those that ring
+    are sized `in_band`, below visibility.CUTOFF_HZ. Where the base moves, `measured` says whether its IMU is logged."""
 
     joint: int | None
     form: str
 
     cause: ClassVar[str]
-    forms: ClassVar[Mapping[str, bool]]
+    known: ClassVar[tuple[str, ...]] = ()
+    foreign: ClassVar[tuple[str, ...]] = ()
     kin: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[int] = 0
     needs_axes: ClassVar[int] = 1
@@ -70,6 +74,7 @@ class Effect(ABC):
     base: ClassVar[Base] = Base.FIXED
     can_start_late: ClassVar[bool] = True
     stiff: ClassVar[bool] = False
+    in_band: ClassVar[bool] = False
     measured: ClassVar[bool] = True
 
     @classmethod
@@ -104,7 +109,7 @@ class Effect(ABC):
         """Further bodies."""
         return ()
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world: World) -> None:  # noqa: B027 (most effects have nothing to prepare)
         """Change the compiled plant: gravity, encoder offsets, who carries the encoder, how the base moves."""
 
     def drive(self, world: World) -> Law | None:

@@ -24,7 +24,8 @@ class ActuatorLag(Effect):
     damping: float
 
     cause: ClassVar[str] = "actuator-lag"
-    forms = {"first-order": False, "second-order": True}
+    known: ClassVar[tuple[str, ...]] = ("first-order",)
+    foreign: ClassVar[tuple[str, ...]] = ("second-order",)
     stage: ClassVar[int] = 4
     widest: ClassVar[float] = 60.0
 
@@ -84,7 +85,8 @@ class Delay(Effect):
     wander: float
 
     cause: ClassVar[str] = "delay"
-    forms = {"fixed": False, "wandering": True}
+    known: ClassVar[tuple[str, ...]] = ("fixed",)
+    foreign: ClassVar[tuple[str, ...]] = ("wandering",)
     stage: ClassVar[int] = 3
     widest: ClassVar[float] = 60.0
 
@@ -100,7 +102,9 @@ class Delay(Effect):
 
     def drive(self, world: World) -> Law:
         joint, delay, wander, dt = self.own, self.delay, self.wander, world.dt
-        past: deque[float] = deque([0.0] * (int(delay * (1.0 + wander) / dt) + 3), maxlen=int(delay * (1 + wander) / dt) + 3)
+        past: deque[float] = deque(
+            [0.0] * (int(delay * (1.0 + wander) / dt) + 3), maxlen=int(delay * (1 + wander) / dt) + 3
+        )
 
         def law(state: State) -> None:
             past.appendleft(state.u[joint])
@@ -119,7 +123,8 @@ class Saturation(Effect):
     limit: float
 
     cause: ClassVar[str] = "saturation"
-    forms = {"hard": False, "smooth": True, "one-sided": True}
+    known: ClassVar[tuple[str, ...]] = ("hard",)
+    foreign: ClassVar[tuple[str, ...]] = ("smooth", "one-sided")
     stage: ClassVar[int] = 2
 
     @classmethod
@@ -154,7 +159,8 @@ class DeadZone(Effect):
     width: float
 
     cause: ClassVar[str] = "dead-zone"
-    forms = {"gap": False, "threshold": True, "soft": True}
+    known: ClassVar[tuple[str, ...]] = ("gap",)
+    foreign: ClassVar[tuple[str, ...]] = ("threshold", "soft")
     stage: ClassVar[int] = 1
 
     @classmethod

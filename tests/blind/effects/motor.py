@@ -19,13 +19,14 @@ Waves = tuple[tuple[float, int, float], ...]
 
 @dataclass(frozen=True)
 class Cogging(Effect):
-    """amplitude · Σ w cos(kq + φ): one harmonic, several, a steep-flanked one, or one whose height changes with angle."""
+    """amplitude · Σ w cos(kq + φ): one harmonic, several, a steep-flanked one, or one whose height changes with q."""
 
     amplitude: float
     waves: Waves
 
     cause: ClassVar[str] = "cogging"
-    forms = {"single": False, "several": False, "steep": True, "modulated": True}
+    known: ClassVar[tuple[str, ...]] = ("single", "several")
+    foreign: ClassVar[tuple[str, ...]] = ("steep", "modulated")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Cogging:
@@ -70,7 +71,8 @@ class TorqueRipple(Effect):
     phase: float
 
     cause: ClassVar[str] = "torque-ripple"
-    forms = {"single": False, "two": False, "six-step": True}
+    known: ClassVar[tuple[str, ...]] = ("single", "two")
+    foreign: ClassVar[tuple[str, ...]] = ("six-step",)
     stage: ClassVar[int] = 6
 
     @classmethod
@@ -108,7 +110,8 @@ class TorqueGain(Effect):
     side: float
 
     cause: ClassVar[str] = "torque-gain"
-    forms = {"constant": False, "by-sign": True}
+    known: ClassVar[tuple[str, ...]] = ("constant",)
+    foreign: ClassVar[tuple[str, ...]] = ("by-sign",)
     stage: ClassVar[int] = 5
 
     @classmethod
@@ -138,7 +141,7 @@ class TorqueBias(Effect):
     bias: float
 
     cause: ClassVar[str] = "torque-bias"
-    forms = {"constant": False}
+    known: ClassVar[tuple[str, ...]] = ("constant",)
     stage: ClassVar[int] = 7
 
     @classmethod

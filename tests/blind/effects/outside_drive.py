@@ -22,7 +22,7 @@ class VoltageLimit(Effect):
     stall: float
 
     cause: ClassVar[str] = "voltage-limit"
-    forms = {"hard": True, "sagging-supply": True}
+    foreign: ClassVar[tuple[str, ...]] = ("hard", "sagging-supply")
     kin: ClassVar[tuple[str, ...]] = ("saturation",)
     stage: ClassVar[int] = 2
 
@@ -60,13 +60,15 @@ class HotMotor(Effect):
     reference_power: float
 
     cause: ClassVar[str] = "hot-motor"
-    forms = {"linear": True, "root": True}
+    foreign: ClassVar[tuple[str, ...]] = ("linear", "root")
     kin: ClassVar[tuple[str, ...]] = ("torque-gain",)
     stage: ClassVar[int] = 5
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> HotMotor:
-        return cls(context.joint, form, 1.5 * context.share, context.rig.motors[context.joint].warm_up, context.torque**2)
+        return cls(
+            context.joint, form, 1.5 * context.share, context.rig.motors[context.joint].warm_up, context.torque**2
+        )
 
     def scaled(self, k: float) -> HotMotor:
         return replace(self, loss=min(k * self.loss, 0.6))
@@ -95,7 +97,7 @@ class CrossTalk(Effect):
     harmonic: int
 
     cause: ClassVar[str] = "cross-axis-coupling"
-    forms = {"angle-dependent": True, "rectified": True}
+    foreign: ClassVar[tuple[str, ...]] = ("angle-dependent", "rectified")
     kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
     stage: ClassVar[int] = 8
     needs_axes: ClassVar[int] = 2
@@ -129,7 +131,7 @@ class TorqueSteps(Effect):
     step: float
 
     cause: ClassVar[str] = "torque-steps"
-    forms = {"rounded": True, "hysteresis": True}
+    foreign: ClassVar[tuple[str, ...]] = ("rounded", "hysteresis")
     kin: ClassVar[tuple[str, ...]] = ("dead-zone",)
     stage: ClassVar[int] = 1
 
@@ -165,7 +167,7 @@ class Dropouts(Effect):
     seed: int
 
     cause: ClassVar[str] = "dropouts"
-    forms = {"nothing": True, "half": True}
+    foreign: ClassVar[tuple[str, ...]] = ("nothing", "half")
     kin: ClassVar[tuple[str, ...]] = ("outliers",)
     stage: ClassVar[int] = 2
 
@@ -208,7 +210,7 @@ class SupplyHum(Effect):
     hertz: float
 
     cause: ClassVar[str] = "supply-hum"
-    forms = {"multiplied": True, "added": True}
+    foreign: ClassVar[tuple[str, ...]] = ("multiplied", "added")
     kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
     stage: ClassVar[int] = 8
 

@@ -26,7 +26,7 @@ class Wind(Effect):
     seed: int
 
     cause: ClassVar[str] = "wind"
-    forms = {"steady": True, "squalls": True}
+    foreign: ClassVar[tuple[str, ...]] = ("steady", "squalls")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Wind:
@@ -71,7 +71,7 @@ class Touch(Effect):
     seed: int
 
     cause: ClassVar[str] = "human-touch"
-    forms = {"pushes": True}
+    foreign: ClassVar[tuple[str, ...]] = ("pushes",)
     kin: ClassVar[tuple[str, ...]] = ("outliers",)
 
     @classmethod
@@ -108,7 +108,7 @@ class BoucWen(Effect):
     beta: float
 
     cause: ClassVar[str] = "hysteretic-cable"
-    forms = {"round": True, "pinched": True}
+    foreign: ClassVar[tuple[str, ...]] = ("round", "pinched")
     kin: ClassVar[tuple[str, ...]] = ("presliding", "cable-spring")
 
     @classmethod
@@ -143,7 +143,7 @@ class FrictionSpots(Effect):
     spots: tuple[tuple[float, float, float], ...]
 
     cause: ClassVar[str] = "friction-spots"
-    forms = {"bumps": True}
+    foreign: ClassVar[tuple[str, ...]] = ("bumps",)
     kin: ClassVar[tuple[str, ...]] = ("position-dependent-friction",)
 
     @classmethod
@@ -181,7 +181,7 @@ class RubbingStop(Effect):
     width: float
 
     cause: ClassVar[str] = "rubbing-stop"
-    forms = {"soft": True, "hard": True}
+    foreign: ClassVar[tuple[str, ...]] = ("soft", "hard")
     kin: ClassVar[tuple[str, ...]] = ("cable-spring", "position-dependent-friction")
 
     @classmethod
@@ -226,7 +226,7 @@ class StickyBrake(Effect):
     period: float
 
     cause: ClassVar[str] = "dragging-brake"
-    forms = {"on-off": True, "swelling": True}
+    foreign: ClassVar[tuple[str, ...]] = ("on-off", "swelling")
     kin: ClassVar[tuple[str, ...]] = ("friction-drift",)
 
     @classmethod

@@ -64,19 +64,22 @@ class Presliding(Effect):
     inertia: float
 
     cause: ClassVar[str] = "presliding"
-    forms = {"dahl": False, "lugre": True, "maxwell-slip": True}
+    known: ClassVar[tuple[str, ...]] = ("dahl",)
+    foreign: ClassVar[tuple[str, ...]] = ("lugre", "maxwell-slip")
     stage: ClassVar[int] = 9
     stiff: ClassVar[bool] = True
     widest: ClassVar[float] = 300.0
-    can_start_late = False
+    can_start_late: ClassVar[bool] = False
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Presliding:
         limit = max(context.rig.motors[context.joint].coulomb, 2.5 * context.target)
-        return cls(context.joint, form, limit, 0.005 * min(context.share * context.torque / limit, 1.0) + 2e-4, context.inertia)
+        return cls(
+            context.joint, form, limit, 0.005 * min(context.share * context.torque / limit, 1.0) + 2e-4, context.inertia
+        )
 
     def scaled(self, k: float) -> Presliding:
-        return replace(self, stroke=max(k * self.stroke, 3e-5))
+        return replace(self, stroke=max(k * self.stroke, 5e-6))
 
     def parameters(self) -> dict[str, float]:
         return {"limit": self.limit, "stroke": self.stroke}

@@ -27,7 +27,8 @@ class CableSpring(Effect):
     width: float
 
     cause: ClassVar[str] = "cable-spring"
-    forms = {"linear": False, "cubic": False, "exponential": True, "slack": True}
+    known: ClassVar[tuple[str, ...]] = ("linear", "cubic")
+    foreign: ClassVar[tuple[str, ...]] = ("exponential", "slack")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CableSpring:
@@ -66,8 +67,9 @@ class TwoMasses(Effect):
     rotor: float
     link: float
 
-    can_start_late = False
+    can_start_late: ClassVar[bool] = False
     stiff: ClassVar[bool] = True
+    in_band: ClassVar[bool] = True
 
     def _rotor_name(self) -> str:
         return f"rotor_{self.own}"
@@ -113,7 +115,8 @@ class JointFlexibility(TwoMasses):
     damping_ratio: float
 
     cause: ClassVar[str] = "joint-flexibility"
-    forms = {"linear": False, "hardening": True}
+    known: ClassVar[tuple[str, ...]] = ("linear",)
+    foreign: ClassVar[tuple[str, ...]] = ("hardening",)
     widest: ClassVar[float] = 300.0
 
     @classmethod
@@ -147,25 +150,26 @@ class Backlash(TwoMasses):
     gap: float
 
     cause: ClassVar[str] = "backlash"
-    forms = {"linear-flanks": False, "hertz-flanks": True}
+    known: ClassVar[tuple[str, ...]] = ("linear-flanks",)
+    foreign: ClassVar[tuple[str, ...]] = ("hertz-flanks",)
     widest: ClassVar[float] = 300.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Backlash:
         rotor = context.inertia * float(rng.uniform(0.15, 0.5))
-        return cls(context.joint, form, rotor, context.inertia, float(np.clip(0.5 * context.share**2, 2e-5, 0.02)))
+        return cls(context.joint, form, rotor, context.inertia, float(np.clip(0.5 * context.share**2, 2e-4, 0.02)))
 
     def scaled(self, k: float) -> Backlash:
-        return replace(self, gap=min(k * self.gap, 0.15))
+        return replace(self, gap=min(max(k * self.gap, 1e-4), 0.15))
 
     def parameters(self) -> dict[str, float]:
         return {"gap": self.gap, "rotor_inertia": self.rotor}
 
     def force(self, world: World) -> Law:
         half = 0.5 * self.gap
-        stiffness = self.reduced * (2.0 * pi * 150.0) ** 2
+        hertz, power = (250.0, 1.0) if self.form == "linear-flanks" else (130.0, 1.5)
+        stiffness = self.reduced * (2.0 * pi * hertz) ** 2
         damping = 0.4 * float(np.sqrt(stiffness * self.reduced))
-        power = 1.0 if self.form == "linear-flanks" else 1.5
         soft = (0.1 * world.rig.motors[self.own].tau_max / stiffness) ** (1.0 - power)
 
         def pull(twist: float, rate: float) -> float:
@@ -185,8 +189,8 @@ class Armature(Effect):
     inertia: float
 
     cause: ClassVar[str] = "armature"
-    forms = {"reflected": False}
-    can_start_late = False
+    known: ClassVar[tuple[str, ...]] = ("reflected",)
+    can_start_late: ClassVar[bool] = False
     needs_axes: ClassVar[int] = 2
 
     @classmethod

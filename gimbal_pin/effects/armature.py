@@ -1,0 +1,30 @@
+"""Armature: a rotor's inertia that turns with its joint alone, seen through a gear or in another link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, nan
+from typing import ClassVar
+
+from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Armature(Effect):
+    """``tau = inertia a``: inertia felt by its own motor and by no other."""
+
+    name: ClassVar[str] = "armature"
+    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("inertia", nan, "kg m^2", 0.0, inf),)
+    experiment: ClassVar[str] = "fast accelerations of all axes together, at poses that couple them"
+    lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "joint-flexibility", "off-diagonal-inertia")
+
+    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+        """The joint's acceleration."""
+        return (at.a,)
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return its size."""
+        return f"the motor's rotor has {values[0]:.3g} kg m^2 of its own, which the other axes do not feel"

@@ -1,0 +1,87 @@
+"""A cable or a spring that pulls the joint back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, nan, pi
+from typing import Any, ClassVar
+
+from gimbal_pin.effects.base import Effect, Sample, Term
+from gimbal_pin.effects.functions import propagated
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+STATED = (
+    Parameter("stiffness", nan, "N m/rad", 0.0, inf),
+    Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi),
+    Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
+)
+
+
+@dataclass(frozen=True)
+class CableSpring(Effect):
+    """``tau = stiffness (q - rest) + cubic (q - rest)³``, expanded in powers of q, in which it is linear.
+
+    The cubic part needs its q² as well: without it a false fourth harmonic of the angle appears.
+
+    Attributes:
+        joint: The joint it acts on.
+        stiffening: True adds the cubic part.
+    """
+
+    stiffening: bool = False
+
+    name: ClassVar[str] = "cable-spring"
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("offset", 0.0, "N m", -inf, inf),
+        Parameter("stiffness", 0.0, "N m/rad", 0.0, inf),
+        Parameter("quadratic", 0.0, "N m/rad^2", -inf, inf),
+        Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
+    )
+    experiment: ClassVar[str] = "slow sweeps over the whole range, repeated with the other axes elsewhere"
+    lookalikes: ClassVar[tuple[str, ...]] = ("payload-shift", "cogging", "torque-bias")
+    compensation: ClassVar[str] = "spring feed-forward by angle; or dress the cable so that it does not pull"
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """Powers 0 and 1 of q, and 2 and 3 with a stiffening spring."""
+        return self.linear if self.stiffening else self.linear[:2]
+
+    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+        """Powers of the angle."""
+        one = 1.0 + 0.0 * at.q
+        return (one, at.q, at.q**2, at.q**3) if self.stiffening else (one, at.q)
+
+    def spring(self, values: Sequence[float]) -> tuple[float, float, float]:
+        """Stiffness, rest and cubic stiffness from the coefficients."""
+        offset, stiffness = values[:2]
+        if not self.stiffening or values[3] == 0:
+            return stiffness, -offset / stiffness if stiffness else 0.0, 0.0
+        rest = -values[2] / (3 * values[3])
+        return stiffness - 3 * values[3] * rest**2, rest, values[3]
+
+    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+        """Stiffness, rest and, with a stiffening spring, cubic stiffness."""
+        std = [nan] * 3 if covariance is None else propagated(self.spring, values, covariance)
+        rows = list(zip(STATED, self.spring(values), std))
+        return tuple(replace(p, value=float(x), std=float(s)) for p, x, s in (rows if self.stiffening else rows[:2]))
+
+    @classmethod
+    def stated(cls) -> tuple[Parameter, ...]:
+        """Stiffness, rest, cubic stiffness."""
+        return STATED
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """Return the term of this spring."""
+        k, rest, k3 = (given[parameter.name] for parameter in STATED)
+        values = (-k * rest - k3 * rest**3, k + 3 * k3 * rest**2, -3 * k3 * rest, k3)
+        effect = cls(str(joint), stiffening=k3 != 0)
+        return Term(effect, values[: len(effect.coefficients)])
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return stiffness and rest."""
+        k, rest, k3 = self.spring(values)
+        more = f", and {k3:.3g} N m/rad^3 beyond" if k3 else ""
+        return f"something pulls the joint towards {rest:.3g} rad with {k:.3g} N m/rad{more}"

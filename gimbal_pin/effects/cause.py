@@ -1,0 +1,91 @@
+"""What every physical cause says of itself, whatever it acts on: torque, command or rig."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Cause(ABC):
+    """One way in which a rig differs from its rigid model with Coulomb and viscous friction.
+
+    A subclass is a frozen dataclass whose fields are the joint, if it sits at one, and its shape parameters: those in
+    which its formula is not linear. Each kind of cause adds its formula: `Effect`, `Signal`, `RigEffect`.
+    """
+
+    name: ClassVar[str]
+    """Its name in CONTRACT.md, "Causes that `diagnose` may name"."""
+    shapes: ClassVar[tuple[Parameter, ...]] = ()
+    """Bounds, unit and default of the fields that are shape parameters; a default of nan must be stated."""
+    experiment: ClassVar[str]
+    """The excitation that shows it best."""
+    lookalikes: ClassVar[tuple[str, ...]] = ()
+    """Causes that many logs cannot tell from it."""
+    compensation: ClassVar[str]
+    """How a controller makes up for it."""
+    of_joint: ClassVar[bool] = True
+    """False for a cause of the whole rig, which has no `joint`."""
+
+    def __post_init__(self) -> None:
+        """Raise `UsageError` for a shape parameter outside its bounds."""
+        for shape in self.shapes:
+            value = getattr(self, shape.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                within(shape, number, self.name)
+
+    @property
+    def place(self) -> str:
+        """The joint's name, or "rig"."""
+        return str(getattr(self, "joint", "rig"))
+
+    @abstractmethod
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return what it does, with figures, in words a rig maker understands; `values` as in `shown`."""
+
+    def sentence(self, values: Sequence[float] = ()) -> str:
+        """``yaw: cogging, 0.055 N m at 42 per turn``; `values` as in `shown`."""
+        return f"{self.place}: {self.name}, {self.says(values)}"
+
+    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+        """Return its parameters as a person reads them, with units and standard deviations.
+
+        Args:
+            values: Coefficients of a torque effect; none for the other kinds.
+            covariance: Their covariance, (k, k); None: not estimated.
+        """
+        return tuple(replace(shape, value=float(getattr(self, shape.name))) for shape in self.shapes)
+
+    @classmethod
+    def stated(cls) -> tuple[Parameter, ...]:
+        """What a person states to plant it: names as in `shown`, with bounds, units and defaults."""
+        return cls.shapes
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """Return what `simulate.plant_with` takes, from a value for each parameter of `stated`."""
+        at = {"joint": joint} if cls.of_joint else {}
+        return cls(**at, **{shape.name: given[shape.name] for shape in cls.shapes})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data; `plain.cause_from` reads it back."""
+        held = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {"effect": self.name, **{key: list(x) if isinstance(x, tuple) else x for key, x in held.items()}}
+
+
+def within(parameter: Parameter, value: float, owner: str) -> float:
+    """Return the value; `UsageError` if it is outside the parameter's bounds."""
+    if not parameter.lower <= value <= parameter.upper:
+        raise UsageError(owner, f"{parameter.name} is {value:g} {parameter.unit}", f"give {bounds(parameter)}")
+    return value
+
+
+def bounds(parameter: Parameter) -> str:
+    """``0.001 to 10 rad/s``."""
+    return f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}"

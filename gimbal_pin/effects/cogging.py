@@ -1,0 +1,32 @@
+"""Cogging: the magnets of a motor pull towards its teeth, current or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, nan
+from typing import ClassVar
+
+from gimbal_pin.effects.base import Sample
+from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Cogging(Harmonic):
+    """``tau = sum_k (a_k cos kq + b_k sin kq)``, k multiples of poles and slots per turn of the joint."""
+
+    name: ClassVar[str] = "cogging"
+    amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf)
+    experiment: ClassVar[str] = "slow sweeps both ways over as much of a turn as there is"
+    lookalikes: ClassVar[tuple[str, ...]] = ("torque-ripple", "position-dependent-friction", "cable-spring")
+    compensation: ClassVar[str] = "cogging feed-forward by angle"
+
+    def carrier(self, at: Sample) -> float | Array:
+        """One: neither current nor direction matter."""
+        return 1.0
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return amplitudes and harmonics."""
+        return self.listed(values)

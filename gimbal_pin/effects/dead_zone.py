@@ -1,0 +1,41 @@
+"""A drive that ignores small commands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import ClassVar
+
+from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class DeadZone(Signal):
+    """``y = x - clip(x, -width, width)``: the first `width` of every command is lost.
+
+    Attributes:
+        joint: The joint whose drive it is.
+        width: Largest command that gives no torque, N m.
+    """
+
+    width: float
+
+    name: ClassVar[str] = "dead-zone"
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("width", nan, "N m", 0.0, 1e6),)
+    experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
+    lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "load-dependent-friction")
+    compensation: ClassVar[str] = "the width is added to the command, in its direction"
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Nothing to remember."""
+        return ()
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Take the lost part off."""
+        return memory, x - min(self.width, max(-self.width, x))
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return the width."""
+        return f"the drive gives nothing for the first {self.width:.3g} N m of every command"

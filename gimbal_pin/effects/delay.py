@@ -1,0 +1,45 @@
+"""A drive that acts late."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import ClassVar
+
+from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Delay(Signal):
+    """``y(t) = x(t - time)``.
+
+    Attributes:
+        joint: The joint whose motor is late.
+        time: Delay, s; it need not be whole samples.
+    """
+
+    time: float
+
+    name: ClassVar[str] = "delay"
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time", nan, "s", 0.0, 0.2),)
+    experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
+    lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "joint-flexibility", "stribeck")
+    compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Return the commands so far, newest first; the last one held before them."""
+        return (level,)
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Within an interval the older command acts for a part of it, the newer for the rest."""
+        whole = int(self.time / dt + 1e-9)
+        part = max(self.time / dt - whole, 0.0)
+        past = (x, *memory)[: whole + 2]
+        newer, older = past[min(whole, len(past) - 1)], past[-1]
+        return past, newer + part * (older - newer)
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return it in milliseconds."""
+        return f"the motor's torque comes {1e3 * self.time:.3g} ms after the command"

@@ -1,0 +1,48 @@
+"""An encoder that reads zero elsewhere than the URDF does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, nan
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.effects.rig_effect import RigEffect, with_model
+from gimbal_pin.parameter import Parameter
+from gimbal_pin.rig import Rig
+
+
+@dataclass(frozen=True)
+class EncoderOffset(RigEffect):
+    """``q_read = q_urdf + offset``: the joint's frame is turned back, so that the rig's angle is the one that is read.
+
+    Attributes:
+        joint: The joint whose encoder it is.
+        offset: What it reads at the URDF's zero, rad.
+    """
+
+    joint: str
+    offset: float
+
+    name: ClassVar[str] = "encoder-offset"
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("offset", nan, "rad", -3.2, 3.2),)
+    experiment: ClassVar[str] = "slow motion of all axes with the base held in several attitudes"
+    lookalikes: ClassVar[tuple[str, ...]] = ("payload-shift", "base-tilt", "off-diagonal-inertia")
+    compensation: ClassVar[str] = "correct the encoder's zero by as much"
+
+    def apply(self, rig: Rig) -> Rig:
+        """Turn the joint's placement about the joint's axis."""
+        j = rig.joint_index(self.joint)
+        q, data = np.zeros(rig.n), rig.model.createData()
+        q[j] = -self.offset
+        pin.forwardKinematics(rig.model, data, q)
+        changed = with_model(rig)
+        changed.model.jointPlacements[j + 1] = data.liMi[j + 1]
+        return changed
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return the offset in degrees."""
+        return f"the encoder reads {degrees(self.offset):+.3g}° where the joint is at zero"

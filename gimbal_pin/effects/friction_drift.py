@@ -1,0 +1,54 @@
+"""Friction that changes while the rig runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import ClassVar
+
+from gimbal_pin.effects.base import AMBIENT, Effect, Sample
+from gimbal_pin.effects.functions import exp
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+KELVIN = 10.0
+"""Warming of the motor that the coefficients speak of where the log holds its temperature, K."""
+
+
+@dataclass(frozen=True)
+class FrictionDrift(Effect):
+    """``tau = x (coulomb slide + viscous v)``: what warming up adds, or takes.
+
+    ``x = 1 - exp(-t/span)`` with the time, ``x = (T - 25 °C)/(10 K)`` with the temperature.
+
+    Attributes:
+        joint: The joint it acts on.
+        span: Time constant of the warming up, s; one well over the log's length is a drift linear in time.
+        thermal: True takes the motor's temperature in place of the time.
+    """
+
+    span: float = 300.0
+    thermal: bool = False
+
+    name: ClassVar[str] = "friction-drift"
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("span", 300.0, "s", 1.0, 1e5),)
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("coulomb", 0.0, "N m", -inf, inf),
+        Parameter("viscous", 0.0, "N m s/rad", -inf, inf),
+    )
+    dry: ClassVar[bool] = True
+    experiment: ClassVar[str] = "a long run from cold, its first minute repeated as the last"
+    lookalikes: ClassVar[tuple[str, ...]] = ("load-dependent-friction", "quadratic-drag")
+    compensation: ClassVar[str] = "friction feed-forward by the time since the start; identify again once warm"
+
+    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+        """Direction and rate, times how far the change has come."""
+        x = (at.temperature - AMBIENT) / KELVIN if self.thermal else 1.0 - exp(-at.t / self.span)
+        return x * at.slide, x * at.v
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return the whole change."""
+        way = "rises" if values[0] >= 0 else "falls"
+        over = f"with every {KELVIN:g} K of warming" if self.thermal else f"over some {self.span:.3g} s of running"
+        return f"dry friction {way} by {abs(values[0]):.3g} N m ({values[1]:+.3g} N m per rad/s) {over}"

@@ -1,0 +1,95 @@
+"""What the causes share that repeat with the angle: harmonics as cosine and sine, read as amplitude and phase."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import atan2, hypot, inf, nan, pi
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gimbal_pin.effects.base import Effect, Sample, Term
+from gimbal_pin.effects.functions import cos, propagated, sin
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi)
+
+
+@dataclass(frozen=True)
+class Harmonic(Effect):
+    """``tau = carrier sum_k (a_k cos kq + b_k sin kq) = carrier sum_k A_k cos(kq + phase_k)``.
+
+    Attributes:
+        joint: The joint it acts on.
+        harmonic: Every k, per turn of the joint.
+    """
+
+    harmonic: tuple[float, ...]
+
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("harmonic", nan, "per turn", 1.0, 1000.0),)
+    amplitude: ClassVar[Parameter]
+    """Name and unit of A_k."""
+
+    @abstractmethod
+    def carrier(self, at: Sample) -> float | Array:
+        """Return what the harmonics multiply."""
+
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """``cos_k, sin_k`` for every harmonic."""
+        unit = self.amplitude.unit
+        return tuple(Parameter(f"{part}_{k:g}", 0.0, unit, -inf, inf) for k in self.harmonic for part in ("cos", "sin"))
+
+    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+        """``carrier cos kq, carrier sin kq`` for every harmonic."""
+        carrier = self.carrier(at)
+        return tuple(carrier * part(k * at.q) for k in self.harmonic for part in (cos, sin))
+
+    def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
+        """Amplitude and phase, rad, of every harmonic."""
+        return tuple((hypot(a, b), atan2(-b, a)) for a, b in zip(values[::2], values[1::2]))
+
+    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+        """Amplitude, harmonic and phase, the strongest first; those of the second are ``amplitude_2`` and so on."""
+        polar = self.polar(values)
+        out: list[Parameter] = []
+        for rank, i in enumerate(sorted(range(len(polar)), key=lambda i: -polar[i][0])):
+            size, phase = polar[i]
+            pair, std = slice(2 * i, 2 * i + 2), np.array([nan, nan])
+            if covariance is not None and size > 0:
+                std = propagated(lambda x: self.polar(x)[0], values[pair], covariance[pair, pair])
+            end = f"_{rank + 1}" if rank else ""
+            out += [
+                Parameter(f"{self.amplitude.name}{end}", size, self.amplitude.unit, 0.0, inf, float(std[0])),
+                Parameter(f"harmonic{end}", self.harmonic[i], "per turn", *self.limits()),
+                Parameter(f"phase{end}", phase, "rad", -pi, pi, float(std[1])),
+            ]
+        return tuple(out)
+
+    @classmethod
+    def limits(cls) -> tuple[float, float]:
+        """Bounds of a harmonic, per turn."""
+        return cls.shapes[0].lower, cls.shapes[0].upper
+
+    @classmethod
+    def stated(cls) -> tuple[Parameter, ...]:
+        """Amplitude, harmonic, phase."""
+        return (cls.amplitude, *cls.shapes, PHASE)
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """Return the term with one harmonic."""
+        size, phase = given[cls.amplitude.name], given["phase"]
+        a, b = size * float(cos(phase)), -size * float(sin(phase))
+        return Term(cls(str(joint), (given["harmonic"],)), (a, b))
+
+    def listed(self, values: Sequence[float]) -> str:
+        """``0.055 N m at 42 per turn``, the strongest three."""
+        unit = self.amplitude.unit
+        rows = sorted(((size, k) for (size, _), k in zip(self.polar(values), self.harmonic)), reverse=True)
+        text = " and ".join(f"{size:.3g}{' ' + unit if unit != '1' else ''} at {k:g}" for size, k in rows[:3])
+        rest = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
+        return f"{text}{rest} per turn"

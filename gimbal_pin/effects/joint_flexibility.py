@@ -1,0 +1,56 @@
+"""A joint that gives: rotor and link as two masses on a torsion spring."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, exp, nan, pi, sin, sqrt
+from typing import ClassVar
+
+from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class JointFlexibility(Signal):
+    """``y = F(s) x``, ``F = (2 ζ s/ω + 1)/(s²/ω² + 2 ζ s/ω + 1)``: what a torsion spring passes on to the link.
+
+    Two masses J (rotor) and I (link) on a spring k, the encoder on the link: from the motor's torque to the link's
+    angle they are exactly the rigid joint with inertia I + J behind F, with ω² = k (1/J + 1/I). A pose that changes I
+    moves ω, which this leaves out; so does an encoder on the motor's side.
+
+    Attributes:
+        joint: The joint that gives.
+        frequency: Resonance ω/2π, Hz.
+        damping: ζ.
+    """
+
+    frequency: float
+    damping: float = 0.05
+
+    name: ClassVar[str] = "joint-flexibility"
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("frequency", nan, "Hz", 0.5, 500.0),
+        Parameter("damping", 0.05, "1", 1e-4, 0.95),
+    )
+    experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
+    lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "delay", "armature")
+    compensation: ClassVar[str] = "a notch at the resonance, or a bandwidth of at most a third of it"
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Return the spring's deflection in N m and its rate in N m/s."""
+        return level, 0.0
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Exact for a held command: ``z'' = ω² (x - z) - 2 ζ ω z'``; what does not speed the rotor up is passed on."""
+        w = 2 * pi * self.frequency
+        decay, turn = self.damping * w, w * sqrt(1 - self.damping**2)
+        z, rate = memory[0] - x, memory[1]
+        c, s, left = cos(turn * dt), sin(turn * dt) / turn, exp(-decay * dt)
+        after = left * (z * c + (rate + decay * z) * s)
+        rate_after = left * (rate * c - (w * w * z + decay * rate) * s)
+        return (x + after, rate_after), x - (rate_after - rate) / (w * w * dt)
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return the resonance."""
+        return f"the joint gives like a spring and rings at {self.frequency:.3g} Hz (damping {self.damping:.2g})"

@@ -1,0 +1,50 @@
+"""Presliding: dry friction that builds up like a spring before it slides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import exp, inf, nan
+from typing import ClassVar
+
+from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Presliding(Effect):
+    """``tau = level z`` with ``dz/dq = (1 - z sign(dq))/stroke``: bristles that bend, then slide (Dahl 1968).
+
+    The memory z in [-1, 1] depends on the way, not on the time; it does not stick, as a spring does not.
+
+    Attributes:
+        joint: The joint it acts on.
+        stroke: Angle over which the friction builds up to 1 - 1/e, rad.
+    """
+
+    stroke: float
+
+    name: ClassVar[str] = "presliding"
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("stroke", nan, "rad", 1e-4, 0.5),)
+    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("level", nan, "N m", 0.0, inf),)
+    experiment: ClassVar[str] = "small reversals, from a tenth of the stroke to ten strokes"
+    lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "delay")
+    compensation: ClassVar[str] = "friction feed-forward after full sliding; small reversals are left to the feedback"
+
+    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+        """The bristles' bend."""
+        return (self.remembered(at),)
+
+    def start(self) -> float | None:
+        """Unbent."""
+        return 0.0
+
+    def evolve(self, memory: float, moved: float) -> float:
+        """Return ``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s."""
+        way = 1.0 if moved >= 0 else -1.0
+        return way + (memory - way) * exp(-abs(moved) / self.stroke)
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return size and stroke."""
+        return f"after each reversal {values[0]:.3g} N m of friction build up like a spring over {self.stroke:.3g} rad"

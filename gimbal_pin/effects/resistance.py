@@ -1,0 +1,80 @@
+"""Torque of terms on floats, joint by joint: what the simulation takes off the motors' torque at every stage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gimbal_pin.effects.base import Sample, Term
+
+Memory = tuple[float, ...]
+
+
+class Resistance:
+    """``net = tau - sum of terms``, at any stage of a step.
+
+    The affine terms' coefficients are read off their bases once: on most rigs that is all there is, and costs two
+    products a joint. The others are evaluated sample by sample.
+
+    Attributes:
+        start: What the terms with a memory remember at rest.
+        dry_joints: Joints that can stick.
+    """
+
+    def __init__(self, by_joint: Sequence[Sequence[Term]]) -> None:
+        """Take the terms that act on each joint apart."""
+        affine = [[term for term in terms if term.effect.affine] for terms in by_joint]
+        self.constant = [total(terms, Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)) for terms in affine]
+        self.per_slide = [
+            total(terms, Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)) - zero for terms, zero in zip(affine, self.constant)
+        ]
+        self.per_rate = [
+            total(terms, Sample(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)) - zero for terms, zero in zip(affine, self.constant)
+        ]
+        self.rest = [(j, [t for t in terms if not t.effect.affine]) for j, terms in enumerate(by_joint)]
+        self.rest = [(j, terms) for j, terms in self.rest if terms]
+        self.dry = [[term for term in terms if term.effect.dry] for terms in by_joint]
+        self.dry_joints = [j for j, terms in enumerate(self.dry) if terms]
+        keeping = [(j, term) for j, terms in self.rest for term in terms if term.effect.start() is not None]
+        self.keeping = keeping
+        self.slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
+        self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
+
+    def left(self, tau: Sequence[float], slide: Sequence[float]) -> list[float]:
+        """Torque left of `tau`, N m, by the part of the affine terms that is the same at every stage of a step."""
+        return [u - c - s * k for u, c, s, k in zip(tau, self.constant, slide, self.per_slide)]
+
+    def evolved(self, memory: Memory, before: Sequence[float], after: Sequence[float]) -> Memory:
+        """Return the memory after the joints have moved from angles `before` to `after`, rad."""
+        return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
+
+    def net(
+        self,
+        t: float,
+        q: Sequence[float],
+        v: Sequence[float],
+        left: Sequence[float],
+        slide: Sequence[float],
+        tau: Sequence[float],
+        memory: Memory,
+        before: Sequence[float],
+    ) -> list[float]:
+        """Torque left for acceleration, N m, given `left` from above and the memory held at the angles `before`."""
+        out = [f - c * w for f, c, w in zip(left, self.per_rate, v)]
+        if not self.rest:
+            return out
+        now = self.evolved(memory, before, q) if memory else memory
+        for j, terms in self.rest:
+            at = Sample(t, q[j], v[j], 0.0, slide[j], tau[j])
+            for term in terms:
+                slot = self.slots.get(id(term))
+                out[j] -= float(term.torque(at if slot is None else at._replace(memory=now[slot])))
+        return out
+
+    def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
+        """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
+        return way * total(self.dry[j], Sample(t, q, 0.0, 0.0, way, tau))
+
+
+def total(terms: Sequence[Term], at: Sample) -> float:
+    """Torque of some terms at one sample, N m."""
+    return float(sum(term.torque(at) for term in terms))

@@ -1,0 +1,41 @@
+"""A motor that gives no more than so much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import ClassVar
+
+from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Saturation(Signal):
+    """``y = x`` within ±limit, ``±limit`` beyond: a limit under the one that the rig states.
+
+    Attributes:
+        joint: The joint whose motor it is.
+        limit: Largest torque, N m.
+    """
+
+    limit: float
+
+    name: ClassVar[str] = "saturation"
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("limit", nan, "N m", 1e-6, 1e6),)
+    experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
+    lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "quadratic-drag", "actuator-lag")
+    compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Nothing to remember."""
+        return ()
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Cut the command."""
+        return memory, min(self.limit, max(-self.limit, x))
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return the limit."""
+        return f"the motor gives no more than {self.limit:.3g} N m, whatever is commanded"

@@ -1,0 +1,32 @@
+"""A constant torque: a current sensor's offset, a taut cable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, nan
+from typing import ClassVar
+
+from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class TorqueBias(Effect):
+    """``tau = bias``: the reported torque is off by a constant, N m."""
+
+    name: ClassVar[str] = "torque-bias"
+    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("bias", nan, "N m", -inf, inf),)
+    affine: ClassVar[bool] = True
+    experiment: ClassVar[str] = "the same motion both ways, and holds at rest approached from both sides"
+    lookalikes: ClassVar[tuple[str, ...]] = ("asymmetric-friction", "cable-spring", "payload-shift")
+    compensation: ClassVar[str] = "a constant feed-forward; calibrate the current sensor's zero"
+
+    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+        """One at every sample."""
+        return (1.0 + 0.0 * at.q,)
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return its size."""
+        return f"the reported torque is off by a constant {values[0]:+.3g} N m"

@@ -1,0 +1,33 @@
+"""Torque ripple: the torque per current varies with the angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import ClassVar
+
+from gimbal_pin.effects.base import Sample
+from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class TorqueRipple(Harmonic):
+    """``tau = tau_model sum_k (a_k cos kq + b_k sin kq)``: the share of the torque that the motor fails to give."""
+
+    name: ClassVar[str] = "torque-ripple"
+    amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "1", 0.0, 0.95)
+    loaded: ClassVar[bool] = True
+    experiment: ClassVar[str] = "slow sweeps over the same angles under two different loads"
+    lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "torque-gain", "load-dependent-friction")
+    compensation: ClassVar[str] = "the command is divided by the torque constant at the angle"
+
+    def carrier(self, at: Sample) -> float | Array:
+        """The model's total torque."""
+        return at.tau
+
+    def says(self, values: Sequence[float] = ()) -> str:
+        """Return amplitudes as shares of the torque."""
+        return f"the motor's torque per current varies with the angle, as a share {self.listed(values)}"

@@ -1,0 +1,70 @@
+"""What moving one axis does to the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.report import plots
+from gimbal_pin.report.html import picture, table
+from gimbal_pin.report.joints import Joint, joints_of, units
+from gimbal_pin.report.numbers import DASH, controller_name
+from gimbal_pin.report.sections.experiments import chosen, controller_looks, marked
+from gimbal_pin.rig import Rig
+from gimbal_pin.track import Experiment, Tracking
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def cross_table(rig: Rig, result: Tracking, singles: Sequence[str]) -> Markup:
+    """Return the largest error of the axes that should stay, per axis that moves and controller."""
+    looks = {joint.name: joint for joint in joints_of(rig)}
+    controllers = list(dict.fromkeys(experiment.controller for experiment in result.experiments))
+    rows = []
+    for name in singles:
+        peaks = {e.controller: e.cross_axis_peak for e in chosen(result, name)}
+        texts = [
+            marked(looks[name].text(peaks[c]), peaks[c], list(peaks.values())) if c in peaks else DASH
+            for c in controllers
+        ]
+        rows.append([looks[name].label, *texts])
+    head = ["Axis that moves", *map(controller_name, controllers)]
+    return table(head, rows, caption="Largest error of the axes that should stay")
+
+
+def cross_picture(rig: Rig, result: Tracking, singles: Sequence[str]) -> Markup:
+    """Return the picture of what a moving axis does to the others."""
+    alt = f"Errors of the axes that should stay while one of {', '.join(singles)} moves, per controller"
+    caption = "Error of the axes that should stay, each in its colour, while the axis in the title moves; one scale."
+    return picture(plots.drawn(partial(cross_figure, rig, result, singles), alt), caption)
+
+
+def cross_figure(rig: Rig, result: Tracking, singles: Sequence[str]) -> Figure:
+    """Draw the errors of the axes that should stay: a row per controller, a column per axis that moves."""
+    joints = joints_of(rig)
+    controllers = controller_looks(result.experiments)
+    height = 0.9 + 1.4 * len(controllers)
+    figure, panels = plots.panels(len(controllers), len(singles), height, gaps=(0.2, 0.2), share=(True, True), left=1.1)
+    for column, name in enumerate(singles):
+        for line, controller in enumerate(controllers):
+            still_errors(panels[line, column], joints, result.of(name, controller))
+            plots.zero_line(panels[line, column])
+        panels[0, column].set_title(f"{name} moves", color=next(x.colour for x in joints if x.name == name))
+        panels[-1, column].set_xlabel("time, s")
+    for line, controller in enumerate(controllers):
+        panels[line, 0].set_ylabel(f"{controller_name(controller)}\nerror, {units(joints)}")
+    return figure
+
+
+def still_errors(axes: Axes, joints: Sequence[Joint], experiment: Experiment) -> None:
+    """Draw the errors of the joints that should stay."""
+    for j, joint in enumerate(joints):
+        if joint.name != experiment.name:
+            error = np.asarray(experiment.log.q_ref)[:, j] - experiment.q[:, j]
+            plots.curve(axes, experiment.log.t, joint.scale * error, color=joint.colour)

@@ -1,0 +1,60 @@
+"""The headline numbers as cards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gimbal_pin.identify import Identified
+from gimbal_pin.report.html import Card
+from gimbal_pin.report.numbers import between, controller_name, figures, percent, torque_text
+from gimbal_pin.report.sections.torque import grade
+from gimbal_pin.tuning import Tuning
+
+
+def fit_card(found: Identified) -> Card:
+    """Return the fit of the worst joint."""
+    accuracy = found.held_out or found.train
+    joint, fit = min(accuracy.fit_percent.items(), key=lambda pair: pair[1])
+    where = "held out" if found.held_out else "training data"
+    return Card("Fit of the torque", f"{percent(fit)} %", f"worst joint: {joint}, {where}", grade(fit))
+
+
+def error_card(found: Identified) -> Card:
+    """Return the largest torque error."""
+    accuracy = found.held_out or found.train
+    joint, rmse = max(accuracy.torque_rmse.items(), key=lambda pair: pair[1])
+    return Card("Torque error", torque_text(rmse), f"rms, largest: {joint}, {accuracy.how}")
+
+
+def parameter_card(found: Identified) -> Card:
+    """Return the number of parameters and their median deviation."""
+    deviation = np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300))
+    return Card("Parameters", str(len(found.names)), f"median deviation {figures(100 * float(deviation), 2)} %")
+
+
+def bandwidth_card(tuning: Tuning) -> Card:
+    """Return the bandwidth."""
+    crossover = between(found.crossover_hz for found in tuning.margins)
+    return Card("Bandwidth", f"{between(tuning.bandwidth_hz)} Hz", f"crossover {crossover} Hz")
+
+
+def margin_card(tuning: Tuning) -> Card:
+    """Return the worst margins."""
+    phase = min(found.phase_margin_deg for found in tuning.margins)
+    disk = min(found.disk_margin for found in tuning.margins)
+    return Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {figures(disk, 2)}, worst joint")
+
+
+def ratio_card(ratio: Mapping[str, float], baseline: str, fair: bool = True) -> Card:
+    """Return how many times closer the model-based controller follows, on the axis where it gains least.
+
+    Args:
+        ratio: Joint → error of the baseline over that of the model-based controller.
+        baseline: The baseline's name.
+        fair: False where the baseline is no fair rival: the card then praises nothing.
+    """
+    joint, times = min(ratio.items(), key=lambda pair: pair[1])
+    note = f"than {controller_name(baseline)}: rms error, all axes together, least on {joint}"
+    return Card("Tracks closer", f"{figures(times, 2)} ×", note, "poor" if times <= 1 else "good" if fair else "")

@@ -1,0 +1,73 @@
+"""What a model leaves of the torque: over the rate, and as a histogram."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.log import Array
+from gimbal_pin.report import plots
+from gimbal_pin.report.evaluation import Evaluated
+from gimbal_pin.report.joints import Joint
+from gimbal_pin.report.numbers import torque_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BINS = 24
+"""Stretches of the rate, alike in samples, over which the residual's mean is taken."""
+CLOUD = 900
+"""Most dots in a cloud."""
+
+
+def leftovers(joints: tuple[Joint, ...], evaluated: Evaluated) -> tuple[Markup, str]:
+    """Return the residual over rate and as a histogram, and the caption."""
+    alt = f"Residual torque of {', '.join(evaluated.joints)} over rate, and its histogram"
+    caption = (
+        "Residual over the joint's rate, and its mean with the error of the mean: flat is noise, a bend is what "
+        "the model does not know. Below, its distribution against a normal one of the same size."
+    )
+    return plots.drawn(partial(clouds, joints, evaluated), alt), caption
+
+
+def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> Figure:
+    """Draw residuals over rates, and their histograms below."""
+    figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
+    v, error = evaluated.stacked("v"), evaluated.stacked("error")
+    scale, unit = torque_unit(float(np.abs(error).max()))
+    for j, joint in enumerate(joints):
+        over_rate(panels[0, j], joint, v[:, j], scale * error[:, j])
+        histogram(panels[1, j], joint, scale * error[:, j])
+        panels[1, j].set_xlabel(f"residual, {unit}")
+    panels[0, 0].set_ylabel(f"residual, {unit}")
+    panels[1, 0].set_ylabel("density")
+    return figure
+
+
+def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
+    """Draw a joint's residual over its rate, and its mean in stretches of the rate, with twice its error."""
+    every = max(1, len(v) // CLOUD)
+    plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
+    groups = np.array_split(np.argsort(v), min(BINS, max(1, len(v) // 10)))
+    middle = joint.scale * np.array([v[group].mean() for group in groups])
+    mean = np.array([error[group].mean() for group in groups])
+    sure = np.array([error[group].std() / np.sqrt(len(group)) for group in groups])
+    axes.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
+    axes.plot(middle, mean, color=plots.INK, lw=1.3)
+    plots.zero_line(axes)
+    axes.set_title(joint.name, color=joint.colour)
+    axes.set_xlabel(f"rate, {joint.unit}/s")
+
+
+def histogram(axes: Axes, joint: Joint, error: Array) -> None:
+    """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
+    axes.hist(error, bins=40, density=True, color=joint.colour, alpha=0.45)
+    mean, std = float(error.mean()), float(error.std())
+    if std > 0:
+        x = np.linspace(mean - 4 * std, mean + 4 * std, 120)
+        axes.plot(x, np.exp(-(((x - mean) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi)), color=plots.INK, lw=1.0)
+    axes.set_yticks([])

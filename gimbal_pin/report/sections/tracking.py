@@ -1,0 +1,150 @@
+"""Step tracking: every controller on the same steps, all axes together and one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import isfinite, isnan
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.log import Array
+from gimbal_pin.report import plots
+from gimbal_pin.report.base import Section
+from gimbal_pin.report.html import Content, heading, join, paragraph, picture, table
+from gimbal_pin.report.joints import Joint, joints_of
+from gimbal_pin.report.numbers import DASH, DEGREE, controller_name, figures, listed
+from gimbal_pin.report.sections.crosstalk import cross_picture, cross_table
+from gimbal_pin.report.sections.experiments import TOGETHER, chosen, controller_looks, marked, names
+from gimbal_pin.rig import Rig
+from gimbal_pin.track import Experiment, StepMetrics, Tracking
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LEAST = 1e-3 / DEGREE
+"""Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
+
+
+class Column(NamedTuple):
+    """A figure of the table; the smaller is the better, if it differs by more than `least` and a twentieth."""
+
+    title: str
+    value: Callable[[StepMetrics], float]
+    text: Callable[[Joint, float], str]
+    least: float
+
+
+COLUMNS = (
+    Column("RMS error", lambda m: m.rms_error, lambda joint, x: joint.text(x), 0.0),
+    Column("Peak error", lambda m: m.peak_error, lambda joint, x: joint.text(x), 0.0),
+    Column("Overshoot", lambda m: m.overshoot_percent, lambda _, x: f"{figures(x, 2)} %", 0.05),
+    Column("Settling, s", lambda m: m.settling_time, lambda _, x: figures(x), 0.02),
+    Column("Steady state", lambda m: abs(m.steady_state_error), lambda joint, x: joint.text(x, digits=2), LEAST),
+    Column("At torque limit", lambda m: 100 * m.saturated, lambda _, x: f"{figures(x, 2)} %", 0.5),
+)
+
+
+def tracking(result: Tracking, rig: Rig, note: str = "") -> Section:
+    """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
+
+    Args:
+        result: What `track` returned.
+        rig: The rig, for units and limits.
+        note: What the plant was, as a sentence.
+    """
+    joints = joints_of(rig)
+    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
+    parts = [paragraph(f"Minimum-jerk steps of {steps}. {note}".strip())]
+    together = chosen(result, TOGETHER)
+    if together:
+        parts += [heading("All axes together"), metrics_table(joints, together), *responses(rig, together)]
+    singles = [name for name in names(result) if name != TOGETHER]
+    if singles:
+        alone = [experiment for name in singles for experiment in chosen(result, name)]
+        parts += [heading("One axis at a time"), metrics_table(joints, alone), cross_table(rig, result, singles)]
+        parts.append(cross_picture(rig, result, singles))
+    lead = "Every controller meets the same steps and the same sensor noise; what is clearly better is marked."
+    return Section("Tracking", join(parts), lead)
+
+
+def metrics_table(joints: Sequence[Joint], experiments: Sequence[Experiment]) -> Markup:
+    """Return the metrics of the joints that move, controllers below each other, the better of them marked."""
+    head: list[Content] = ["Joint", "Controller", *(column.title for column in COLUMNS)]
+    rows = [
+        row(joint, experiment, [rival for rival in experiments if rival.name == experiment.name])
+        for joint in joints
+        for experiment in experiments
+        if not isnan(experiment.joints[joint.name].overshoot_percent)
+    ]
+    return table(head, rows, texts=2, label="Step tracking")
+
+
+def row(joint: Joint, experiment: Experiment, rivals: Sequence[Experiment]) -> list[Content]:
+    """Return one joint's row under one controller."""
+    cells: list[Content] = [joint.label, controller_name(experiment.controller)]
+    for column in COLUMNS:
+        own = column.value(experiment.joints[joint.name])
+        every = [column.value(rival.joints[joint.name]) for rival in rivals]
+        cells.append(marked(DASH if isnan(own) else column.text(joint, own), own, every, column.least))
+    return cells
+
+
+def responses(rig: Rig, experiments: Sequence[Experiment]) -> list[Markup]:
+    """Return the picture of the steps."""
+    controllers = listed(map(controller_name, controller_looks(experiments)))
+    alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {controllers}"
+    caption = (
+        "Reference (dashed) and angle, the error, and the torque as a share of its limit. "
+        "Grey: the first controller; in colour: the last."
+    )
+    return [picture(plots.drawn(partial(steps_figure, rig, experiments), alt), caption)]
+
+
+def shade(k: int, count: int, joint: Joint) -> tuple[str, float]:
+    """Return colour and width of the k-th of several controllers: the last has the joint's colour."""
+    greys = (plots.PLAIN, plots.MUTED)
+    return (joint.colour, 1.6) if k == count - 1 else (greys[k % 2], 2.2)
+
+
+def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> Figure:
+    """Draw angle, error and torque of every joint, one column each."""
+    joints = joints_of(rig)
+    figure, panels = plots.panels(3, len(joints), 6.6, ratios=[1.5, 1.2, 1], gaps=(0.85, 0.33), share=(True, False))
+    for j, joint in enumerate(joints):
+        for k, experiment in enumerate(experiments):
+            colour, width = shade(k, len(experiments), joint)
+            step_column(panels[:, j], rig, j, joint, experiment, colour, width)
+        column_labels(panels[:, j], rig, j, joint, experiments)
+    figure.align_ylabels()
+    return figure
+
+
+def step_column(
+    panels: Array, rig: Rig, j: int, joint: Joint, experiment: Experiment, colour: str, width: float
+) -> None:
+    """Draw one controller's curves of one joint."""
+    log = experiment.log
+    t, wanted, tau = log.t, np.asarray(log.q_ref)[:, j], np.asarray(log.tau)[:, j]
+    limit = float(rig.tau_max[j])
+    plots.curve(panels[0], t, joint.scale * experiment.q[:, j], color=colour, lw=width)
+    plots.curve(panels[1], t, joint.scale * (wanted - experiment.q[:, j]), color=colour, lw=width)
+    plots.curve(panels[2], t, 100 * tau / limit if isfinite(limit) else tau, color=colour, lw=0.8 * width)
+
+
+def column_labels(panels: Array, rig: Rig, j: int, joint: Joint, experiments: Sequence[Experiment]) -> None:
+    """Draw the reference and label one joint's panels."""
+    log, count = experiments[0].log, len(experiments)
+    plots.curve(panels[0], log.t, joint.scale * np.asarray(log.q_ref)[:, j], color=plots.INK, lw=1.0, ls=(0, (4, 3)))
+    for axes in panels[1:]:
+        plots.zero_line(axes)
+    limited = isfinite(rig.tau_max[j])
+    panels[0].set_title(joint.name, color=joint.colour)
+    panels[0].set_ylabel(f"position, {joint.unit}")
+    panels[1].set_ylabel(f"error, {joint.unit}")
+    panels[2].set_ylabel("torque, % of limit" if limited else "torque, N m")
+    panels[2].set(xlabel="time, s", xlim=(log.t[0], log.t[-1]))
+    shades = [shade(k, count, joint)[0] for k in range(count)]
+    plots.named(panels[1], list(zip((controller_name(experiment.controller) for experiment in experiments), shades)))

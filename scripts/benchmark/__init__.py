@@ -1,0 +1,1 @@
+"""Speed and memory, each figure beside its requirement; run by scripts/bench."""

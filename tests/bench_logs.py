@@ -1,0 +1,86 @@
+"""Logs for tests: a prescribed motion with the torque that it takes, and closed loops with their noise-free truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+
+from gimbal_pin import rows
+from gimbal_pin.excitation import excite
+from gimbal_pin.experiment import repeated
+from gimbal_pin.identify import Identified, identify
+from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.plant import Plant, State
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulate import Sensors, simulate
+from gimbal_pin.tuning import tune
+
+
+def fourier(rig: Rig, seed: int, seconds: float, dt: float = 1e-3) -> Motion:
+    """A sum of five sines per joint, well inside the rig's limits."""
+    rng = np.random.default_rng(seed)
+    t = dt * np.arange(round(seconds / dt) + 1)
+    q, v, a = (np.zeros((len(t), rig.n)) for _ in range(3))
+    for j, limit in enumerate(rig.limits):
+        for harmonic in range(1, 6):
+            size, phase, w = rng.normal() / harmonic, rng.uniform(0, 2 * np.pi), 0.86 * harmonic
+            q[:, j] += size * np.sin(w * t + phase)
+            v[:, j] += size * w * np.cos(w * t + phase)
+            a[:, j] -= size * w * w * np.sin(w * t + phase)
+        half = min(0.4 * (limit.upper - limit.lower), 1.2)
+        scale = min(half / abs(q[:, j]).max(), 1.5 / abs(v[:, j]).max())
+        for x in (q, v, a):
+            x[:, j] *= scale
+        q[:, j] += 0.5 * (max(limit.lower, -3) + min(limit.upper, 3))
+    return Motion(t, q, v, a)
+
+
+def prescribed(model: Model, seed: int = 0, seconds: float = 20.0, torque_noise: float = 0.0, dt: float = 1e-3) -> Log:
+    """The log of a motion that nothing disturbs: torque by inverse dynamics, at the sample itself (alignment 0)."""
+    motion = fourier(model.rig, seed, seconds, dt)
+    tau = model.inverse(motion.q, motion.v, motion.a)
+    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng(seed + 1).standard_normal(tau.shape)
+    return Log(f"prescribed {seed}", model.rig.joints, motion.t, motion.q, motion.v, tau + noise)
+
+
+def truth(plant: Model, log: Log, tau: Array) -> Motion:
+    """The plant's state in the middle of every held torque, replayed from the torques that acted."""
+    system, half = Plant(plant), log.dt / 2
+    state = State(np.array(log.q_ref[0]), np.zeros(plant.rig.n))  # type: ignore[index]
+    q, v, a = (np.empty((len(log), plant.rig.n)) for _ in range(3))
+    for k, t in enumerate(log.t.tolist()):
+        state = system.step(t, state, tau[k], half)
+        q[k], v[k] = state.q, state.v
+        a[k] = system.acceleration(t, state, tau[k], system.contact(t, state, tau[k]))
+        state = system.step(t, state, tau[k], half)
+    return Motion(log.t, q, v, a)
+
+
+def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
+    """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
+    true, measured = truth(nominal(rig), log, tau), np.asarray(log.tau)
+
+    def channels(stretch: rows.Stretch, _: rows.Filtering, first: int, last: int) -> rows.Channels:
+        begin = round((stretch.start - log.t[0]) / log.dt) + first
+        part = slice(begin, begin + last - first)
+        return rows.Channels(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
+
+    with (
+        patch.object(rows, "smoothed", channels),
+        patch.object(rows, "standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
+    ):
+        return identify(rig, [log])
+
+
+def closed_loop(rig: Rig, seed: int, seconds: float, torque_noise: float = 0.01, bits: float = 16) -> tuple[Log, Array]:
+    """A simulated excitation under computed torque, and the torque that acted without the sensor's noise."""
+    rng, plant = np.random.default_rng(seed), nominal(rig)
+    reference = repeated(excite(rig, starts=1, rng=rng).motion, seconds, 1e-3)
+    sensors = replace(Sensors.of(rig, 1e-3), encoder_step=np.full(rig.n, 2 * np.pi / 2**bits))
+    log = simulate(plant, tune(plant).controller, reference, rng=rng, sensors=sensors)
+    tau = np.array(log.tau)
+    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    return replace(log, tau=tau + noise), tau

@@ -1,0 +1,122 @@
+"""One case judged: what a diagnosis (CONTRACT.md's `diagnose --json`) got right and wrong of a truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Json = Mapping[str, Any]
+VISIBLE = 3.0
+"""Projected effect over noise floor from which an effect counts as visible."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A truth and its diagnosis, with the findings that are not excused by the log's own faults."""
+
+    truth: Json
+    diagnosis: Json
+    findings: tuple[Json, ...]
+
+    @property
+    def causes(self) -> Sequence[Json]:
+        """What was hidden."""
+        hidden: Sequence[Json] = self.truth["causes"]
+        return hidden
+
+    @property
+    def verdict(self) -> str:
+        """The diagnosis in one word."""
+        return str(self.diagnosis["verdict"])
+
+    @property
+    def stratum(self) -> str:
+        """Which part of the set the case is of."""
+        return str(self.truth["stratum"])
+
+
+def judge(truth: Json, diagnosis: Json) -> Judged:
+    """Set aside findings of faults that the log truly has."""
+    faults = set(truth["faults"])
+    left = tuple(found for found in diagnosis["findings"] if not faults & names_of(found))
+    return Judged(truth, diagnosis, left)
+
+
+def names_of(finding: Json) -> set[str]:
+    """Every cause that a finding holds possible."""
+    return {finding["cause"], *finding.get("class", ())}
+
+
+def same_joint(finding: Json, cause: Json) -> bool:
+    """Whether both speak of one joint, or one of them of the whole rig."""
+    return finding["joint"] is None or cause["joint"] is None or finding["joint"] == cause["joint"]
+
+
+def tells(finding: Json, cause: Json) -> bool:
+    """Whether a finding, or its class, is this cause on this joint."""
+    return cause["cause"] in names_of(finding) and same_joint(finding, cause)
+
+
+def near(finding: Json, cause: Json) -> bool:
+    """The same, or a published cause that comes near one from outside."""
+    return tells(finding, cause) or (bool(names_of(finding) & set(cause["kin"])) and same_joint(finding, cause))
+
+
+def snr(cause: Json) -> float:
+    """Projected effect over noise floor: on the cause's own joint, or where it is largest."""
+    values: Mapping[str, float] = cause["snr"]
+    return max(values.values()) if cause["joint"] is None else values[cause["joint"]]
+
+
+def visible(cause: Json) -> bool:
+    """Whether the effect stands clear of the noise."""
+    return snr(cause) >= VISIBLE
+
+
+def first_right(case: Judged) -> bool:
+    """Whether the strongest finding tells the (only) hidden cause."""
+    return bool(case.findings) and tells(case.findings[0], case.causes[0])
+
+
+def named_wrong(case: Judged) -> bool:
+    """Whether anything is *named* that was not hidden."""
+    confident = (found for found in case.findings if found["status"] == "named")
+    return any(not any(tells(found, cause) for cause in case.causes) for found in confident)
+
+
+def false_alarm(case: Judged) -> float:
+    """On a log with nothing in it: 1 for any finding, a half for "unknown" (or unexcused "data")."""
+    if case.findings:
+        return 1.0
+    excused = bool(case.truth["faults"])
+    doubtful = case.verdict == "unknown" or (case.verdict == "data" and not excused)
+    return 0.5 if doubtful else 0.0
+
+
+def gain_recovered(case: Judged) -> float | None:
+    """(before - after) / (before - oracle) of the held-out torque error on the joint with the largest hidden effect.
+
+    The oracle is the truth's `oracle_torque_rmse` where somebody has put it there, else the noise floor. None where the
+    oracle itself gains less than a tenth: there is nothing to recover."""
+    cause = case.causes[0]
+    size: Mapping[str, float] = cause["projected_rms"]
+    joint = cause["joint"] or max(size, key=lambda name: size[name])
+    before = float(case.diagnosis["baseline"]["torque_rmse"][joint])
+    after = float(case.diagnosis["extended"]["torque_rmse"][joint])
+    oracle = float(case.truth.get("oracle_torque_rmse", case.truth["noise_floor"])[joint])
+    return (before - after) / (before - oracle) if before - oracle > 0.1 * before else None
+
+
+def covered(case: Judged, aliases: Mapping[tuple[str, str], str]) -> list[bool]:
+    """For each parameter of a rightly told cause in a known form: is the truth within 1.96 standard deviations?
+
+    `aliases` maps (cause, the truth's parameter) to the diagnosis's name for it."""
+    hits = []
+    for cause in (item for item in case.causes if item["comparable"]):
+        found = next((f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)), None)
+        for name, true in cause["parameters"].items() if found else ():
+            told = found["parameters"].get(aliases.get((cause["cause"], name), name)) if found else None
+            if told is not None and told.get("std") is not None:
+                hits.append(abs(float(told["value"]) - float(true)) <= 1.96 * float(told["std"]))
+    return hits

@@ -1,0 +1,110 @@
+"""What is true of a case, as JSON: for the scorer's eyes only."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from .calibrate import share_of, trial
+from .corruption import Damage
+from .effects import OUTSIDE, TRUSTED, Effect
+from .ledger import Ledger
+from .plan import Hidden, Plan
+from .plant import Trace
+from .rigs import Array, Rig
+from .scene import Scene
+from .visibility import projected, rms
+from .world import World
+
+DROWNED = 0.3
+"""Where noise is this share of the smoothed acceleration, naming `acceleration-noise` is no false finding."""
+Truth = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A plan as it was played: on which stage, with which effects, and where the torque went."""
+
+    plan: Plan
+    scene: Scene
+    effects: tuple[Effect, ...]
+    world: World
+    trace: Trace
+    ledger: Ledger
+
+
+@dataclass(frozen=True)
+class Blur:
+    """What sensor noise does to each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration."""
+
+    floor: Array
+    acceleration: Array
+
+
+def describe(run: Run, damage: Damage, blur: Blur) -> Truth:
+    """Everything about a case, keys as they stand in truth.json."""
+    plan, scene, rig, ledger = run.plan, run.scene, run.scene.rig, run.ledger
+    alone = (run.world, run.ledger) if len(run.effects) == 1 else None
+    return {
+        "schema": 1, "plan": asdict(plan), "rig": rig.name, "joints": list(rig.joints), "stratum": plan.stratum,
+        "level": plan.level, "expected": expected(plan), "faults": _faults(run, blur), "data": _data(plan, damage),
+        "causes": [_cause(run, e, h, alone, blur) for e, h in zip(run.effects, plan.hidden, strict=True)],
+        "noise_floor": _by_joint(rig, blur.floor), "acceleration_noise": _by_joint(rig, blur.acceleration),
+        "torque_rms": _by_joint(rig, rms(ledger.command)), "effect_rms": _by_joint(rig, rms(ledger.effect)),
+        "coulomb": _by_joint(rig, run.world.reference.coulomb),
+        "viscous": _by_joint(rig, run.world.reference.viscous),
+        "sensors": asdict(scene.sensors), "train_until": 2.0 / 3.0 * plan.seconds,
+    }  # fmt: skip
+
+
+def _faults(run: Run, blur: Blur) -> list[str]:
+    """Data causes that are true of this log: planted, or by its sensors."""
+    planted = [run.plan.data[0]] if run.plan.data else []
+    drowned = ["acceleration-noise"] if bool((blur.acceleration > DROWNED).any()) else []
+    return sorted({*run.scene.sensors.faults, *planted, *drowned})
+
+
+def _data(plan: Plan, damage: Damage) -> Truth | None:
+    if plan.data is None:
+        return None
+    cause, form = plan.data
+    return {
+        "cause": cause, "form": form, "parameters": damage.parameters, "channels": list(damage.channels),
+        "window": list(plan.window),
+    }  # fmt: skip
+
+
+def _cause(run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger] | None, blur: Blur) -> Truth:
+    """What is true of one effect; where several act, its size is that of a trial with it alone."""
+    scene, rig = run.scene, run.scene.rig
+    world, ledger = alone if alone is not None else trial(scene, effect)
+    smoothed, left = projected(world.reference, ledger, scene.rate, effect.cause in TRUSTED)
+    rows = slice(int(run.plan.start * len(ledger.command)), None)
+    joint, foreign = None if effect.joint is None else rig.joints[effect.joint], effect.form in effect.foreign
+    return {
+        "cause": effect.cause, "form": effect.form, "joint": joint, "foreign": foreign,
+        "outside": type(effect) in OUTSIDE, "kin": list(effect.kin), "parameters": effect.parameters(),
+        "comparable": not foreign, "target_share": hidden.share,
+        "share": share_of(effect, ledger, scene.rate, rows), "active_from": run.plan.start * run.plan.seconds,
+        "raw_rms": _by_joint(rig, rms(ledger.effect[rows])), "smoothed_rms": _by_joint(rig, smoothed),
+        "projected_rms": _by_joint(rig, left), "snr": _by_joint(rig, left / np.maximum(blur.floor, 1e-12)),
+    }  # fmt: skip
+
+
+def _by_joint(rig: Rig, values: Array) -> dict[str, float]:
+    return {joint: float(value) for joint, value in zip(rig.joints, values, strict=True)}
+
+
+def expected(plan: Plan) -> list[str]:
+    """The verdicts that would be right."""
+    if plan.data is not None:
+        return ["data"]
+    if not plan.hidden:
+        return ["nothing"]
+    if plan.start > 0.5:
+        return ["nothing", "unknown"]
+    names = {kind.cause for kind in OUTSIDE}
+    if all(hidden.cause in names for hidden in plan.hidden):
+        return ["unknown"]
+    return ["named", "ambiguous"]

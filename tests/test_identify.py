@@ -1,0 +1,241 @@
+"""Identification: what is planted comes back, with honest deviations, and nothing that cannot be seen is claimed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gimbal_pin.rows as rows_module
+from gimbal_pin import signals
+from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.estimators import ESTIMATORS, ols, robust, weighted
+from gimbal_pin.estimators.base import factor
+from gimbal_pin.identify import given_beta, identify, split
+from gimbal_pin.log import Log
+from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Block, Channels, Filtering, Rows, kept, mask
+from tests.bench_logs import closed_loop, fourier, oracle, prescribed
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+EXACT = Filtering(alignment=0.0)
+
+
+@pytest.fixture(scope="module")
+def turret() -> Rig:
+    return Rig.load("turret")
+
+
+@pytest.fixture(scope="module")
+def clean(turret: Rig) -> Log:
+    return prescribed(nominal(turret), seconds=20.0)
+
+
+def planted(rig: Rig) -> np.ndarray:
+    return np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
+
+
+def block(rng: np.random.Generator, rows: int = 40, joints: int = 2, width: int = 5) -> Block:
+    A = rng.standard_normal((rows, joints, width))
+    return Block(np.arange(rows) * 0.1, A, rng.standard_normal((rows, joints)), A[:, :, 0], np.ones((rows, joints)))
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
+def test_a_log_without_noise_gives_the_parameters_back(name: str) -> None:
+    rig = Rig.load(name)
+    found = identify(rig, [prescribed(nominal(rig), seconds=30.0)], filtering=EXACT)
+    scale = np.abs(planted(rig)).max()
+    assert np.abs(found.estimate.theta - planted(rig)).max() < 1e-6 * scale
+    assert min(found.held_out.fit_percent.values()) > 99.8
+    assert found.physical
+
+
+def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(turret: Rig) -> None:
+    """Any mask before the filter keeps A θ = b: with the true state the planted parameters leave no residual."""
+    model, motion = nominal(turret), fourier(turret, 3, 10.0)
+    tau = model.inverse(motion.q, motion.v, motion.a)
+    smoothed = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
+    channels = Channels(motion.t, motion.q, motion.v, motion.a, smoothed, np.full(turret.n, 0.02))
+    rows = Rows(turret, reduce(turret), friction_effects(turret.joints), (), EXACT)
+    made = rows.block(channels, slice(300, -300, 50), 1000.0)
+    assert made.share.min() < 0.5 < made.share.max()
+    assert np.abs(made.A @ planted(turret) - made.b).max() < 1e-8
+
+
+@given(st.integers(1, 60), st.integers(2, 80))
+def test_the_mask_is_zero_at_standstill_and_one_far_away(width: int, taper: int) -> None:
+    still = np.zeros((1000, 1), bool)
+    still[500 : 500 + width] = True
+    weight = mask(still, taper)[:, 0]
+    assert np.all(weight[still[:, 0]] == 0)
+    assert np.all(weight[: 500 - 3 * taper - 3] == 1) and np.all(weight >= 0) and np.all(weight <= 1)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 7))
+def test_the_factor_is_that_of_the_stack_however_it_is_cut(seed: int, parts: int) -> None:
+    whole = block(np.random.default_rng(seed))
+    cuts = np.array_split(np.arange(len(whole.t)), parts)
+    pieces = [Block(*(x[cut] for x in whole)) for cut in cuts]
+    rows = np.concatenate([whole.A, whole.b[:, :, None]], axis=2)
+    for j, R in enumerate(factor(pieces)):
+        assert np.allclose(R.T @ R, rows[:, j].T @ rows[:, j], atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(1e-2, 1e2))
+def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> None:
+    """Torque of one joint in another unit: the weights undo it, plain least squares does not."""
+    made = block(np.random.default_rng(seed), rows=200)
+    scale = np.array([unit, 1.0])
+    scaled = made._replace(A=made.A * scale[:, None], b=made.b * scale)
+    assert np.allclose(weighted([made]).theta, weighted([scaled]).theta, rtol=1e-3, atol=1e-4)
+
+
+def test_estimators_agree_without_noise(clean: Log, turret: Rig) -> None:
+    found = (identify(turret, [clean], estimator=method, filtering=EXACT) for method in ESTIMATORS.values())
+    first, *others = (each.estimate.theta for each in found)
+    for other in others:
+        assert np.allclose(first, other, atol=1e-4 * np.abs(first).max())
+
+
+def test_outliers_do_not_move_the_robust_estimate() -> None:
+    rng = np.random.default_rng(5)
+    made = block(rng, rows=400)
+    theta = rng.standard_normal(5)
+    b = made.A @ theta + 0.01 * rng.standard_normal(made.b.shape)
+    b[::25] += 5.0
+    made = made._replace(b=b)
+    assert np.abs(robust([made]).theta - theta).max() < 0.01 < np.abs(ols([made]).theta - theta).max()
+
+
+def test_trajectories_are_never_joined(turret: Rig) -> None:
+    """Rows of two logs are the rows of each, whatever the jump between them."""
+    logs = tuple(prescribed(nominal(turret), seed=seed, seconds=6.0) for seed in (1, 2))
+    make = Rows(turret, reduce(turret), friction_effects(turret.joints), logs, EXACT)
+    both = kept(make)
+    apart = [part for log in logs for part in kept(replace(make, logs=(log,)))]
+    assert len(both) == len(apart)
+    assert all(np.array_equal(x.A, y.A) and np.array_equal(x.b, y.b) for x, y in zip(both, apart))
+
+
+def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    make = Rows(turret, reduce(turret), friction_effects(turret.joints), (clean,), EXACT)
+    whole = np.concatenate([part.A for part in kept(make)])
+    monkeypatch.setattr(rows_module, "CHUNK", 1777)
+    cut = np.concatenate([part.A for part in kept(make)])
+    assert whole.shape == cut.shape
+    assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.settling` promises
+
+
+def test_lost_samples_and_jitter_do_not_move_the_parameters(turret: Rig, clean: Log) -> None:
+    rng = np.random.default_rng(2)
+    keep = np.sort(rng.permutation(len(clean))[: int(0.97 * len(clean))])
+    keep = keep[(keep < 4000) | (keep > 4600)]
+    holed = Log("holed", clean.joints, clean.t[keep], clean.q[keep], clean.v[keep], clean.tau[keep])
+    found = identify(turret, [holed], filtering=EXACT).estimate.theta
+    assert np.abs(found - planted(turret)).max() < 2e-3 * np.abs(planted(turret)).max()
+
+
+def test_the_rate_fuses_angle_and_gyro(turret: Rig) -> None:
+    """Angle and rate together give a better rate than either alone, and a gyro's bias does not get through."""
+    motion, rng = fourier(turret, 0, 8.0), np.random.default_rng(0)
+    q = motion.q + 3e-5 * rng.standard_normal(motion.q.shape)
+    v = motion.v + 2e-3 * rng.standard_normal(motion.v.shape) + 0.01
+    tau = np.zeros_like(q)
+
+    def error(log: Log) -> float:
+        stretch = next(rows_module.stretches(log, 4.0))
+        smooth = rows_module.smoothed(stretch, EXACT, 0, stretch.length)
+        return float(np.sqrt(np.mean((smooth.v - motion.v)[1000:-1000] ** 2)))
+
+    both = error(Log("both", turret.joints, motion.t, q, v, tau))
+    angle_alone = error(Log("angle", turret.joints, motion.t, q, None, tau))
+    rate_alone = 2e-3 * signals.noise_gain(signals.lowpass(32.0, 1000.0), 1000.0, 0)
+    assert both < 0.7 * angle_alone
+    assert both < 0.9 * rate_alone < 0.01 / 10  # the crossover at 10.6 Hz leaves 88 % of the gyro's noise
+
+
+def test_deviations_are_honest(turret: Rig) -> None:
+    """Over 20 noise seeds the errors in standard deviations are standard normal in size."""
+    z = []
+    for seed in range(20):
+        log = prescribed(nominal(turret), seed=seed, seconds=20.0, torque_noise=0.02)
+        found = identify(turret, [log], filtering=EXACT, holdout="none").estimate
+        z.append((found.theta - planted(turret)) / found.std)
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
+    assert np.abs(z).max() < 4.5
+
+
+@pytest.mark.parametrize(("name", "payload"), [("thesis", "zoom-lens"), ("turret", "none")])
+def test_sensor_noise_costs_little(name: str, payload: str) -> None:
+    """1 % torque noise, 16-bit encoders, the rig's gyros; `scripts/accuracy` does this for all rigs and 20 seeds."""
+    rig = Rig.load(name, payload)
+    log, tau = closed_loop(rig, seed=1, seconds=40.0)
+    found = identify(rig, [log])
+    error = np.abs(found.estimate.theta - planted(rig))
+    assert np.all(error < 4 * found.estimate.std)
+    sharp = found.estimate.std < 0.012 * np.abs(planted(rig))
+    assert sharp.sum() > 5 and np.all(error[sharp] < 0.05 * np.abs(planted(rig))[sharp])
+    best = oracle(rig, log, tau)
+    for joint, left in found.held_out.torque_rmse.items():
+        assert left < 1.5 * best.held_out.torque_rmse[joint]
+
+
+def test_a_joint_that_never_moved_is_refused_by_name(turret: Rig) -> None:
+    motion = fourier(turret, 0, 10.0)
+    still = [x * [1.0, 0.0] for x in (motion.q, motion.v, motion.a)]
+    tau = nominal(turret).inverse(*still)
+    with pytest.raises(DataError) as caught:
+        identify(turret, [Log("still", turret.joints, motion.t, still[0], still[1], tau)])
+    assert "tilt.Fs" in caught.value.unseen and "tilt.Fv" in caught.value.unseen
+    assert caught.value.exit_code == 3 and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("samples", [2, 10, 300])
+def test_too_few_samples_are_refused(turret: Rig, clean: Log, samples: int) -> None:
+    with pytest.raises(DataError) as caught:
+        identify(turret, [clean.part(slice(0, samples))])
+    assert caught.value.unseen and caught.value.exit_code == 3
+
+
+def test_a_log_without_torque_is_refused(turret: Rig, clean: Log) -> None:
+    with pytest.raises(UsageError, match="tau_<joint>"):
+        identify(turret, [replace(clean, tau=None)])
+
+
+def test_holding_out(clean: Log) -> None:
+    train, test, how = split([clean], None, EXACT)
+    assert how == "last third" and len(train[0]) + len(test[0]) == len(clean)
+    assert abs(len(train[0]) / len(clean) - 2 / 3) < 1e-3 and test[0].t[0] > train[0].t[-1]
+    assert split([clean] * 3, None, EXACT)[2] == "log 3 of 3"
+    assert split([clean] * 3, "log:1", EXACT)[2] == "log 1 of 3"
+    assert split([clean], "none", EXACT)[1] == ()
+    for wrong in ("log:4", "log:0", "half"):
+        with pytest.raises(UsageError):
+            split([clean] * 3, wrong, EXACT)
+
+
+def test_real_double_pendulum() -> None:
+    """As good as what plain least squares reaches on this log with viscous and Coulomb friction."""
+    folder = DATA / "dfki_double_pendulum"
+    if not folder.is_dir():
+        pytest.skip("../shared/data/dfki_double_pendulum is not there")
+    from gimbal_pin.io import read_log
+
+    rig = Rig.load(folder / "double_pendulum.urdf")
+    mapping = ["t=time"] + [
+        f"{ours}_{joint}={theirs}{k}"
+        for k, joint in enumerate(rig.joints, start=1)
+        for ours, theirs in (("q", "pos"), ("dq", "vel"), ("tau", "tau"))
+    ]
+    log = read_log(folder / "20220812-061157-PM_measured.csv", rig, mapping)
+    found = identify(rig, [log], filtering=Filtering(cutoff=15.0))
+    assert found.held_out.torque_rmse["shoulder"] <= 0.195
+    assert found.held_out.torque_rmse["elbow"] <= 0.122

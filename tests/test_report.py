@@ -1,0 +1,537 @@
+"""The report: what it says is what the results say, nothing in it can break the page, and a real browser shows it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from dataclasses import dataclass, replace
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import lxml.html
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from markupsafe import Markup
+
+from gimbal_pin import report
+from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation import excite
+from gimbal_pin.identify import Identified, identify
+from gimbal_pin.log import Log
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.report import Section, html, numbers, plots, svg
+from gimbal_pin.report.base import anchors
+from gimbal_pin.report.evaluation import Evaluated, Part, evaluate
+from gimbal_pin.report.joints import PALETTE, joint_colours, joints_of
+from gimbal_pin.report.sections.experiments import marked
+from gimbal_pin.report.sections.known import known
+from gimbal_pin.report.sections.parameters import terms
+from gimbal_pin.report.sections.summary import cautions, ratios, verdict
+from gimbal_pin.report.sections.torque import broken, rounded, worst
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+from gimbal_pin.simulate import Sensors
+from gimbal_pin.track import Tracking, track
+from gimbal_pin.tuning import Tuning, tune
+from gimbal_pin.view import browser, record
+
+EVIL = "<script>alert(1)</script> & \"$x$ _{a}$ 'b'"
+"""A name that breaks pages, attributes and formulas that do not escape it."""
+
+SLIDER = """<robot name="slider"><link name="base"/>
+  <link name="sledge"><inertial><origin xyz="0.02 0 0.01"/><mass value="0.8"/>
+    <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="slide" type="prismatic"><parent link="base"/><child link="sledge"/><axis xyz="0 0 1"/>
+    <limit lower="-0.2" upper="0.2" effort="30" velocity="1"/>
+    <dynamics friction="0.4" damping="1.5"/></joint></robot>"""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Every result of one walk through the house."""
+
+    rig: Rig
+    logs: tuple[Log, ...]
+    found: Identified
+    tunings: dict[str, Tuning]
+    result: Tracking
+
+
+def bench(rig: Rig, seconds: float = 24.0, rate: float = 250.0, seed: int = 0, name: str = "bench.csv") -> Log:
+    """Return a log whose torque is the nominal model's on a smooth motion, with white noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, seconds, 1 / rate)[:, None]
+    q, v, a = np.zeros((3, len(t), rig.n))
+    half = np.array([min(limit.upper, 1.0) - max(limit.lower, -1.0) for limit in rig.limits]) / 4
+    for k, w in enumerate((1.1, 2.3, 3.7)):
+        w = w * (1 + 0.13 * np.arange(rig.n))
+        phase = rng.uniform(0, 6, rig.n)
+        q, v, a = (x + half / (k + 1) * w**d * np.sin(w * t + phase + d * np.pi / 2) for d, x in enumerate((q, v, a)))
+    tau = nominal(rig).inverse(q, v, a)
+    tau = tau + 0.01 * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    return Log(name, rig.joints, t[:, 0], q, v, tau, payload=rig.payload)
+
+
+def walked(rig: Rig, name: str = "bench.csv") -> Walk:
+    """Return the results of a short walk."""
+    logs = (bench(rig, name=name),)
+    found = identify(rig, logs, filtering=Filtering(8.0))
+    tunings = {kind: tune(found.model, kind=kind, dt=0.002) for kind in ("computed-torque", "pid")}
+    laws = {kind: tunings[kind].controller for kind in ("pid", "computed-torque")}
+    exact = Sensors.exact(rig.n)
+    result = track(found.model, laws, rng=np.random.default_rng(0), seconds=0.7, sensors=exact)
+    return Walk(rig, logs, found, tunings, result)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Walk:
+    """The two-axis rig."""
+    return walked(Rig.load("turret"))
+
+
+@pytest.fixture(scope="module")
+def animation(walk: Walk) -> str:
+    """The recorded steps."""
+    return record(walk.rig, walk.result.of("all-axes", "computed-torque").log)
+
+
+@pytest.fixture(scope="module")
+def page(walk: Walk, animation: str) -> str:
+    """The whole report."""
+    return report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation)
+
+
+def parsed(text: str) -> Any:
+    """Return a page, or a part of one, as a tree."""
+    return lxml.html.fromstring(text)
+
+
+def cells(section: Section, label: str) -> list[list[str]]:
+    """Return the rows of the table of a label as texts."""
+    (found,) = [
+        table
+        for table in parsed(f"<div>{section.html}</div>").iter("table")
+        if label in (table.getparent().get("aria-label"), table.findtext("caption"))
+    ]
+    return [[cell.text_content().strip() for cell in row] for row in found.find("tbody")]
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def value_of(text: str) -> float:
+    """Return what a written number says."""
+    plain = text.replace("−", "-").replace("± ", "")
+    mantissa, _, power = plain.partition("·10")
+    return float(mantissa) * 10.0 ** int((power or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
+
+
+@given(st.floats(-1e12, 1e12, allow_subnormal=False), st.integers(1, 6))
+@example(9.996e-5, 3)
+@example(0.09999, 2)
+@example(999999.6, 3)
+def test_figures_keep_their_significant_digits(value: float, digits: int) -> None:
+    text = numbers.figures(value, digits)
+    assert abs(value_of(text) - value) <= 0.5000001 * 10.0 ** (1 - digits) * abs(value)
+    assert not text.startswith("−0") or value_of(text) != 0
+
+
+@given(st.floats(-1e6, 1e6, allow_subnormal=False), st.floats(1e-12, 1e6))
+@example(0.0, 3e-9)
+@example(1.0, 0.0996)
+@example(99.96, 9.996)
+def test_an_interval_is_written_to_its_second_digit(value: float, half: float) -> None:
+    centre, width = numbers.interval(value, half)
+    assert abs(value_of(width) - half) <= 0.051 * half
+    assert abs(value_of(centre) - value) <= 0.051 * half + 1e-15 * abs(value)
+
+
+def test_what_has_no_value_is_a_dash_and_what_has_no_bound_is_infinite() -> None:
+    assert numbers.figures(nan) == numbers.figures(None) == numbers.DASH
+    assert numbers.figures(-np.inf) == "−∞" and numbers.interval(1.0, np.inf)[1] == "± ∞"
+    assert numbers.percent(99.97) == "> 99.9" and numbers.percent(100.0) == "100.0" and numbers.percent(99.94) == "99.9"
+    assert numbers.between([nan, 2.0, 1.0]) == "1.0 to 2.0" and numbers.between([3.0, 3.001]) == "3.0"
+    assert numbers.listed("abc") == "a, b and c"
+
+
+# -- parts of a page ---------------------------------------------------------------------------------------------------
+
+TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc", "Co", "Cn")), min_size=1, max_size=40)
+
+
+@given(TEXTS)
+@example(EVIL)
+def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
+    card = html.Card(text, text, text)
+    parts = html.join(
+        [
+            html.paragraph(text),
+            html.table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
+            html.cards([card]),
+            html.bullets([text]),
+            html.picture(Markup("<svg></svg>"), text),
+            html.bar(0.5, text),
+        ]
+    )
+    page = report.render(text, [Section(text, parts, text)], text)
+    tree = parsed(page)
+    assert {element.tag for element in tree.iter() if isinstance(element.tag, str)} <= {
+        *("html", "head", "meta", "link", "title", "style", "body", "div", "nav", "ul", "li", "a", "header", "h1", "p"),
+        *("main", "section", "h2", "table", "caption", "thead", "tbody", "tr", "th", "td", "span", "strong", "small"),
+        *("figure", "figcaption", "svg", "i", "b"),
+    }
+    for path in ("//h1", "//h2", "//caption", "//td/span", "//main//li", "//figcaption", "//strong"):
+        (found,) = tree.xpath(path)
+        assert found.text_content().split() == text.split()
+
+
+@given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
+def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
+    found = anchors(titles)
+    assert len(set(found)) == len(found) == len(titles)
+    assert all(re.fullmatch(r"[a-z0-9-]+", anchor) for anchor in found)
+
+
+def test_joints_keep_the_colours_of_the_rigs() -> None:
+    assert joint_colours(("yaw", "roll", "tilt")) == joint_colours(("pan", "roll_joint", "Pitch")) == PALETTE[:3]
+    assert joint_colours(("tilt", "other", "pan")) == (PALETTE[2], PALETTE[1], PALETTE[0])
+    assert len(set(joint_colours([f"j{k}" for k in range(8)]))) == 8
+
+
+@given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 5))
+@settings(max_examples=30)
+def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
+    rng = np.random.default_rng(seed)
+    t, values = np.arange(float(count)), rng.standard_normal(count)
+    values[rng.integers(0, count, holes)] = np.nan
+    if np.isnan(values).all():
+        return
+    x, y = plots.thinned(t, values, 300)
+    assert len(x) <= 300 and np.all(np.diff(x) > 0)
+    assert np.nanmin(y) == np.nanmin(values) and np.nanmax(y) == np.nanmax(values)
+    assert np.array_equal(y, values[x.astype(int)], equal_nan=True)
+    assert np.isnan(y).any() == np.isnan(values).any()
+
+
+def test_no_line_is_drawn_across_a_gap() -> None:
+    t = np.concatenate([np.arange(0, 1, 0.1), np.arange(5, 6, 0.1)])
+    x, y = rounded(t, np.sin(t))
+    inside = (x > 0.95) & (x < 4.95)
+    assert inside.any() and np.isnan(y[inside]).all() and np.isfinite(y[~inside]).sum() > 60
+    assert np.isnan(broken(t, t)).sum() == 1
+
+
+# -- figures -----------------------------------------------------------------------------------------------------------
+
+
+def test_drawing_leaves_matplotlib_as_it_was_and_gives_the_same_picture_again() -> None:
+    def draw() -> Any:
+        figure, axes = plots.panels(1, 2, 2.0)
+        plots.curve(axes[0, 0], np.arange(5.0), np.array([1.0, 2.0, np.nan, 1.0, 0.5]))
+        axes[0, 1].plot([1, 1000], [1, 1000])
+        axes[0, 1].set(xscale="log", yscale="log")
+        plots.named(axes[0, 0], [("_hidden $x$", "red"), (EVIL, "blue")])
+        return figure
+
+    before = dict(matplotlib.rcParams)
+    first = svg.drawn(draw, EVIL)
+    assert dict(matplotlib.rcParams) == before
+    assert svg.drawn(draw, EVIL) == first
+    tree = parsed(first)
+    assert tree.get("aria-label") == EVIL and tree.get("role") == "img"
+    texts = [text.text_content() for text in tree.iter("text")]
+    assert "_hidden $x$" in texts and EVIL in texts and "1000" in texts and "0.5" not in first.split("<g")[0]
+    assert not any("mathdefault" in text for text in texts)
+    assert "<style" not in first and "nan" not in first.lower().replace(EVIL, "")
+
+
+def test_tick_labels_keep_all_their_digits() -> None:
+    def draw() -> Any:
+        figure, axes = plots.panels(1, 1, 2.0)
+        axes[0, 0].plot([0, 1], [0.0, 0.0025])
+        axes[0, 0].set_yticks([0.0, 0.0005, 0.0025])
+        return figure
+
+    texts = [text.text_content() for text in parsed(svg.drawn(draw, "ticks")).iter("text")]
+    assert {"0.0005", "0.0025"} <= set(texts)
+
+
+# -- what is said ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("holdout", [None, "none", "log:1", "last-third"])
+def test_the_rows_shown_are_the_rows_judged(holdout: str | None) -> None:
+    rig = Rig.load("turret")
+    logs = [bench(rig, seed=1, name="a.csv"), bench(rig, seed=2, name="b.csv")]
+    found = identify(rig, logs, holdout=holdout)
+    judged, shown = found.held_out or found.train, evaluate(found, logs)
+    assert np.sqrt(np.mean(shown.stacked("error") ** 2, axis=0)) == pytest.approx(list(judged.torque_rmse.values()))
+    assert [part.log for part in shown.parts] == {"log:1": ["a.csv"], None: ["b.csv"]}.get(holdout, ["a.csv", "b.csv"])
+
+
+def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(walk: Walk) -> None:
+    shown = evaluate(walk.found, walk.logs)
+    for k, one in enumerate(known(walk.found, shown, walk.rig)):
+        theta = walk.found.estimate.theta.copy()
+        theta[k] = 0.0
+        without = evaluate(replace(walk.found, estimate=replace(walk.found.estimate, theta=theta)), walk.logs)
+        lost = shown.stacked("predicted") - without.stacked("predicted")
+        assert one.moved == pytest.approx(np.sqrt(np.mean(lost**2, axis=0)).max(), rel=1e-6)
+
+
+def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
+    section = report.parameters(walk.found, evaluate(walk.found, walk.logs), walk.rig)
+    rows = cells(section, "Base parameters") + [
+        ["", *row[3:6], row[6], row[8]] for row in cells(section, "Friction and other effects")
+    ]
+    theta, std = walk.found.estimate.theta, walk.found.estimate.std
+    assert len(rows) == len(theta)
+    for row, value, deviation in zip(rows, theta, std):
+        half = value_of(row[3])
+        assert half == pytest.approx(1.96 * deviation, rel=0.06)
+        assert value_of(row[2]) == pytest.approx(value, abs=0.06 * half + 1e-12)
+    truth = dict(zip(walk.found.names, [*nominal_beta(walk), *walk.rig.friction.ravel()]))
+    assert [value_of(row[5]) for row in rows] == pytest.approx(list(truth.values()), rel=1e-3, abs=1e-12)
+
+
+def nominal_beta(walk: Walk) -> np.ndarray:
+    """Return the base parameters of the rig's URDF."""
+    from gimbal_pin.regressor import columns
+
+    return walk.found.reduction.mixing @ walk.rig.phi[columns(walk.rig)[1]]
+
+
+def test_a_regrouping_is_written_term_by_term() -> None:
+    assert terms("a.Ixx - b.Izz + 0.12*c.m") == ["a.Ixx", "− b.Izz", "+ 0.12·c.m"]
+    assert terms("-a.mx") == ["−a.mx"]
+
+
+def test_the_stretch_shown_is_the_one_with_the_largest_error() -> None:
+    t = np.arange(0, 100, 0.1)
+    error = 0.01 * np.sin(7 * t)[:, None]
+    error[(t > 62) & (t < 64)] += 0.5
+    part = Part("a", t, np.zeros((len(t), 1)), 1.0 + error, np.ones((len(t), 1)))
+    quiet = Part("b", t, np.zeros((len(t), 1)), np.ones((len(t), 1)), np.ones((len(t), 1)))
+    found, more = worst(Evaluated(("x",), "last third", (quiet, part), np.ones((1, 1))))
+    assert more and found.log == "a" and found.t[0] <= 62.1 and found.t[-1] >= 63.9 and np.ptp(found.t) <= 15.0
+    assert not worst(Evaluated(("x",), "last third", (Part("a", *(x[:50] for x in (t, error, error, error))),), error))[
+        1
+    ]
+
+
+def swapped(result: Tracking, joint: str) -> Tracking:
+    """Return the tracking as if the two controllers had changed places on one joint."""
+    other = {"pid": "computed-torque", "computed-torque": "pid"}
+    experiments = tuple(
+        replace(e, joints={**e.joints, joint: result.of(e.name, other[e.controller]).joints[joint]})
+        for e in result.experiments
+    )
+    return replace(result, experiments=experiments)
+
+
+def test_the_verdict_names_the_axis_on_which_the_model_does_not_help(walk: Walk) -> None:
+    better = ratios(walk.result, "pid")
+    assert set(better) == set(walk.rig.joints) and min(better.values()) > 1
+    assert "on every axis" in verdict(99.0, better, "pid")
+    worse = ratios(swapped(walk.result, "tilt"), "pid")
+    assert worse["tilt"] == pytest.approx(1 / better["tilt"])
+    said = verdict(99.0, worse, "pid")
+    assert "on tilt, PID tracks at least as well" in said and "pan" not in said
+    assert "unexplained" in verdict(50.0, better, "pid") and "tracks" not in verdict(50.0, better, "pid")
+
+
+def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:
+    def winners(result: Tracking) -> set[tuple[str, str]]:
+        tree = parsed(f"<div>{report.tracking(result, walk.rig).html}</div>")
+        rows = tree.xpath("(//table)[1]/tbody/tr[td[2]/span[@class='good']]")
+        return {(row[0].text_content(), row[1].text_content()) for row in rows}
+
+    assert winners(walk.result) == {("pan", "computed torque"), ("tilt", "computed torque")}
+    assert winners(swapped(walk.result, "tilt")) == {("pan", "computed torque"), ("tilt", "PID")}
+    assert marked("x", 1.0, [1.0, 1.04]) == marked("x", 0.0, [0.0, 0.05], 0.1) == marked("x", 1.0, [1.0]) == "x"
+    assert isinstance(marked("x", 1.0, [1.0, 1.2, nan]), Markup)
+
+
+def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
+    calm = swapped(walk.result, "pan")
+    assert cautions(None, calm, "pid") == []
+    stuck = replace(
+        calm,
+        experiments=tuple(
+            replace(e, joints={j: replace(m, saturated=0.5 * (e.controller == "pid")) for j, m in e.joints.items()})
+            for e in calm.experiments
+        ),
+    )
+    (said,) = cautions(None, stuck, "pid")
+    assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
+    text = parsed(str(report.summary(walk.rig, walk.found, None, stuck).html)).text_content()
+    assert "on every axis" not in text and said in text
+    vague = walk.found.model.estimated
+    assert vague is not None
+    unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
+    assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None, "pid"))
+
+
+def test_sliding_joints_are_shown_in_millimetres(tmp_path: Path) -> None:
+    path = tmp_path / "slider.urdf"
+    path.write_text(SLIDER, encoding="utf-8")
+    rig = Rig.load(path)
+    (joint,) = joints_of(rig)
+    assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
+    design = excite(rig, seconds=4.0, harmonics=2, starts=1, rng=np.random.default_rng(0), dt=0.01)
+    text = str(report.rig_section(rig).html + report.excitation(design, rig).html + report.data(rig, [bench(rig)]).html)
+    assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "rate, mm/s" in text
+
+
+def test_payload_and_motors_are_those_of_the_rig() -> None:
+    rig = Rig.load("thesis", "cinema")
+    section = report.rig_section(rig)
+    moved = sum(body.mass for body in rig.model.inertias[1:])
+    without = sum(body.mass for body in Rig.load("thesis", "none").model.inertias[1:])
+    said = re.search(r"Payload <b>cinema</b> \(([\d.]+) kg\)", section.html)
+    assert said is not None and float(said[1]) == pytest.approx(moved - without, abs=0.01)
+    assert cells(section, "Joints and limits")[1][:3] == ["roll", "fork", "−50.0° … 50.0°"]
+    assert cells(section, "Motors, sensors and loads, as given")[0][-1] == numbers.figures(moved)
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animation: str) -> None:
+    tree = parsed(page)
+    titles = [heading.text_content() for heading in tree.iter("h2")]
+    assert titles == ["Summary", "Animation", "Rig", "Data", "Parameters", "Torque", "Controller", "Tracking"]
+    assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
+    assert tree.xpath("//iframe")[0].get("srcdoc") == animation
+    around = page.replace(str(Markup.escape(animation)), "")
+    assert re.findall(r"(?:src|href|action|data)=[\"'](?!#|data:)[^\"']*", around) == []
+    assert re.findall(r"@import|url\((?!#)|<script|<object|<embed", around) == []
+    assert len(around) < 1.5e6
+    identifiers = re.findall(r' id="([^"]*)"', around)
+    assert len(set(identifiers)) == len(identifiers)
+    pointed = re.findall(r"url\(#([^)]*)\)", around) + re.findall(r'href="#([^"]*)"', around)
+    assert set(pointed) <= set(identifiers)
+    for drawing in tree.iter("svg"):
+        curves = sum(path.get("d").count("L") > 20 for path in drawing.iter("path"))
+        assert drawing.get("aria-label") and curves + len(list(drawing.iter("use"))) > 1
+
+
+def test_the_same_results_give_the_same_report(walk: Walk, animation: str, page: str) -> None:
+    assert report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation) == page
+
+
+def test_names_that_would_break_the_page_are_only_text(tmp_path: Path) -> None:
+    rig = Rig.load("turret")
+    evil = tuple(f"{EVIL}{k}" for k in range(rig.n))
+    rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
+    walk = walked(rig, EVIL)
+    path = tmp_path / "report.html"
+    page = report.full(rig, walk.logs, walk.found, walk.tunings, walk.result, "<b>page</b>")
+    report.write(EVIL, [Section("x", Markup("y"))], path)
+    assert parsed(path.read_text(encoding="utf-8")).findtext(".//title") == EVIL
+    tree = parsed(page)
+    assert tree.xpath("//script") == [] and tree.xpath("//main//b//script") == []
+    assert tree.findtext(".//h1").startswith(EVIL)
+    drawn = [text.text_content() for text in tree.iter("text")]
+    for name in evil:
+        assert any(name in text for text in drawn)
+        assert any(name == cell.text_content() for cell in tree.xpath("//tbody//th"))
+
+
+def test_a_long_log_makes_no_long_report() -> None:
+    rig = Rig.load("turret")
+    log = bench(rig, seconds=1200.0)
+    assert len(log) == 300_000
+    assert len(report.data(rig, [log]).html) < 300_000
+
+
+def test_a_report_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="create the folder first"):
+        report.write("x", [], tmp_path / "missing" / "report.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- a real browser ----------------------------------------------------------------------------------------------------
+
+
+def browser_missing() -> str:
+    """Return why no browser can be tested here, or nothing."""
+    try:
+        from choreographer.browsers.chromium import Chromium
+    except ImportError:
+        return "choreographer is not installed (gimbal-pin[video])"
+    return "" if Chromium.find_browser(skip_local=False) else "no Chromium is installed"
+
+
+needs_browser = pytest.mark.skipif(bool(browser_missing()), reason=browser_missing() or "there is one")
+
+EMPTY = """[...document.querySelectorAll('svg')].filter(svg => {
+  const box = svg.getBoundingClientRect();
+  const shown = [...svg.querySelectorAll('path')].filter(p => p.getBoundingClientRect().width > 50);
+  return box.width < 300 || box.height < 100 || shown.length < 3;
+}).map(svg => svg.getAttribute('aria-label'))"""
+"""Figures in which nothing is to be seen."""
+
+OUTSIDE = """[...document.querySelectorAll('svg')].flatMap(svg => { const box = svg.getBoundingClientRect();
+  return [...svg.querySelectorAll('text')].filter(text => { const t = text.getBoundingClientRect();
+    return t.left < box.left - 1 || t.right > box.right + 1 || t.top < box.top - 1 || t.bottom > box.bottom + 1;
+  }).map(text => text.textContent); })"""
+"""Labels that are cut off at a figure's edge."""
+
+WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+SCENE = """(() => { const scene = document.querySelector('iframe').contentWindow;
+  const canvas = scene.document.querySelector('canvas');
+  return [canvas.width > 300, scene.document.getElementById('clock').value]; })()"""
+
+
+def visit(url: str, widths: list[int], scripts: list[str]) -> tuple[list[list[Any]], list[str], list[str]]:
+    """Return the scripts' values at each width, what the page complained of, and what it asked the network for."""
+    values: list[list[Any]] = []
+    complaints: list[str] = []
+    requests: list[str] = []
+
+    async def complain(message: Any) -> None:
+        said = message["params"]
+        if said.get("type", "error") == "error" and said.get("entry", {}).get("level", "error") == "error":
+            complaints.append(json.dumps(said))
+
+    async def ask(message: Any) -> None:
+        if not (wanted := message["params"]["request"]["url"]).startswith("data:"):  # part of the page itself
+            requests.append(wanted)
+
+    async def run() -> None:
+        async with browser.opened("") as tab:
+            session = tab.get_session()
+            for event in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
+                session.subscribe(event, complain)
+            session.subscribe("Network.requestWillBeSent", ask)
+            for domain in ("Runtime", "Log", "Network", "Page"):
+                await tab.send_command(f"{domain}.enable")
+            loaded = session.subscribe_once("Page.loadEventFired")
+            await tab.send_command("Page.navigate", {"url": url})
+            await asyncio.wait_for(loaded, 60)
+            for width in widths:
+                size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+                await tab.send_command("Emulation.setDeviceMetricsOverride", size)
+                await asyncio.sleep(0.5)
+                values.append([await browser.evaluate(tab, script) for script in scripts])
+
+    asyncio.run(run())
+    return values, complaints, requests
+
+
+@needs_browser
+def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    values, complaints, requests = visit(path.as_uri(), [1380, 420], [EMPTY, OUTSIDE, WIDER, SCENE])
+    assert (complaints, requests) == ([], [path.as_uri()])
+    for empty, outside, wider, (drawn, clock) in values:
+        assert (empty, outside, wider, drawn) == ([], [], 0, True)
+        assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
