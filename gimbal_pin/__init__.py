@@ -1,3 +1,52 @@
-"""Identify, diagnose, tune and show a camera gimbal from its URDF and a log."""
+"""Identify, diagnose, tune and show a camera gimbal from its URDF and a log.
+
+The names below are what a person at a prompt needs; each is imported when it is first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gimbal_pin.auto import auto as auto
+    from gimbal_pin.errors import GimbalPinError as GimbalPinError
+    from gimbal_pin.excitation import excite as excite
+    from gimbal_pin.experiment import bench_run as bench_run
+    from gimbal_pin.identify import identify as identify
+    from gimbal_pin.io import read_log as read_log
+    from gimbal_pin.io import write_log as write_log
+    from gimbal_pin.log import Log as Log
+    from gimbal_pin.model import nominal as nominal
+    from gimbal_pin.rig import Rig as Rig
+    from gimbal_pin.simulate import simulate as simulate
+    from gimbal_pin.track import track as track
+    from gimbal_pin.tuning import tune as tune
 
 __version__ = "0.1.0"
+
+HOMES = {
+    "GimbalPinError": "errors",
+    "Log": "log",
+    "Rig": "rig",
+    "auto": "auto",
+    "bench_run": "experiment",
+    "excite": "excitation",
+    "identify": "identify",
+    "nominal": "model",
+    "read_log": "io",
+    "simulate": "simulate",
+    "track": "track",
+    "tune": "tuning",
+    "write_log": "io",
+}
+"""Name → the module it lives in."""
+
+__all__ = list(HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name on first use (PEP 562): the command line starts without loading everything."""
+    if name not in HOMES:
+        raise AttributeError(f"module 'gimbal_pin' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"gimbal_pin.{HOMES[name]}"), name)

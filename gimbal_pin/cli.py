@@ -463,3 +463,7 @@ def play(rig: Rig, log: Log) -> None:
         print(f"playing at {live.url}; Ctrl-C ends it")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
+
+
+if __name__ == "__main__":
+    main()

@@ -13,6 +13,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulate import Controller, Sensors, simulate
+from gimbal_pin.tuning import tune
 
 
 def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
@@ -25,7 +26,7 @@ def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
 
 def bench_run(
     plant: Model,
-    controller: Controller,
+    controller: Controller | None = None,
     *,
     rng: np.random.Generator,
     seconds: float = 60.0,
@@ -41,7 +42,7 @@ def bench_run(
 
     Args:
         plant: The true rig.
-        controller: What moves it.
+        controller: What moves it; None: computed torque of 4 Hz that knows the plant.
         rng: Source of the excitation's starts and of the sensors' noise.
         seconds: Length, s.
         period: Length of the excitation that is repeated, s.
@@ -52,14 +53,15 @@ def bench_run(
         reference: The motion instead of a designed one.
         name: Name of the log.
     """
-    dt, rig = controller.dt, plant.rig
+    mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
+    dt, rig = mover.dt, plant.rig
     if reference is None:
         design = excite(rig, seconds=period, starts=starts, rng=rng, torque_model=plant, dt=dt)
         reference = repeated(design.motion, seconds, dt)
     sensors = Sensors.of(rig, dt)
     if encoder_bits is not None:
         sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
-    log = simulate(plant, controller, reference, rng=rng, sensors=sensors, delay=delay, name=name)
+    log = simulate(plant, mover, reference, rng=rng, sensors=sensors, delay=delay, name=name)
     tau = np.asarray(log.tau)
     noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
     return replace(log, tau=tau + noise)

@@ -86,7 +86,7 @@ def scan(matrix: Array, names: tuple[str, ...]) -> Reduction:
 def regrouping(matrix: Array, independent: list[int]) -> Array:
     """``beta = R_i^-1 R_d`` (THESIS 4.27) as a (b, p) mixing; entries that are zero to rounding are set to zero."""
     mixing = np.linalg.lstsq(matrix[:, independent], matrix, rcond=None)[0]
-    mixing[np.abs(mixing) < 1e-7] = 0.0
+    mixing = np.round(mixing, 12)  # what is left of the sums' own rounding
     mixing[:, independent] = np.eye(len(independent))
     return mixing
 

@@ -26,13 +26,13 @@ from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.report import Section, html, numbers, plots, svg
 from gimbal_pin.report.base import anchors
-from gimbal_pin.report.evaluation import Evaluated, Part, evaluate
+from gimbal_pin.report.evaluation import Evaluated, Part, evaluate, weighted_rms
 from gimbal_pin.report.joints import PALETTE, joint_colours, joints_of
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.known import known
+from gimbal_pin.report.sections.overlay import broken, rounded, worst
 from gimbal_pin.report.sections.parameters import terms
 from gimbal_pin.report.sections.summary import cautions, ratios, verdict
-from gimbal_pin.report.sections.torque import broken, rounded, worst
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 from gimbal_pin.simulate import Sensors
@@ -166,6 +166,7 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 
 @given(TEXTS)
 @example(EVIL)
+@settings(max_examples=40, deadline=None)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     card = html.Card(text, text, text)
     parts = html.join(
@@ -191,6 +192,7 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
 
 
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
+@settings(deadline=None)
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
     found = anchors(titles)
     assert len(set(found)) == len(found) == len(titles)
@@ -204,7 +206,7 @@ def test_joints_keep_the_colours_of_the_rigs() -> None:
 
 
 @given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 5))
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
     rng = np.random.default_rng(seed)
     t, values = np.arange(float(count)), rng.standard_normal(count)
@@ -270,7 +272,11 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str | None) -> None:
     logs = [bench(rig, seed=1, name="a.csv"), bench(rig, seed=2, name="b.csv")]
     found = identify(rig, logs, holdout=holdout)
     judged, shown = found.held_out or found.train, evaluate(found, logs)
-    assert np.sqrt(np.mean(shown.stacked("error") ** 2, axis=0)) == pytest.approx(list(judged.torque_rmse.values()))
+    assert shown.error_rms == pytest.approx(list(judged.torque_rmse.values()), rel=1e-9)
+    moving = shown.stacked("share") > 0.999
+    apart = (shown.stacked("measured") - shown.stacked("predicted") - shown.stacked("error"))[moving]
+    # A row counts as moving with up to a thousandth of it masked, and friction jumps by about the torque's own size.
+    assert moving.mean() > 0.3 and np.abs(apart).max() < 3e-3 * np.abs(shown.stacked("measured")).max()
     assert [part.log for part in shown.parts] == {"log:1": ["a.csv"], None: ["b.csv"]}.get(holdout, ["a.csv", "b.csv"])
 
 
@@ -280,8 +286,8 @@ def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(wa
         theta = walk.found.estimate.theta.copy()
         theta[k] = 0.0
         without = evaluate(replace(walk.found, estimate=replace(walk.found.estimate, theta=theta)), walk.logs)
-        lost = shown.stacked("predicted") - without.stacked("predicted")
-        assert one.moved == pytest.approx(np.sqrt(np.mean(lost**2, axis=0)).max(), rel=1e-6)
+        lost = weighted_rms(shown.stacked("error") - without.stacked("error"), shown.stacked("share"))
+        assert one.moved == pytest.approx(lost.max(), rel=1e-6)
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
@@ -315,13 +321,18 @@ def test_the_stretch_shown_is_the_one_with_the_largest_error() -> None:
     t = np.arange(0, 100, 0.1)
     error = 0.01 * np.sin(7 * t)[:, None]
     error[(t > 62) & (t < 64)] += 0.5
-    part = Part("a", t, np.zeros((len(t), 1)), 1.0 + error, np.ones((len(t), 1)))
-    quiet = Part("b", t, np.zeros((len(t), 1)), np.ones((len(t), 1)), np.ones((len(t), 1)))
+    part, quiet = flat("a", t, error), flat("b", t, 0 * error)
     found, more = worst(Evaluated(("x",), "last third", (quiet, part), np.ones((1, 1))))
     assert more and found.log == "a" and found.t[0] <= 62.1 and found.t[-1] >= 63.9 and np.ptp(found.t) <= 15.0
-    assert not worst(Evaluated(("x",), "last third", (Part("a", *(x[:50] for x in (t, error, error, error))),), error))[
-        1
-    ]
+    alone = Evaluated(("x",), "last third", (part.cut(slice(0, 50)),), np.ones((1, 1)))
+    whole, more = worst(alone)
+    assert not more and np.array_equal(whole.t, t[:50])
+
+
+def flat(name: str, t: np.ndarray, error: np.ndarray) -> Part:
+    """Return a trajectory of constant torque."""
+    one = np.ones_like(error)
+    return Part(name, t, one, one + error, one, error, one)
 
 
 def swapped(result: Tracking, joint: str) -> Tracking:

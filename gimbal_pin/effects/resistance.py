@@ -32,8 +32,8 @@ class Resistance:
         ]
         self.rest = [(j, [t for t in terms if not t.effect.affine]) for j, terms in enumerate(by_joint)]
         self.rest = [(j, terms) for j, terms in self.rest if terms]
-        self.dry = [[term for term in terms if term.effect.dry] for terms in by_joint]
-        self.dry_joints = [j for j, terms in enumerate(self.dry) if terms]
+        self.dry = [[t for t in terms if t.effect.dry and not t.effect.affine] for terms in by_joint]
+        self.dry_joints = [j for j, terms in enumerate(by_joint) if any(t.effect.dry for t in terms)]
         keeping = [(j, term) for j, terms in self.rest for term in terms if term.effect.start() is not None]
         self.keeping = keeping
         self.slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
@@ -47,32 +47,30 @@ class Resistance:
         """Return the memory after the joints have moved from angles `before` to `after`, rad."""
         return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
 
-    def net(
+    def others(
         self,
         t: float,
         q: Sequence[float],
         v: Sequence[float],
-        left: Sequence[float],
         slide: Sequence[float],
         tau: Sequence[float],
         memory: Memory,
-        before: Sequence[float],
-    ) -> list[float]:
-        """Torque left for acceleration, N m, given `left` from above and the memory held at the angles `before`."""
-        out = [f - c * w for f, c, w in zip(left, self.per_rate, v)]
-        if not self.rest:
-            return out
-        now = self.evolved(memory, before, q) if memory else memory
-        for j, terms in self.rest:
-            at = Sample(t, q[j], v[j], 0.0, slide[j], tau[j])
-            for term in terms:
-                slot = self.slots.get(id(term))
-                out[j] -= float(term.torque(at if slot is None else at._replace(memory=now[slot])))
+    ) -> list[tuple[int, float]]:
+        """Joint and torque, N m, of all that is not affine, given the memory at this stage."""
+        return [(j, self.other(terms, Sample(t, q[j], v[j], 0.0, slide[j], tau[j]), memory)) for j, terms in self.rest]
+
+    def other(self, terms: Sequence[Term], at: Sample, memory: Memory) -> float:
+        """Torque of some terms at one joint, N m."""
+        out = 0.0
+        for term in terms:
+            slot = self.slots.get(id(term))
+            out += float(term.torque(at if slot is None else at._replace(memory=memory[slot])))
         return out
 
     def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
-        return way * total(self.dry[j], Sample(t, q, 0.0, 0.0, way, tau))
+        terms = self.dry[j]
+        return self.per_slide[j] + (way * total(terms, Sample(t, q, 0.0, 0.0, way, tau)) if terms else 0.0)
 
 
 def total(terms: Sequence[Term], at: Sample) -> float:

@@ -25,7 +25,7 @@ def weighted(blocks: Sequence[Block]) -> Estimate:
         theta, information, condition = solve(factors, scale)
         power = residual_power(factors, theta, effective_rows(blocks))
         # A joint that never moved has no residual: without a floor it would take all the weight.
-        scale = 1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-300))
+        scale = 1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30))
     theta, information, condition = solve(factors, scale)
     spread = covariance(blocks, theta, information, scale)
     return Estimate(theta, spread, np.sqrt(power), condition, rows, "weighted")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, pi
 
@@ -12,7 +11,6 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
-from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Limits, Rig
 
 TURN = pi
@@ -77,17 +75,22 @@ class Envelope:
 
     def torques(self, model: Model, motion: Motion) -> Array:
         """Largest torque up and down as shares of the limit, (2, N, n), whichever way dry friction pushes."""
-        tau = rnea(model.rig, motion.q, motion.v, motion.a)
-        return np.stack([sign * (tau + pushed(model, motion, sign)(*channels(motion), tau)) for sign in SIGNS]) / self.torque
+        return np.stack([sign * pushed(model, motion, sign) for sign in SIGNS]) / self.torque
 
     def torque_slopes(self, model: Model, motion: Motion) -> Array:
-        """Derivative of `torques` of each joint to each joint's q, v, a, (2, 3, N, n, n)."""
-        tau, rigid = rnea(model.rig, motion.q, motion.v, motion.a), rnea_slopes(model.rig.model, motion)
-        out = []
+        """Derivative of `torques` of each joint to each joint's q, v, a, (2, 3, N, n, n).
+
+        ``tau = rnea + passive(tau)``, hence ``d tau = (d rnea + d passive) / (1 - d passive/d tau)``.
+        """
+        rigid, out = rnea_slopes(model.rig.model, motion), []
         for sign in SIGNS:
-            *own, per_tau = slopes(pushed(model, motion, sign), [*channels(motion), tau])
+
+            def passive(q: Array, v: Array, a: Array, tau: Array, sign: float = sign) -> Array:
+                return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t)
+
+            *own, per_tau = slopes(passive, [motion.q, motion.v, motion.a, pushed(model, motion, sign)])
             diagonal = np.stack(own)[..., None] * np.eye(model.rig.n)
-            out.append(sign * (rigid * (1 + per_tau)[..., None] + diagonal))
+            out.append(sign * (rigid + diagonal) / (1 - per_tau)[..., None])
         return np.stack(out) / self.torque[:, None]
 
     def shares(self, model: Model, motion: Motion) -> Array:
@@ -105,18 +108,9 @@ def evenly(dimensions: int, count: int) -> Array:
     return 2 * (np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimensions + 1)) % 1.0) - 1
 
 
-def channels(motion: Motion) -> tuple[Array, Array, Array]:
-    """The motion's q, v, a."""
-    return motion.q, motion.v, motion.a
-
-
-def pushed(model: Model, motion: Motion, sign: float) -> Callable[[Array, Array, Array, Array], Array]:
-    """Torque of the model's terms, of q, v, a and the rigid torque, with all dry friction in one direction."""
-
-    def passive(q: Array, v: Array, a: Array, tau: Array) -> Array:
-        return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t)
-
-    return passive
+def pushed(model: Model, motion: Motion, sign: float) -> Array:
+    """The model's torque with all dry friction in one direction, N m, (N, n)."""
+    return model.inverse(motion.q, motion.v, motion.a, np.full_like(motion.q, sign), motion.t)
 
 
 def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:

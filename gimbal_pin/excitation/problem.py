@@ -142,8 +142,9 @@ class Problem:
 
         Angle, rate and acceleration by joint, which is exact; then the torque for all joints together, by bisection.
         """
-        middle = (self.coefficients(x)[0] - self.envelope.centre) / self.envelope.half
-        if not np.abs(middle).max() < 1 or not self.holds(self.scaled(x, 0.0)):
+        pose = self.coefficients(x)[0]
+        middle = (pose - self.envelope.centre) / self.envelope.half
+        if not np.abs(middle).max() < 1 or self.holding(pose).max() > 1:
             return None
         x = self.scaled(x, np.minimum(self.widest(x, middle), 1.0))
         if self.holds(x):
@@ -164,6 +165,8 @@ class Problem:
             coefficients = self.coefficients(rng.standard_normal(self.series.rest.shape[1] * self.model.rig.n))
             middle = rng.uniform(-0.5, 0.5, self.model.rig.n)
             coefficients[0] = self.envelope.centre + middle * self.envelope.half
+            if self.holding(coefficients[0]).max() > 1:
+                continue
             x = (self.series.rest.T @ coefficients).ravel()
             repaired = self.repaired(self.scaled(x, self.widest(x, middle)))
             if repaired is not None:
@@ -177,12 +180,14 @@ class Problem:
         peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
         return (1 - ROUNDING) / np.maximum.reduce(peaks)
 
+    def holding(self, pose: Array) -> Array:
+        """Share of each torque limit that it takes to stand still in a pose, rad, against dry friction as well, (n,)."""
+        still = Motion(np.zeros(1), pose[None], np.zeros((1, len(pose))), np.zeros((1, len(pose))))
+        return self.envelope.torques(self.model, still).max(axis=(0, 1))
+
     def infeasible(self) -> UsageError:
         """The error that says which joint cannot be held still."""
-        rig = self.model.rig
-        centre = self.coefficients(np.zeros(self.series.rest.shape[1] * rig.n))
-        centre[0] = self.envelope.centre
-        still = self.envelope.torques(self.model, self.series.motion(centre, np.zeros(1))).max(axis=(0, 1))
+        rig, still = self.model.rig, self.holding(self.envelope.centre)
         worst = int(np.argmax(still))
         need, have = still[worst] * self.envelope.torque[worst], self.envelope.torque[worst]
         return UsageError(

@@ -15,18 +15,30 @@ from gimbal_pin.rows import Block, Rows, kept
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Filtered rows of one trajectory, (m,) and (m, n): time s, rates rad/s, torques N m; t jumps at gaps."""
+    """Filtered rows of one trajectory.
+
+    Attributes:
+        log: Name of the log.
+        t: Time, s, (m,); it jumps at gaps of the log.
+        v: Joint rates, rad/s, (m, n).
+        measured: Torque, N m, (m, n).
+        predicted: The model's, N m, (m, n); near standstill, where dry friction may have any direction, a guess.
+        error: Measured minus predicted with the samples near standstill masked out, N m, (m, n): what is judged.
+        share: How much of each row's samples was not masked out, in [0, 1], (m, n).
+    """
 
     log: str
     t: Array
     v: Array
     measured: Array
     predicted: Array
+    error: Array
+    share: Array
 
-    @property
-    def error(self) -> Array:
-        """Measured minus predicted torque, N m, (m, n)."""
-        return self.measured - self.predicted
+    def cut(self, rows: slice) -> Part:
+        """Return the rows in `rows`."""
+        names = ("t", "v", "measured", "predicted", "error", "share")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +58,18 @@ class Evaluated:
     columns: Array
 
     def stacked(self, name: str) -> Array:
-        """Return "v", "measured", "predicted" or "error" of all trajectories, (rows, n)."""
+        """Return "v", "measured", "predicted", "error" or "share" of all trajectories, (rows, n)."""
         return np.concatenate([getattr(part, name) for part in self.parts])
 
     @property
     def torque_rms(self) -> Array:
         """Root mean square of the measured torque, N m, (n,)."""
         return np.asarray(np.sqrt(np.mean(self.stacked("measured") ** 2, axis=0)))
+
+    @property
+    def error_rms(self) -> Array:
+        """Root mean square of the error where it is judged, N m, (n,)."""
+        return weighted_rms(self.stacked("error"), self.stacked("share"))
 
     @property
     def reach(self) -> Array:
@@ -75,10 +92,12 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     train, test, how = split(logs, holdout(found), found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
     rig = found.model.rig
-    rows = Rows(rig, found.reduction, effects, test or train, found.filtering, masked=False)
-    each = [(log.name, kept(replace(rows, logs=(log,)))) for log in rows.logs]
-    blocks = [block for _, some in each for block in some]
-    parts = tuple(part(name, some, found.estimate.theta) for name, some in each if some)
+    rows = Rows(rig, found.reduction, effects, test or train, found.filtering)
+    each = [replace(rows, logs=(log,)) for log in rows.logs]
+    pairs = [(kept(one), kept(replace(one, masked=False))) for one in each]
+    theta = found.estimate.theta
+    parts = tuple(part(log.name, *pair, theta) for log, pair in zip(rows.logs, pairs) if pair[0])
+    blocks = [block for judged, _ in pairs for block in judged]
     return Evaluated(rig.joints, how if test else "training part", parts, column_rms(blocks))
 
 
@@ -90,13 +109,27 @@ def holdout(found: Identified) -> str:
     return f"log:{number[1]}" if number else "last-third"
 
 
-def part(name: str, blocks: Sequence[Block], theta: Array) -> Part:
-    """Return the rows of one trajectory."""
-    t, v, measured = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("t", "v", "b"))
-    return Part(name, t, v, measured, np.concatenate([block.A @ theta for block in blocks]))
+def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Array) -> Part:
+    """Return the rows of one trajectory from its blocks with and without the samples near standstill."""
+    t, v, measured = (np.concatenate([getattr(block, field) for block in whole]) for field in ("t", "v", "b"))
+    return Part(
+        name,
+        t,
+        v,
+        measured,
+        predicted=np.concatenate([block.A @ theta for block in whole]),
+        error=np.concatenate([block.b - block.A @ theta for block in judged]),
+        share=np.concatenate([block.share for block in judged]),
+    )
+
+
+def weighted_rms(values: Array, share: Array) -> Array:
+    """Root mean square of masked values, per column, as `Accuracy` counts the rows, (n,)."""
+    return np.asarray(np.sqrt(np.sum(values**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300)))
 
 
 def column_rms(blocks: Sequence[Block]) -> Array:
     """Root mean square of each joint's columns, N m per unit, (n, k)."""
     power = np.sum([np.sum(block.A**2, axis=0) for block in blocks], axis=0)
-    return np.asarray(np.sqrt(power / max(1, sum(len(block.t) for block in blocks))))
+    rows = np.sum([np.sum(block.share**2, axis=0) for block in blocks], axis=0)
+    return np.asarray(np.sqrt(power / np.maximum(rows, 1e-300)[:, None]))

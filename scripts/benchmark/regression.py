@@ -103,7 +103,7 @@ def blocks(rows: Rows, motion: Motion, tau: Array) -> Iterator[Block]:
     for begin in range(0, len(motion), CHUNK):
         at = slice(begin, begin + CHUNK)
         channels = Channels(motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], np.zeros(rows.rig.n))
-        columns = [rows.rigid_columns(channels), rows.effect_columns(channels, np.zeros(channels.q.shape, bool))]
+        columns = [rows.rigid_columns(channels), rows.effect_columns(channels)]
         A = np.concatenate(columns, axis=2)
         yield Block(channels.t, A, channels.tau, channels.v, np.ones(channels.q.shape))
 

@@ -77,7 +77,8 @@ def jittered_clock(columns: Columns, rng: np.random.Generator, window: Window) -
     error = size * _period(columns) * rng.normal(size=len(t))
     stamped = np.maximum.accumulate(t + np.clip(error, -0.9 * _period(columns), 0.9 * _period(columns)))
     stamped += 1e-9 * np.arange(len(t))
-    return Damage(_replaced(columns, _rows(columns, window), t=stamped) | {"t": np.sort(stamped)}, {"jitter": size})
+    jittered = _replaced(columns, _rows(columns, window), t=stamped)
+    return Damage(jittered | {"t": np.sort(jittered["t"])}, {"jitter": size})
 
 
 def gaps(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 BINS = 24
 """Stretches of the rate, alike in samples, over which the residual's mean is taken."""
+JUDGED = 0.5
+"""Share of a row's samples that must be judged for the row to count."""
 CLOUD = 900
 """Most dots in a cloud."""
 
@@ -28,8 +30,8 @@ def leftovers(joints: tuple[Joint, ...], evaluated: Evaluated) -> tuple[Markup, 
     """Return the residual over rate and as a histogram, and the caption."""
     alt = f"Residual torque of {', '.join(evaluated.joints)} over rate, and its histogram"
     caption = (
-        "Residual over the joint's rate, and its mean with the error of the mean: flat is noise, a bend is what "
-        "the model does not know. Below, its distribution against a normal one of the same size."
+        "Residual over the joint's rate, where it is judged, and its mean with the error of the mean: flat is noise, a "
+        "bend is what the model does not know. Below, its distribution against a normal one of the same size."
     )
     return plots.drawn(partial(clouds, joints, evaluated), alt), caption
 
@@ -37,11 +39,16 @@ def leftovers(joints: tuple[Joint, ...], evaluated: Evaluated) -> tuple[Markup, 
 def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> Figure:
     """Draw residuals over rates, and their histograms below."""
     figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
-    v, error = evaluated.stacked("v"), evaluated.stacked("error")
+    v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
     scale, unit = torque_unit(float(np.abs(error).max()))
     for j, joint in enumerate(joints):
-        over_rate(panels[0, j], joint, v[:, j], scale * error[:, j])
-        histogram(panels[1, j], joint, scale * error[:, j])
+        rows = np.flatnonzero(share[:, j] > JUDGED)
+        whole = scale * error[rows, j] / share[rows, j]
+        panels[0, j].set_title(joint.name, color=joint.colour)
+        if len(rows):
+            over_rate(panels[0, j], joint, v[rows, j], whole)
+            histogram(panels[1, j], joint, whole)
+        panels[0, j].set_xlabel(f"rate, {joint.unit}/s")
         panels[1, j].set_xlabel(f"residual, {unit}")
     panels[0, 0].set_ylabel(f"residual, {unit}")
     panels[1, 0].set_ylabel("density")
@@ -59,8 +66,6 @@ def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
     axes.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
     axes.plot(middle, mean, color=plots.INK, lw=1.3)
     plots.zero_line(axes)
-    axes.set_title(joint.name, color=joint.colour)
-    axes.set_xlabel(f"rate, {joint.unit}/s")
 
 
 def histogram(axes: Axes, joint: Joint, error: Array) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import pi
+from operator import mul
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -84,15 +85,20 @@ class Flywheel(Effect):
 
     def force(self, world: World) -> Law:
         """Q_j = axis_j · (-ω × h), ω = Σ axis_j v_j, all in the world's frame."""
-        data, momentum, seconds = world.data, self.momentum * np.array(self.direction), world.seconds
-        body, dofs, steady = world.model.body(world.rig.links[-1].name).id, world.link_dof, self.form == "steady"
+        data, h, seconds, steady = world.data, self.direction, world.seconds, self.form == "steady"
+        body, dofs, momentum = world.model.body(world.rig.links[-1].name).id, world.link_dof, self.momentum
 
         def law(state: State) -> None:
-            axes = data.xaxis[dofs]
-            rate = np.array([state.v[d] for d in dofs]) @ axes
-            spin = data.xmat[body].reshape(3, 3) @ momentum
-            size = 1.0 if steady else 2.0 * state.t / seconds
-            for dof, pull in zip(dofs, axes @ np.cross(spin, rate), strict=True):
-                state.force[dof] += size * float(pull)
+            axes = data.xaxis[dofs].tolist()
+            spin = [sum(map(mul, data.xmat[body][row : row + 3].tolist(), h)) for row in (0, 3, 6)]
+            rate = [sum(axis[i] * state.v[dof] for axis, dof in zip(axes, dofs)) for i in range(3)]
+            pull = _cross(spin, rate)
+            size = momentum if steady else momentum * 2.0 * state.t / seconds
+            for axis, dof in zip(axes, dofs):
+                state.force[dof] += size * sum(map(mul, axis, pull))
 
         return law
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -1,0 +1,245 @@
+"""The command line: CONTRACT's verbs, JSON keys and exit codes, on real files, through the parser."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gimbal_pin.cli import VERBS, main
+from gimbal_pin.io import read_log, write_log
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from tests.bench_logs import prescribed
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="module")
+def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    write_log(prescribed(nominal(Rig.load("turret")), seconds=15.0, torque_noise=0.01), path)
+    return path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def call(*arguments: object) -> tuple[int, str, str]:
+        code = 0
+        try:
+            main([str(argument) for argument in arguments])
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def result(run: Run, *arguments: object) -> dict[str, object]:
+    code, out, err = run(*arguments, "--json", "-")
+    assert code == 0, err
+    found = json.loads(out)
+    assert found["schema"] == 1
+    return found
+
+
+def test_help_starts_fast() -> None:
+    """Under half a second, the interpreter's own start included; the best of five on a busy machine."""
+
+    def once() -> float:
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "gimbal_pin.cli", "--help"], check=True, capture_output=True, cwd=ROOT)
+        return time.perf_counter() - begin
+
+    assert min(once() for _ in range(5)) < 0.5
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(run: Run, verb: str) -> None:
+    code, out, _ = run(verb, "--help")
+    assert code == 0 and "usage" in out.lower()
+
+
+def test_rigs_and_check(run: Run) -> None:
+    assert {"thesis", "handheld", "turret"} <= set(result(run, "rigs")["rigs"])
+    checked = result(run, "check", "turret")
+    assert checked["camera_frame"] == "camera" and "q_pan" in checked["columns"]
+    code, out, _ = run("check", "turret")
+    assert code == 0 and "tau_pan" in out
+
+
+def test_base_is_the_thesis_table(run: Run) -> None:
+    found = result(run, "base", "thesis", "--diagonal")
+    assert (found["parameters"], found["identifiable"]) == (24, 15)
+    zero = {"spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my"}
+    assert set(found["unidentifiable"]) == zero
+    assert {"name": "spine.Iyy + fork.Izz", "terms": {"spine.Iyy": 1.0, "fork.Izz": 1.0}} in found["base"]
+
+
+def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:
+    model, urdf = tmp_path / "model.yaml", tmp_path / "out.urdf"
+    found = result(run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0")
+    assert found["estimator"] == "weighted" and found["held_out"]["how"] == "last third" and found["physical"] is True
+    assert {"name", "value", "std", "unit"} <= set(found["base_parameters"][0])
+    assert min(found["held_out"]["fit_percent"].values()) > 99
+    assert Rig.load(urdf).joints == ("pan", "tilt")
+    tuned = result(run, "tune", "turret", model, "-o", tmp_path / "c.yaml", "--plot", tmp_path / "c.svg")
+    assert {"kp", "ki", "kd", "phase_margin_deg", "disk_margin"} <= set(tuned["joints"]["pan"])
+    assert (tmp_path / "c.svg").stat().st_size > 1000
+    tracked = result(run, "track", "turret", tmp_path / "c.yaml")
+    rms = {(e["name"], e["controller"]): e["joints"] for e in tracked["experiments"]}
+    for joint in ("pan", "tilt"):
+        ours, pid = (rms["all-axes", kind][joint]["rms_error"] for kind in ("computed-torque", "pid"))
+        assert ours < pid
+
+
+def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
+    traj, page = tmp_path / "traj.csv", tmp_path / "traj.html"
+    code, _, err = run("excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3)
+    assert code == 0, err
+    code, _, err = run("animate", "turret", traj, "-o", page)
+    assert code == 0 and page.stat().st_size > 100_000, err
+
+
+def test_auto_leaves_a_whole_folder(run: Run, log_file: Path, tmp_path: Path) -> None:
+    found = result(run, "auto", "turret", log_file, "-o", tmp_path / "out", "--alignment", "0")
+    for path in found["files"].values():
+        assert Path(path).stat().st_size > 500
+    assert "http" not in re.sub(
+        r"https?://(www\.)?w3\.org\S*", "", (tmp_path / "out" / "report.html").read_text()[:2000]
+    )
+
+
+def test_real_double_pendulum(run: Run, tmp_path: Path) -> None:
+    folder = DATA / "dfki_double_pendulum"
+    if not folder.is_dir():
+        pytest.skip("../shared/data/dfki_double_pendulum is not there")
+    names = [("q", "pos"), ("dq", "vel"), ("tau", "tau")]
+    pairs = [f"{ours}_{joint}={theirs}{k}" for k, joint in ((1, "shoulder"), (2, "elbow")) for ours, theirs in names]
+    mapping = [word for pair in ("t=time", *pairs) for word in ("--map", pair)]
+    log = folder / "20220812-061157-PM_measured.csv"
+    found = result(run, "auto", folder / "double_pendulum.urdf", log, *mapping, "--cutoff", 15, "-o", tmp_path / "out")
+    error = found["identify"]["held_out"]["torque_rmse"]
+    assert error["shoulder"] <= 0.195 and error["elbow"] <= 0.122
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"report.html", "animation.html", "model.yaml"}
+
+
+URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>
+<inertia ixx="{ixx}" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axis" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="5" velocity="9"/></joint>{more}</robot>"""
+GOOD = {"mass": "1", "ixx": "0.01", "kind": "revolute", "more": ""}
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"mass": "-1"}, "arm"),
+        ({"ixx": "0.5"}, "triangle"),
+        ({"kind": "fixed"}, "movable"),
+        ({"more": '<joint name="back" type="fixed"><parent link="arm"/><child link="base"/></joint>'}, "loop"),
+    ],
+)
+def test_bad_urdfs(run: Run, tmp_path: Path, change: dict[str, str], place: str) -> None:
+    path = tmp_path / "bad.urdf"
+    path.write_text(URDF.format(**{**GOOD, **change}))
+    refused(run("check", path), 2, place)
+
+
+def refused(said: tuple[int, str, str], code: int, *words: str) -> None:
+    """One line on standard error with these words, nothing else."""
+    assert said[0] == code and said[1] == ""
+    assert said[2].count("\n") == 1 and "Traceback" not in said[2]
+    for word in words:
+        assert word in said[2]
+
+
+def test_bad_usage_is_one_line(run: Run) -> None:
+    for arguments in (
+        ["nonsense"],
+        ["base"],
+        ["base", "thesis", "--nope"],
+        ["excite", "turret", "-o", "x", "--starts", "x"],
+    ):
+        refused(run(*arguments), 2)
+    refused(run("base", "nowhere.urdf"), 2, "nowhere.urdf", "handheld, thesis, turret")
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda text: text.replace("tau_tilt", "other"), ["tau_tilt", "--map"]),
+        (lambda text: text.replace("q_pan", "q_nose", 1), ["q_pan"]),
+        (lambda text: re.sub(r"\n(0\.01,)[^,]+", r"\n\1nan", text), ["q_pan"]),
+        (lambda text: re.sub(r"\n(0\.01,)[^,]+", r"\n\1abc", text), ["q_pan", "abc"]),
+        (lambda text: re.sub(r"\n0\.02,", "\n0.001,", text), ["log.csv:"]),
+    ],
+)
+def test_bad_logs(run: Run, log_file: Path, tmp_path: Path, edit: Callable[[str], str], words: list[str]) -> None:
+    text = log_file.read_text()
+    assert edit(text) != text
+    (tmp_path / "log.csv").write_text(edit(text))
+    refused(run("identify", "turret", tmp_path / "log.csv", "-o", tmp_path / "m.yaml"), 2, *words)
+    refused(run("auto", "turret", tmp_path / "log.csv", "-o", tmp_path / "out"), 2, *words)
+    assert {path.name for path in tmp_path.iterdir()} == {"log.csv"}
+
+
+def test_missing_file_and_bad_yaml(run: Run, tmp_path: Path) -> None:
+    refused(run("identify", "turret", tmp_path / "none.csv"), 2, "none.csv")
+    (tmp_path / "rig.yaml").write_text("urdf: turret\nmoters: {}\n")
+    refused(run("check", tmp_path / "rig.yaml"), 2, "moters", "motors")
+
+
+def test_data_that_cannot_answer(run: Run, log_file: Path, tmp_path: Path) -> None:
+    """Ten samples, and a rig that stood still: exit code 3 and the parameters that do not show."""
+    rig = Rig.load("turret")
+    log = read_log(log_file, rig)
+    write_log(log.part(slice(0, 10)), tmp_path / "short.csv")
+    refused(run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"), 3, "pan.Fs", "tilt.Fv")
+    still = prescribed(nominal(rig), seconds=15.0)
+    frozen = type(still)("still", still.joints, still.t, np.zeros_like(still.q), None, np.zeros_like(still.q))
+    write_log(frozen, tmp_path / "still.csv")
+    refused(run("identify", "turret", tmp_path / "still.csv"), 3, "pan.Fs")
+    assert not (tmp_path / "m.yaml").exists()
+
+
+def commands() -> list[str]:
+    """The README's gimbal-pin commands, in order, comments cut."""
+    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    lines = [line.split("#")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if line.startswith("gimbal-pin")]
+
+
+def test_every_command_of_the_readme_runs(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert len(commands()) >= 10
+    for command in commands():
+        code, _, err = run(*shlex.split(command)[1:])
+        assert code == 0, f"{command}: {err}"
+
+
+def test_the_python_of_the_readme_runs() -> None:
+    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    assert code is not None
+    exec(compile(code[1], "README.md", "exec"), {})
+
+
+def test_the_yaml_of_the_readme_loads(tmp_path: Path) -> None:
+    code = re.search(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    assert code is not None
+    (tmp_path / "my_rig.yaml").write_text(code[1])
+    rig = Rig.load(tmp_path / "my_rig.yaml")
+    assert rig.payload == "mirrorless" and rig.motors[0].tau_max == 5.0

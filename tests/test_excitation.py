@@ -1,0 +1,335 @@
+"""Excitation: exact gradients, limits that hold between the samples too, rest at both ends, better than chance."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gimbal_pin.effects import Coulomb, Effect, LoadDependentFriction, Stribeck, Term
+from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation import Condition, Determinant, Envelope, Excitation, Series, condition_number, excite
+from gimbal_pin.excitation.columns import Columns, sliding
+from gimbal_pin.excitation.criteria import Criterion
+from gimbal_pin.excitation.problem import Problem
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.rig import Limits, Rig, bundled_rigs
+
+PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
+RIGS = bundled_rigs()
+
+
+def problem(
+    rig: Rig, criterion: Criterion | None = None, effects: tuple[Effect, ...] = (), model: Model | None = None
+) -> Problem:
+    return Problem(
+        model or nominal(rig),
+        Series(10.0, 5),
+        Columns.of(rig, effects),
+        criterion or Condition(),
+        Envelope.of(rig, 0.05),
+        per_period=12,
+    )
+
+
+def differences(function, x: Array) -> Array:
+    """Central differences of a function of a vector, one column per entry."""
+    step = 1e-6
+    return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=-1)
+
+
+@cache
+def designed(name: str, seed: int) -> Excitation:
+    return excite(Rig.load(name), starts=1, rng=np.random.default_rng(seed))
+
+
+def pendulum() -> Rig:
+    if not PENDULUM.is_file():
+        pytest.skip("needs ../shared/data/dfki_double_pendulum, which is not beside this checkout")
+    return Rig.load(PENDULUM)
+
+
+def moved(rig: Rig, **changes: object) -> Rig:
+    """The rig with the same change to every joint's limits."""
+    return replace(rig, limits=tuple(replace(limit, **changes) for limit in rig.limits))
+
+
+def assert_within(rig: Rig, model: Model, found: Excitation, margin: float) -> None:
+    """Every limit holds at 20 000 random instants, whichever of them is stated."""
+    t = np.sort(np.random.default_rng(7).uniform(0.0, found.seconds, 20_000))
+    motion = found.series.motion(found.coefficients, t)
+    tau = model.inverse(motion.q, motion.v, motion.a)
+    share, slack = 1 - margin, 1e-3
+    for j, limit in enumerate(rig.limits):
+        trimmed = margin / 2 * (limit.upper - limit.lower) if np.isfinite(limit.upper - limit.lower) else 0.0
+        assert motion.q[:, j].min() >= limit.lower + trimmed - slack
+        assert motion.q[:, j].max() <= limit.upper - trimmed + slack
+        assert np.abs(motion.v[:, j]).max() <= share * limit.velocity + slack
+        assert np.abs(motion.a[:, j]).max() <= share * limit.acceleration + slack
+        assert np.abs(tau[:, j]).max() <= share * rig.tau_max[j] + slack
+
+
+# gradients
+
+
+@pytest.mark.parametrize("criterion", [Condition(), Condition(sharpness=8.0), Determinant()], ids=["m64", "m8", "det"])
+@pytest.mark.parametrize("name", RIGS)
+def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> None:
+    at = problem(Rig.load(name), criterion)
+    for seed in range(3):
+        x = at.start(np.random.default_rng(seed))
+        exact, rough = at.gradient(x), differences(at.objective, x)
+        assert np.abs(exact - rough).max() < 1e-5 * np.abs(rough).max()
+
+
+def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
+    rig = Rig.load("thesis")
+    effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"))
+    at = problem(rig, Determinant(), effects)
+    x = at.start(np.random.default_rng(3))
+    rough = differences(at.objective, x)
+    assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
+    assert len(at.columns.scale) == len(problem(rig).columns.scale) + 2
+
+
+def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
+    rig = Rig.load("thesis")
+    terms = (*nominal(rig).terms, Term(LoadDependentFriction("roll"), (0.1,)), Term(Stribeck("tilt", 0.2), (0.02,)))
+    at = problem(moved(rig, effort=1.0, acceleration=inf), model=Model(moved(rig, effort=1.0), terms))
+    assert at.driven.all()
+    x = at.start(np.random.default_rng(4))
+    assert np.abs(at.room_slopes(x) - differences(at.room, x)).max() < 1e-6
+
+
+# what a design promises
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("name", RIGS)
+def test_limits_hold_between_the_samples(name: str, seed: int) -> None:
+    rig = Rig.load(name)
+    found = designed(name, seed)
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    assert max(max(used.values()) for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_starts_and_ends_at_rest_and_repeats(name: str) -> None:
+    found = designed(name, 0)
+    for end in (0, -1):
+        assert np.abs(found.motion.v[end]).max() < 1e-12
+        assert np.abs(found.motion.a[end]).max() < 1e-12
+    t = found.motion.t
+    assert t[0] == 0.0
+    assert t[-1] == found.seconds == 10.0
+    later = found.series.motion(found.coefficients, t + found.seconds)
+    assert np.abs(later.q - found.motion.q).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_rate_and_acceleration_are_the_derivatives(name: str) -> None:
+    motion = designed(name, 0).motion
+    dt = motion.t[1]
+    assert np.abs((motion.q[2:] - motion.q[:-2]) / (2 * dt) - motion.v[1:-1]).max() < 1e-4
+    assert np.abs((motion.v[2:] - motion.v[:-2]) / (2 * dt) - motion.a[1:-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_much_better_than_random_motions_within_the_same_limits(name: str) -> None:
+    rig, rng = Rig.load(name), np.random.default_rng(5)
+    at = problem(rig)
+    chance = [condition_number(rig, at.motion(at.start(rng), at.dense)) for _ in range(20)]
+    assert designed(name, 0).condition_number < 0.7 * min(chance)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_friction_shows_on_both_sides_of_standstill(name: str) -> None:
+    rig, v = Rig.load(name), designed(name, 0).motion.v
+    fast = 0.3 * np.array([limit.velocity for limit in rig.limits])
+    for side in (v, -v):
+        assert (np.mean(side > 0, axis=0) > 0.25).all()
+        assert (side.max(axis=0) > fast).all()
+
+
+def test_same_seed_same_motion() -> None:
+    again = excite(Rig.load("turret"), starts=1, rng=np.random.default_rng(1))
+    assert np.array_equal(again.coefficients, designed("turret", 1).coefficients)
+    assert not np.array_equal(again.coefficients, designed("turret", 0).coefficients)
+
+
+def test_each_criterion_is_best_by_its_own_measure() -> None:
+    rig, determinant = Rig.load("turret"), Determinant()
+    by_condition = designed("turret", 0)
+    by_determinant = excite(rig, starts=1, rng=np.random.default_rng(0), criterion=determinant)
+    columns = Columns.of(rig)
+
+    def information(found: Excitation) -> float:
+        return determinant.value(columns.unit(found.motion, np.sign(found.motion.v)))
+
+    assert information(by_determinant) < information(by_condition)
+    assert by_condition.condition_number < by_determinant.condition_number
+
+
+def test_json_has_the_contracts_keys() -> None:
+    found = designed("thesis", 0)
+    read = json.loads(json.dumps(found.to_dict()))
+    assert {"schema", "criterion", "condition_number", "seconds", "limits_used"} <= read.keys()
+    assert list(read["limits_used"]) == ["yaw", "roll", "tilt"]
+    assert all(list(used) == ["q", "dq", "ddq", "tau"] for used in read["limits_used"].values())
+
+
+# limits that bind, are missing, or cannot be kept
+
+
+def test_pendulum_is_kept_within_its_torque() -> None:
+    rig = pendulum()
+    found = excite(rig, starts=1, rng=np.random.default_rng(0))
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    assert found.limits_used["shoulder"]["tau"] == pytest.approx(0.95, abs=0.01)
+    assert found.limits_used["shoulder"]["ddq"] == 0.0
+    assert found.condition_number < 10
+
+
+def test_torque_limit_counts_the_friction_of_the_model_given() -> None:
+    rig = moved(Rig.load("turret"), effort=1.0, acceleration=inf, velocity=inf)
+    stiff = Model(rig, (*nominal(rig).terms, Term(Coulomb("tilt"), (0.5,))))
+    found = excite(rig, starts=1, harmonics=4, seconds=4.0, rng=np.random.default_rng(0), torque_model=stiff)
+    assert_within(rig, stiff, found, margin=0.05)
+    assert max(used["tau"] for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
+    light = excite(rig, starts=1, harmonics=4, seconds=4.0, rng=np.random.default_rng(0))
+    heavy = np.abs(stiff.inverse(light.motion.q, light.motion.v, light.motion.a)).max(axis=0)
+    assert (heavy > 0.95 * rig.tau_max).any()
+
+
+def test_joint_without_limits_turns_at_most_half_a_turn_either_way() -> None:
+    rig = replace(Rig.load("turret"), limits=(Limits(effort=4.0), Limits(effort=4.0)))
+    found = excite(rig, starts=1, rng=np.random.default_rng(0))
+    assert np.abs(found.motion.q).max() <= np.pi
+    assert all(used["dq"] == used["ddq"] == 0 for used in found.limits_used.values())
+
+
+def test_motors_that_cannot_hold_the_payload_are_named() -> None:
+    rig = moved(Rig.load("thesis"), effort=0.01)
+    with pytest.raises(UsageError, match=r"joint '\w+': no pose was found that the motors can hold"):
+        excite(rig, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"velocity": 0.0}, "velocity limit of 0"),
+        ({"acceleration": 0.0}, "acceleration limit of 0"),
+        ({"lower": 0.3, "upper": 0.3}, "travel of 0"),
+        ({"effort": 0.0}, "torque limit of 0"),
+    ],
+)
+def test_limits_that_leave_no_motion_are_named(changes: dict[str, float], what: str) -> None:
+    with pytest.raises(UsageError, match=f"joint 'pan': has a {what}"):
+        excite(moved(Rig.load("turret"), **changes), rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place"),
+    [
+        ({"harmonics": 1}, "harmonics"),
+        ({"seconds": 0.0}, "dt"),
+        ({"seconds": -3.0}, "dt"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": 0.003}, "dt"),
+        ({"starts": 0}, "starts"),
+        ({"margin": 1.0}, "margin"),
+        ({"margin": -0.1}, "margin"),
+        ({"criterion": "best"}, "criterion"),
+    ],
+)
+def test_arguments_out_of_range_are_named(arguments: dict[str, object], place: str) -> None:
+    with pytest.raises(UsageError, match=f"^{place}"):
+        excite(Rig.load("turret"), rng=np.random.default_rng(0), **arguments)
+
+
+# interruption
+
+
+def test_interrupted_it_returns_the_best_so_far() -> None:
+    rig, calls = Rig.load("turret"), []
+
+    class Interrupted:
+        name = "interrupted"
+
+        def value(self, a: Array) -> float:
+            return Condition().value(a)
+
+        def factors(self, a: Array) -> tuple[Array, Array]:
+            calls.append(1)
+            if len(calls) == 20:
+                raise KeyboardInterrupt
+            return Condition().factors(a)
+
+    found = excite(rig, rng=np.random.default_rng(0), criterion=Interrupted())
+    assert not found.finished
+    assert len(calls) == 20
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    first = problem(rig)
+    start = first.motion(first.start(np.random.default_rng(0)), first.dense)
+    assert found.condition_number < condition_number(rig, start)
+
+
+# criteria and columns
+
+
+@given(seed=st.integers(0, 10_000), sharpness=st.floats(2.0, 200.0))
+def test_smooth_condition_number_lies_just_above_the_true_one(seed: int, sharpness: float) -> None:
+    a = np.random.default_rng(seed).standard_normal((30, 6)) * np.logspace(-2, 1, 6)
+    true = np.log(np.linalg.cond(a))
+    excess = Condition(sharpness).value(a) - true
+    assert -1e-9 <= excess <= 2 * np.log(6) / sharpness + 1e-9
+
+
+@given(seed=st.integers(0, 10_000))
+def test_information_of_two_logs_adds_up(seed: int) -> None:
+    first, second = np.random.default_rng(seed).standard_normal((2, 20, 4))
+    before = Determinant(0.3)
+    after = Determinant(before.information(first))
+    assert after.value(second) == pytest.approx(before.value(np.vstack([first, second])))
+
+
+@given(v=st.floats(-1.0, 1.0), a=st.floats(-5.0, 5.0), step=st.floats(0.01, 0.5))
+@settings(max_examples=50)
+def test_sliding_is_the_mean_sign_of_a_straight_rate(v: float, a: float, step: float) -> None:
+    around = (np.arange(20_000) + 0.5) / 20_000 * step - step / 2
+    one = Motion(np.zeros(1), *(np.array([[x]]) for x in (0.0, v, a)))
+    assert sliding(one, step)[0, 0] == pytest.approx(np.mean(np.sign(v + a * around)), abs=2e-4)
+
+
+def test_yardstick_does_not_depend_on_what_is_mounted() -> None:
+    motion = designed("thesis", 0).motion
+    numbers = [condition_number(Rig.load("thesis", payload), motion) for payload in ("none", "cinema", "infrared")]
+    assert numbers == pytest.approx([designed("thesis", 0).condition_number] * 3, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_columns_have_unit_torque_over_the_rigs_states(name: str) -> None:
+    rig = Rig.load(name)
+    states = Envelope.of(rig).spread()
+    unit = Columns.of(rig).unit(states, np.sign(states.v))
+    assert np.mean(unit**2, axis=0) == pytest.approx(np.ones(unit.shape[1]))
+
+
+@given(seconds=st.floats(0.5, 100.0), harmonics=st.integers(2, 12), seed=st.integers(0, 1000))
+@settings(max_examples=30)
+def test_every_series_in_the_rest_basis_ends_at_rest(seconds: float, harmonics: int, seed: int) -> None:
+    series = Series(seconds, harmonics)
+    assert series.rest.T @ series.rest == pytest.approx(np.eye(2 * harmonics - 1), abs=1e-12)
+    coefficients = series.rest @ np.random.default_rng(seed).standard_normal((2 * harmonics - 1, 2))
+    ends = series.motion(coefficients, np.array([0.0, seconds]))
+    assert np.abs(ends.v).max() < 1e-9
+    assert np.abs(ends.a).max() < 1e-9 * (2 * np.pi * harmonics / seconds + 1)
+    assert ends.q[0] == pytest.approx(ends.q[1])
