@@ -18,10 +18,12 @@ from gimbal_pin.io import write_log
 from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
 from gimbal_pin.io.model import write_model
 from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
+from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
+from gimbal_pin.simulate import simulate
 from gimbal_pin.track import Tracking, track
+from gimbal_pin.trajectories import tour
 from gimbal_pin.tuning import Tuning, tune
 
 MODEL_BASED, PID = "computed-torque", "pid"
@@ -35,7 +37,7 @@ class Auto:
         identified: Model from the logs.
         tunings: "computed-torque" and "pid", at the same bandwidth.
         tracking: Steps with both on the identified model.
-        animated: The log that the animation shows: the steps on all axes together, model-based.
+        animated: The log that the animation shows: all axes to and fro, model-based.
         files: What → path.
     """
 
@@ -67,6 +69,7 @@ def auto(
     filtering: Filtering | None = None,
     bandwidth_hz: float = 8.0,
     delay: float = 0.001,
+    plant: Model | None = None,
 ) -> Auto:
     """Identify, tune, verify, and write model, URDF, controller, report and animation into `folder`.
 
@@ -80,6 +83,7 @@ def auto(
         filtering: As for `identify`.
         bandwidth_hz: As for `tune`.
         delay: As for `tune`.
+        plant: The plant that the steps are verified on; None: the identified model.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
@@ -87,8 +91,9 @@ def auto(
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
     model = identified.model
     tunings = {kind: tune(model, bandwidth_hz=bandwidth_hz, delay=delay, kind=kind) for kind in (MODEL_BASED, PID)}
-    tracking = track(model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
-    animated = tracking.of("all-axes", MODEL_BASED).log
+    tracking = track(plant or model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
+    law = tunings[MODEL_BASED].controller
+    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro, model-based")
     files = written(rig, logs, identified, tunings, tracking, animated, output_folder(folder))
     return Auto(identified, tunings, tracking, animated, files)
 
@@ -103,13 +108,13 @@ def written(
     folder: Path,
 ) -> Mapping[str, Path]:
     """Write every file and return what lies where."""
-    names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "steps": "steps.csv"}
+    names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "motion": "motion.csv"}
     names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
     files = {what: folder / name for what, name in names.items()}
     write_model(identified, files["model"])
     atomic_write(files["urdf"], to_urdf(rig, identified.consistent.phi))
     write_yaml(tunings[MODEL_BASED].to_dict(), files["controller"])
-    write_log(animated, files["steps"])
+    write_log(animated, files["motion"])
     animation = view.record(rig, animated)
     atomic_write(files["animation"], animation)
     atomic_write(files["report"], report.full(rig, logs, identified, tunings, tracking, animation))
@@ -121,9 +126,9 @@ def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: flo
     """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
 
     The plant's bodies differ by some ten per cent and its friction by up to a third: what `auto` is given is the URDF
-    and the log alone.
+    and the log alone. The steps are verified on the true plant.
     """
     plant = perturbed(rig, 0.1, rng)
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
     log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
-    return auto(rig, [log], folder, rng=rng)
+    return auto(rig, [log], folder, rng=rng, plant=plant)

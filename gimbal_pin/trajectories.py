@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,3 +61,25 @@ def within(plant: Model, steps: Sequence[float], move: float) -> Array:
             break
         goal = np.where(share > ROOM, 0.9 * goal, goal)
     return goal
+
+
+def tour(plant: Model, dt: float, size: float = 0.5, move: float = 1.2) -> Motion:
+    """From home to one side of every axis, to the other, and back, by minimum jerk, within all limits.
+
+    Args:
+        plant: Model whose torque limits hold.
+        dt: Sampling interval, s.
+        size: Angle to each side, rad; smaller where a limit asks for it.
+        move: Duration of each move, s.
+    """
+    start = home(plant.rig)
+    signs = (-1.0) ** np.arange(plant.rig.n)
+    # The middle leg goes from side to side: what fits it twice over fits the others.
+    sides = [within(plant, list(2 * side * size * signs), move) / 2 for side in (1, -1)]
+    goals = [start, *(start + side for side in sides), start]
+    legs = [minimum_jerk(a, b, dt=dt, move=move, before=0.2, after=0.2) for a, b in pairwise(goals)]
+    parts = [
+        np.concatenate([getattr(leg, name)[: -1 if k < len(legs) - 1 else None] for k, leg in enumerate(legs)])
+        for name in "qva"
+    ]
+    return Motion(dt * np.arange(len(parts[0])), *parts)

@@ -200,7 +200,7 @@ def test_pendulum_is_kept_within_its_torque() -> None:
 
 def test_torque_limit_counts_the_friction_of_the_model_given() -> None:
     rig = moved(Rig.load("turret"), effort=1.0, acceleration=inf, velocity=inf)
-    stiff = Model(rig, (*nominal(rig).terms, Term(Coulomb("tilt"), (0.5,))))
+    stiff = Model(rig, (*nominal(rig).terms, Term(Coulomb("pan"), (0.4,))))
     found = excite(rig, starts=1, harmonics=4, seconds=4.0, rng=np.random.default_rng(0), torque_model=stiff)
     assert_within(rig, stiff, found, margin=0.05)
     assert max(used["tau"] for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
@@ -214,6 +214,36 @@ def test_joint_without_limits_turns_at_most_half_a_turn_either_way() -> None:
     found = excite(rig, starts=1, rng=np.random.default_rng(0))
     assert np.abs(found.motion.q).max() <= np.pi
     assert all(used["dq"] == used["ddq"] == 0 for used in found.limits_used.values())
+
+
+SLIDER = """<robot name="crane"><link name="rail"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="boom"><inertial><origin xyz="0.2 0 0.1"/><mass value="1"/>
+<inertia ixx="0.02" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-0.3" upper="0.4" effort="40" velocity="1"/></joint>
+<joint name="swing" type="continuous"><parent link="cart"/><child link="boom"/><axis xyz="0 1 0"/>
+<limit effort="5" velocity="4"/></joint></robot>"""
+
+
+def crane(folder: Path) -> Rig:
+    path = folder / "crane.urdf"
+    path.write_text(SLIDER)
+    return Rig.load(path)
+
+
+def test_slide_with_limits_is_moved_within_them(tmp_path: Path) -> None:
+    rig = crane(tmp_path)
+    found = excite(rig, starts=1, rng=np.random.default_rng(0))
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    assert found.limits_used["slide"]["q"] > 0.5
+
+
+def test_slide_without_limits_is_named(tmp_path: Path) -> None:
+    rig = replace(crane(tmp_path), limits=(Limits(), Limits()))
+    with pytest.raises(UsageError, match="joint 'slide': slides without limits"):
+        excite(rig, rng=np.random.default_rng(0))
 
 
 def test_motors_that_cannot_hold_the_payload_are_named() -> None:

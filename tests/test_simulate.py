@@ -150,7 +150,9 @@ def test_several_causes_at_once_and_in_order() -> None:
 
 
 @given(
-    texts=st.lists(st.sampled_from([n for n in sorted(SOME) if issubclass(CAUSES[n], Effect)]), min_size=1, max_size=4, unique=True)
+    texts=st.lists(
+        st.sampled_from([n for n in sorted(SOME) if issubclass(CAUSES[n], Effect)]), min_size=1, max_size=4, unique=True
+    )
 )
 @settings(max_examples=15, deadline=None)
 def test_the_plant_converges_as_its_step_shrinks(texts: list[str]) -> None:

@@ -17,15 +17,18 @@ from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import columns, regressor, rnea
 from gimbal_pin.rig import Rig
 
+TINY = 1e-12
+"""Rate, rad/s, under which a joint counts as still."""
+
 
 def sliding(motion: Motion, step: float) -> Array:
     """Mean of sign(v) over the `step` s around each sample, in [-1, 1], (N, n): ``clip(v / (|a| step/2), -1, 1)``.
 
     What a coarse grid sees of the sign: exact where the rate is straight over a step, and differentiable, without
-    the made-up speed of a smooth sign. ``step = 0`` gives sign(v).
+    the made-up speed of a smooth sign.
     """
     reach = np.abs(motion.a) * step / 2
-    return np.clip(motion.v / np.maximum(reach, np.finfo(float).tiny), -1.0, 1.0)
+    return np.clip(motion.v / np.maximum(reach, TINY), -1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ class Columns:
 
         Dividing by it brings every column to unit torque *whatever the motion*: a motion that hardly excites a
         column is charged for it. (Scaled by its own rms on the motion, a column that is never excited looks as good
-        as any other: optimising that condition number left standard deviations a hundred times larger.)
+        as any other: optimising that number left standard deviations up to a hundred times larger on the bundled rigs.)
         """
         spread = Envelope.of(self.rig).spread()
         size = np.sqrt(np.mean(self.at(spread, np.sign(spread.v)) ** 2, axis=(0, 1)))

@@ -31,7 +31,7 @@ def rnea_slopes(model: pin.Model, motion: Motion) -> Array:
 
 def slopes(function: Callable[..., Array], arguments: Sequence[Array]) -> list[Array]:
     """Central differences of a function that works sample by sample, one array per argument, each of its shape."""
-    out = []
+    out: list[Array] = []
     for k in range(len(arguments)):
         ahead, behind = list(arguments), list(arguments)
         ahead[k], behind[k] = arguments[k] + STEP, arguments[k] - STEP

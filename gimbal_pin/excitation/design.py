@@ -165,13 +165,16 @@ def optimised(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[
         leave=False,
     )
     finished = True
-    for at, first, iterations in bar:
-        x, finished = descended(at, first, iterations)
-        repaired = problem.repaired(x)
-        if repaired is not None:
-            found.append(repaired)
-        if not finished:
-            break
+    try:
+        for at, first, iterations in bar:
+            x, finished = descended(at, first, iterations)
+            repaired = problem.repaired(x)
+            if repaired is not None:
+                found.append(repaired)
+            if not finished:
+                break
+    except KeyboardInterrupt:
+        finished = False
     return min(found, key=replace(problem, per_period=FINE).objective), finished
 
 

@@ -49,13 +49,18 @@ class Envelope:
         if not 0 <= margin < 1:
             raise UsageError("margin", f"is {margin}", "give a share of the limits from 0 up to under 1")
         ends = np.array([travel(rig, j, limit) for j, limit in enumerate(rig.limits)])
-        velocity, acceleration = ([getattr(limit, name) for limit in rig.limits] for name in ("velocity", "acceleration"))
-        parts = (ends[:, 1] - ends[:, 0]) / 2, np.array(velocity), np.array(acceleration), rig.tau_max
-        for name, values in zip(("travel", "velocity limit", "acceleration limit", "torque limit"), parts):
+        limits = {
+            "travel": (ends[:, 1] - ends[:, 0]) / 2,
+            "velocity limit": np.array([limit.velocity for limit in rig.limits]),
+            "acceleration limit": np.array([limit.acceleration for limit in rig.limits]),
+            "torque limit": rig.tau_max,
+        }
+        for name, values in limits.items():
             for joint, value in zip(rig.joints, values):
                 if not value > 0:
-                    raise UsageError(f"rig {rig.name}: joint '{joint}'", f"has a {name} of {value:g}", "widen its limits")
-        return Envelope(ends.mean(axis=1), *(part * (1 - margin) for part in parts))
+                    place = f"rig {rig.name}: joint '{joint}'"
+                    raise UsageError(place, f"has a {name} of {value:g}", "widen its limits")
+        return Envelope(ends.mean(axis=1), *(values * (1 - margin) for values in limits.values()))
 
     def spread(self) -> Motion:
         """States spread evenly over the limits, always the same ones, (REFERENCE, n); not a motion in time.
@@ -69,9 +74,7 @@ class Envelope:
 
     def kinematic(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""
-        return np.stack(
-            [(motion.q - self.centre) / self.half, motion.v / self.velocity, motion.a / self.acceleration]
-        )
+        return np.stack([(motion.q - self.centre) / self.half, motion.v / self.velocity, motion.a / self.acceleration])
 
     def torques(self, model: Model, motion: Motion) -> Array:
         """Largest torque up and down as shares of the limit, (2, N, n), whichever way dry friction pushes."""

@@ -19,7 +19,8 @@ DENSE = 240
 """Samples per period of the highest harmonic on which the limits are checked afterwards."""
 
 NEAR = 0.8
-"""Share of its limit that a torque has to reach anywhere to be watched, if all other limits are stated; the dense grid sees all."""
+"""Share of its limit that a torque must be able to reach to be watched while optimising, if the joints' other limits
+are all stated; the dense grid sees all of them anyway."""
 
 POSES = 200
 """Random poses that are tried before it is said that the motors can hold none."""
@@ -181,7 +182,7 @@ class Problem:
         return (1 - ROUNDING) / np.maximum.reduce(peaks)
 
     def holding(self, pose: Array) -> Array:
-        """Share of each torque limit that it takes to stand still in a pose, rad, against dry friction as well, (n,)."""
+        """Share of each torque limit that standing still in a pose (rad) takes, with dry friction against it, (n,)."""
         still = Motion(np.zeros(1), pose[None], np.zeros((1, len(pose))), np.zeros((1, len(pose))))
         return self.envelope.torques(self.model, still).max(axis=(0, 1))
 
@@ -192,6 +193,6 @@ class Problem:
         need, have = still[worst] * self.envelope.torque[worst], self.envelope.torque[worst]
         return UsageError(
             f"rig {rig.name}: joint '{rig.joints[worst]}'",
-            f"no pose was found that the motors can hold: standing still takes {need:.3g} N m of {have:.3g} N m allowed",
+            f"no pose was found that the motors can hold: mid-range takes {need:.3g} N m of {have:.3g} allowed",
             "balance the payload, or raise its torque limit",
         )

@@ -17,7 +17,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.track import Tracking
 from gimbal_pin.tuning import Tuning
 
-STEPS = "The steps on all axes together, with the model-based controller; the ghost is the reference."
+STEPS = "All axes to and fro, with the model-based controller; the ghost is the reference."
 PLANT = "The plant is the identified model, with the rig's sensors, delay and torque limits."
 
 

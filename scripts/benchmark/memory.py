@@ -33,7 +33,7 @@ def measure() -> Iterator[Figure]:
         of = f"{count:,} samples: ".replace(",", " ")
         yield Figure(f"{of}peak memory of identifying", found["peak"] / MB, "MB")
         yield Figure(f"{of}the same less the log's own", (found["peak"] - found["log"]) / MB, "MB")
-        yield Figure(f"{of}time of identifying, three passes", found["seconds"], "s")
+        yield Figure(f"{of}time of identifying", found["seconds"], "s")
         beyond.append(found["peak"] - found["log"])
     yield Figure("growth of memory beyond the log itself", (beyond[1] - beyond[0]) / MB, "MB", at_most=50.0)
 

@@ -18,7 +18,7 @@ from gimbal_pin.rig import GRAVITY, Rig
 from gimbal_pin.simulate import Controller, Reference, Sensors, simulate
 from gimbal_pin.tuning import tune
 
-ROUNDS = 7
+ROUNDS = 9
 DELAY = 1
 """Samples between measurement and torque."""
 BARE = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT

@@ -1,0 +1,129 @@
+"""Instrumental variables: consistent where the regressor itself is noisy, and least squares is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.estimators.base import LAGS, RANK, Estimate, autocorrelation, effective_rows, residuals
+from gimbal_pin.log import Array
+from gimbal_pin.rows import Block
+
+PASSES = 3
+"""Solutions in turn, each weighted by the residuals of the one before."""
+
+
+def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estimate:
+    """``theta = (Σ ZᵀWA)⁻¹ Σ ZᵀWb``: consistent if Z moves with A and its noise has nothing to do with A's or b's.
+
+    Least squares with a noisy A shrinks: AᵀA holds the noise's own power. ZᵀA does not. Valid instruments are columns
+    of the same regressor from another source: the reference trajectory, a second sensor, other samples (Reiersøl 1941;
+    Janot, Vandanjon and Gautier 2014 for robots).
+
+    Args:
+        blocks: Rows ``A theta = b``.
+        instruments: Per block its Z, (m, n, k), filtered and masked like A.
+
+    Raises:
+        UsageError: There is not one Z of A's shape for every block.
+    """
+    if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
+        raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
+    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)], "instrumental")
+
+
+def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
+    """Instrumental variables from two regressors of one motion with independent noise: each is the other's instrument.
+
+    ``theta = (Σ AᵀWB + BᵀWA)⁻¹ Σ (A + B)ᵀWb``: the same whichever comes first.
+
+    Args:
+        blocks: Rows ``A theta = b``.
+        twins: The same rows with the regressor B in the place of A.
+
+    Raises:
+        UsageError: The two do not have the same shapes.
+    """
+    if [twin.A.shape for twin in twins] != [block.A.shape for block in blocks]:
+        raise UsageError("twins", "do not have the shape of the regressors", "build them with the same rows")
+    middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
+    half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
+    # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
+    return iterated(middle, [(block.A, block.A) for block in middle], "instrumental", half)
+
+
+@dataclass(frozen=True, eq=False)
+class Instrumented:
+    """`instrumental` as an `Estimator`, for rows whose instruments are known beforehand.
+
+    Attributes:
+        instruments: Per block its Z, (m, n, k).
+    """
+
+    instruments: tuple[Array, ...]
+
+    def __call__(self, blocks: Sequence[Block]) -> Estimate:
+        """Estimate theta."""
+        return instrumental(blocks, self.instruments)
+
+
+Pairs = Sequence[tuple[Array, Array]]
+
+
+def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence[Array] = ()) -> Estimate:
+    """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
+
+    Args:
+        blocks: Rows; their A is what residuals are taken with.
+        pairs: Per block (Z, A).
+        method: The estimate's name.
+        noise: Per block D, whose power is taken off; none where Z and A share no noise.
+    """
+    rows, width = effective_rows(blocks), blocks[0].A.shape[2]
+    weight = np.ones(blocks[0].b.shape[1])
+    for _ in range(PASSES):
+        moment = moments(pairs, weight) - moments([(D, D) for D in noise], weight, width)
+        target = sum((np.einsum("tjk,j,tj->k", Z, weight, block.b) for (Z, _), block in zip(pairs, blocks)), 0.0)
+        theta, inverse, condition = solved(moment, np.asarray(target))
+        squares = sum(np.sum(residuals(block, theta) ** 2, axis=0) for block in blocks)
+        power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
+        weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-300)
+    spread = inverse @ score(blocks, [Z for Z, _ in pairs], theta, weight) @ inverse.T
+    blind = ~np.any(inverse != 0.0, axis=1)
+    spread[blind, blind] = np.inf
+    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), method)
+
+
+def moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:
+    """``Σ ZᵀWA``, (k, k); zeros of `width` where there is no pair."""
+    parts = [np.einsum("tjk,j,tjl->kl", Z, weight, A, optimize=True) for Z, A in pairs]
+    return np.sum(parts, axis=0) if parts else np.zeros((width, width))
+
+
+def solved(moment: Array, target: Array) -> tuple[Array, Array, float]:
+    """Return ``moment⁻¹ target``, the inverse, zero where a direction is not seen, and the condition number.
+
+    The columns are scaled to unit size first.
+    """
+    size = np.sqrt(np.abs(np.diag(moment)))
+    unit = np.where(size > 0, size, 1.0)
+    left, values, right = np.linalg.svd(moment / np.outer(unit, unit))
+    seen = values > RANK * values[0]
+    inverse = (right.T * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)) @ left.T / np.outer(unit, unit)
+    return inverse @ target, inverse, float(values[0] / values[-1]) if seen.all() else float("inf")
+
+
+def score(blocks: Sequence[Block], instruments: Sequence[Array], theta: Array, weight: Array) -> Array:
+    """Covariance of ``Σ ZᵀW residual``, (k, k): the residual's own autocovariance over `LAGS` rows, tapered."""
+    gamma = autocorrelation(blocks, theta) * weight**2
+    taper = 1.0 - np.arange(LAGS + 1) / (LAGS + 1)
+    out = np.zeros((len(theta), len(theta)))
+    for Z in instruments:
+        for lag in range(min(LAGS, len(Z) - 1) + 1):
+            early, late = Z[: len(Z) - lag], Z[lag:]
+            product = np.einsum("tjk,j,tjl->kl", early, gamma[lag] * taper[lag], late, optimize=True)
+            out += product if lag == 0 else product + product.T
+    return out
