@@ -16,14 +16,26 @@ Array = NDArray[np.floating[Any]]
 
 
 def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
-    """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length)."""
-    copy = np.array(array, dtype=np.float64)
+    """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length).
+
+    What nobody can write to is not copied: a part of a long log costs no memory.
+    """
+    copy = np.array(array, dtype=np.float64, copy=None if immutable(array) else True)
     if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
         raise LogError(
             name, f"has shape {copy.shape}, expected {shape}", "give one row per sample, one column per joint"
         )
     copy.flags.writeable = False
     return copy
+
+
+def immutable(array: object) -> bool:
+    """Whether an array is read-only, and so is whatever it is a view of."""
+    while isinstance(array, np.ndarray) and not array.flags.writeable:
+        if array.base is None:
+            return True
+        array = array.base
+    return False
 
 
 @dataclass(frozen=True, eq=False)

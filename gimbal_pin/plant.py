@@ -79,7 +79,8 @@ class Plant:
         self.pin = model.rig.model.copy()
         self.pin.armature = self.pin.armature + model.armature
         self.data = self.pin.createData()
-        self.friction = Resistance(model.by_joint)
+        # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
+        self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
         # Pinocchio takes the thirds of one array as they are, and filling it is cheaper than making three new ones.
         self.scratch = np.zeros(3 * self.n)
         self.q, self.v, self.tau = np.split(self.scratch, 3)
@@ -121,32 +122,44 @@ class Plant:
 
     def begin(self, t: float, x: Floats, memory: Memory, tau: Floats, held: Collection[int] = ()) -> Step:
         """Decide the contact at the start of a step; joints in `held` stick whatever holds them."""
-        slide, stuck, n = [0.0] * self.n, [], self.n
+        slide, resting, n = [0.0] * self.n, [], self.n
         for j in self.friction.dry_joints:
             rate = x[n + j]
             if rate:
                 slide[j] = 1.0 if rate > 0 else -1.0
             else:
-                stuck.append(j)
-        body = self.body(x) if stuck else None
-        while True:
-            now = Step(x, memory, tau, Contact(tuple(slide), tuple(stuck)), self.friction.left(tau, slide))
-            weakest = self.weakest(t, now, body, held) if stuck and body else None
-            if weakest is None:
-                return now
-            joint, slide[joint] = weakest
-            stuck.remove(joint)
+                resting.append(j)
+        body = self.body(x) if resting else None
+        for _ in range(3 ** len(resting)):
+            contact = Contact(tuple(slide), tuple([j for j in resting if not slide[j]]))
+            now = Step(x, memory, tau, contact, self.friction.left(tau, slide))
+            wrong = self.wrong(t, now, body, resting, held) if body else None
+            if wrong is None:
+                break
+            joint, way = wrong
+            slide[joint] = way
+        return now
 
-    def weakest(self, t: float, now: Step, body: Body, held: Collection[int]) -> tuple[int, float] | None:
-        """Return the stuck joint that is pushed furthest beyond its dry friction, and where to; None if none is."""
-        most, found = 0.0, None
-        _, holding = self.constrained(t, now.x, now, body)
-        for j, torque in zip(now.contact.stuck, holding):
-            way = 1.0 if torque > 0 else -1.0
-            excess = abs(torque) - self.friction.level(t, now.x[j], now.tau[j], j, way)
-            if excess > most and j not in held:
-                most, found = excess, (j, way)
-        return found
+    def wrong(
+        self, t: float, now: Step, body: Body, resting: Sequence[int], held: Collection[int]
+    ) -> tuple[int, float] | None:
+        """Return the first joint at rest in a mode that it cannot keep, and its other mode; None if none is.
+
+        One that sticks must need no more than its dry friction, and one that slides must accelerate the way it
+        slides: a linear complementarity problem. D is positive definite, so it has one solution, and mending always
+        the first joint that is wrong leads there (Murty 1974); a joint once let loose may have to stick again.
+        """
+        moving, torques = self.constrained(t, now.x, now, body)
+        holding = dict(zip(now.contact.stuck, torques))
+        for j in resting:
+            if j in held:
+                continue
+            way = copysign(1.0, holding.get(j, 0.0))
+            if j in holding and abs(holding[j]) > self.friction.level(t, now.x[j], now.tau[j], j, way):
+                return j, way
+            if j not in holding and now.contact.slide[j] * moving[j] < 0:
+                return j, 0.0
+        return None
 
     def first_stop(self, now: Step, after: Floats) -> tuple[int, float] | None:
         """Return the joint whose rate first reaches zero within the step and when, as a share of it; None if none."""

@@ -362,10 +362,18 @@ def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:
         rows = tree.xpath("(//table)[1]/tbody/tr[td[2]/span[@class='good']]")
         return {(row[0].text_content(), row[1].text_content()) for row in rows}
 
-    assert winners(walk.result) == {("pan", "computed torque"), ("tilt", "computed torque")}
+    backwards = replace(walk.result, experiments=walk.result.experiments[::-1])
+    assert winners(walk.result) == winners(backwards) == {("pan", "computed torque"), ("tilt", "computed torque")}
     assert winners(swapped(walk.result, "tilt")) == {("pan", "computed torque"), ("tilt", "PID")}
     assert marked("x", 1.0, [1.0, 1.04]) == marked("x", 0.0, [0.0, 0.05], 0.1) == marked("x", 1.0, [1.0]) == "x"
     assert isinstance(marked("x", 1.0, [1.0, 1.2, nan]), Markup)
+
+
+def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(walk: Walk) -> None:
+    first = [e for e in walk.result.experiments if e.name == "all-axes"]
+    ahead = replace(walk.result, experiments=tuple(first))
+    behind = replace(walk.result, experiments=tuple(first[::-1]))
+    assert report.tracking(ahead, walk.rig) == report.tracking(behind, walk.rig)
 
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
@@ -452,6 +460,13 @@ def test_names_that_would_break_the_page_are_only_text(tmp_path: Path) -> None:
     for name in evil:
         assert any(name in text for text in drawn)
         assert any(name == cell.text_content() for cell in tree.xpath("//tbody//th"))
+
+
+def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
+    for plant in ("the identified model", "another rig"):
+        kept = {} if plant == "the identified model" else {"plant": plant}
+        section = report.summary(walk.rig, walk.found, None, walk.result, walk.logs, **kept)
+        assert f"Simulated on {plant}, with steps on all axes together" in parsed(str(section.html)).text_content()
 
 
 def test_a_long_log_makes_no_long_report() -> None:

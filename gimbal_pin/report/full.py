@@ -18,7 +18,6 @@ from gimbal_pin.track import Tracking
 from gimbal_pin.tuning import Tuning
 
 STEPS = "All axes to and fro, with the model-based controller; the ghost is the reference."
-PLANT = "The plant is the identified model, with the rig's sensors, delay and torque limits."
 
 
 def full(
@@ -29,6 +28,7 @@ def full(
     result: Tracking,
     animation: str,
     extra: Sequence[Section] = (),
+    plant: str = "the identified model",
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
@@ -40,10 +40,11 @@ def full(
         result: What `track` returned.
         animation: What `view.record` returned.
         extra: Sections that go before the controller's.
+        plant: What the steps were simulated on, within a sentence.
     """
     evaluated = evaluate(found, logs)
     steps: list[Callable[[], Section]] = [
-        lambda: sections.summary(rig, found, next(iter(tunings.values())), result, logs),
+        lambda: sections.summary(rig, found, next(iter(tunings.values())), result, logs, plant=plant),
         lambda: sections.animation(animation, STEPS),
         lambda: sections.rig_section(rig),
         lambda: sections.data(rig, logs),
@@ -51,7 +52,9 @@ def full(
         lambda: sections.torque(found, evaluated),
         *(partial(replace, section) for section in extra),
         lambda: sections.margins(*tunings.values()),
-        lambda: sections.tracking(result, rig, PLANT),
+        lambda: sections.tracking(
+            result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
+        ),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
     mounted = f" with {rig.payload}" if rig.payload else ""

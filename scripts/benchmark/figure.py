@@ -60,6 +60,7 @@ def summary(figures: Sequence[Figure]) -> str:
     met = sum(figure.passed is True for figure in demands)
     missed = "; ".join(figure.what for figure in demands if figure.passed is False)
     unknown = sum(figure.passed is None for figure in demands)
-    text = f"{'FAIL' if missed else 'PASS'}: {met} of {len(demands)} requirements met"
+    verdict = "FAIL" if missed else "INCOMPLETE" if unknown else "PASS"
+    text = f"{verdict}: {met} of {len(demands)} requirements met"
     text += f", {unknown} not measured" if unknown else ""
     return f"{text}; missed: {missed}" if missed else text

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BINS = 24
-"""Stretches of the rate, alike in samples, over which the residual's mean is taken."""
+BINS = 12
+"""Stretches of the rate, either way and alike in samples, over which the residual's mean is taken."""
 JUDGED = 0.5
 """Share of a row's samples that must be judged for the row to count."""
 CLOUD = 900
@@ -59,12 +59,15 @@ def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
     """Draw a joint's residual over its rate, and its mean in stretches of the rate, with twice its error."""
     every = max(1, len(v) // CLOUD)
     plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
-    groups = np.array_split(np.argsort(v), min(BINS, max(1, len(v) // 10)))
-    middle = joint.scale * np.array([v[group].mean() for group in groups])
-    mean = np.array([error[group].mean() for group in groups])
-    sure = np.array([error[group].std() / np.sqrt(len(group)) for group in groups])
-    axes.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
-    axes.plot(middle, mean, color=plots.INK, lw=1.3)
+    order = np.argsort(v)
+    for way in (order[v[order] < 0], order[v[order] > 0]):
+        groups = np.array_split(way, min(BINS, max(1, len(way) // 10)))
+        groups = [group for group in groups if len(group) > 1]
+        middle = joint.scale * np.array([v[group].mean() for group in groups])
+        mean = np.array([error[group].mean() for group in groups])
+        sure = np.array([error[group].std() / np.sqrt(len(group)) for group in groups])
+        axes.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
+        axes.plot(middle, mean, color=plots.INK, lw=1.3)
     plots.zero_line(axes)
 
 

@@ -46,7 +46,7 @@ def summary(
     result: Tracking | None = None,
     logs: Sequence[Log] = (),
     baseline: str = "pid",
-    plant: str = "the identified model itself",
+    plant: str = "the identified model",
 ) -> Section:
     """Return the verdict on a rig's identification, controller and tracking.
 

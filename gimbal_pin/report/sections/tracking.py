@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from math import isfinite, isnan
 from typing import TYPE_CHECKING, NamedTuple
@@ -47,14 +48,16 @@ COLUMNS = (
 )
 
 
-def tracking(result: Tracking, rig: Rig, note: str = "") -> Section:
+def tracking(result: Tracking, rig: Rig, note: str = "", baseline: str = "pid") -> Section:
     """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
 
     Args:
         result: What `track` returned.
         rig: The rig, for units and limits.
         note: What the plant was, as a sentence.
+        baseline: The controller that the others are compared with: drawn in grey, behind them.
     """
+    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != baseline)))
     joints = joints_of(rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
     parts = [paragraph(f"Minimum-jerk steps of {steps}. {note}".strip())]
@@ -96,10 +99,7 @@ def responses(rig: Rig, experiments: Sequence[Experiment]) -> list[Markup]:
     """Return the picture of the steps."""
     controllers = listed(map(controller_name, controller_looks(experiments)))
     alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {controllers}"
-    caption = (
-        "Reference (dashed) and angle, the error, and the torque as a share of its limit. "
-        "Grey: the first controller; in colour: the last."
-    )
+    caption = "Reference (dashed) and angle, the error, and the torque as a share of its limit."
     return [picture(plots.drawn(partial(steps_figure, rig, experiments), alt), caption)]
 
 
