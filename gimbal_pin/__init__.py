@@ -9,18 +9,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gimbal_pin.auto import auto as auto
+    from gimbal_pin.walk import auto as auto
     from gimbal_pin.errors import GimbalPinError as GimbalPinError
     from gimbal_pin.excitation import excite as excite
     from gimbal_pin.experiment import bench_run as bench_run
-    from gimbal_pin.identify import identify as identify
+    from gimbal_pin.identification import identify as identify
     from gimbal_pin.io import read_log as read_log
     from gimbal_pin.io import write_log as write_log
     from gimbal_pin.log import Log as Log
     from gimbal_pin.model import nominal as nominal
     from gimbal_pin.rig import Rig as Rig
-    from gimbal_pin.simulate import simulate as simulate
-    from gimbal_pin.track import track as track
+    from gimbal_pin.simulation import simulate as simulate
+    from gimbal_pin.tracking import track as track
     from gimbal_pin.tuning import tune as tune
 
 __version__ = "0.1.0"
@@ -29,14 +29,14 @@ HOMES = {
     "GimbalPinError": "errors",
     "Log": "log",
     "Rig": "rig",
-    "auto": "auto",
+    "auto": "walk",
     "bench_run": "experiment",
     "excite": "excitation",
-    "identify": "identify",
+    "identify": "identification",
     "nominal": "model",
     "read_log": "io",
-    "simulate": "simulate",
-    "track": "track",
+    "simulate": "simulation",
+    "track": "tracking",
     "tune": "tuning",
     "write_log": "io",
 }

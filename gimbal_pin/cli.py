@@ -49,7 +49,7 @@ Kind = Literal["computed-torque", "pid"]
 
 def rigs(*, json: Json = None) -> None:
     """List the bundled rigs and payloads."""
-    from gimbal_pin.check import listing
+    from gimbal_pin.checking import listing
 
     listed = listing()
     present(text.rigs(listed), listed, json)
@@ -57,7 +57,7 @@ def rigs(*, json: Json = None) -> None:
 
 def check(rig: RigName, *, payload: Payload = None, json: Json = None) -> None:
     """Validate a rig: tree, axes, limits, inertias, camera frame; say what a log must hold."""
-    from gimbal_pin.check import check as run
+    from gimbal_pin.checking import check as run
 
     found = run(load_rig(rig, payload))
     present(text.check(found), found.to_dict(), json)
@@ -166,7 +166,7 @@ def identify(
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data."""
     from gimbal_pin.estimators import ESTIMATORS
-    from gimbal_pin.identify import identify as run
+    from gimbal_pin.identification import identify as run
     from gimbal_pin.inertia import to_urdf
     from gimbal_pin.io.files import atomic_write
     from gimbal_pin.io.model import write_model
@@ -224,7 +224,7 @@ def track(
     import numpy as np
 
     from gimbal_pin.model import nominal
-    from gimbal_pin.track import track as run
+    from gimbal_pin.tracking import track as run
 
     loaded = load_rig(rig, payload)
     laws = rivals(controller, loaded)
@@ -279,7 +279,7 @@ def auto(
     """All of it: identify, tune, verify, report and animation."""
     import numpy as np
 
-    from gimbal_pin.auto import auto as run
+    from gimbal_pin.walk import auto as run
     from gimbal_pin.estimators import ESTIMATORS
 
     loaded, read = load_logs(rig, payload, logs, map)
@@ -311,7 +311,7 @@ def demo(
     """Run auto on a simulated log of a rig whose true parameters differ from its URDF; needs nothing."""
     import numpy as np
 
-    from gimbal_pin.auto import demo as run
+    from gimbal_pin.walk import demo as run
 
     found = run(load_rig(rig, payload), output, rng=np.random.default_rng(seed), seconds=seconds)
     present(text.auto(found), found.to_dict(), json)
@@ -416,7 +416,7 @@ def model_of(
     rig: str, payload: str | None, source: Sequence[str], mapping: Sequence[str], cutoff: float | None
 ) -> Model:
     """Read a model's YAML, or identify one from logs."""
-    from gimbal_pin.identify import identify as run
+    from gimbal_pin.identification import identify as run
     from gimbal_pin.io.model import is_model, read_model
 
     if len(source) == 1 and is_model(source[0]):

@@ -12,7 +12,7 @@ from gimbal_pin.inertia import pseudo_inertia
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
-from gimbal_pin.simulate import Controller, Sensors, simulate
+from gimbal_pin.simulation import Controller, Sensors, simulate
 from gimbal_pin.tuning import tune
 
 

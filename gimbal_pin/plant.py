@@ -93,7 +93,7 @@ class Plant:
         x, u, memory = self.flat(state), tau.tolist(), state.memory or self.friction.start
         stops: list[int] = []
         while dt > 1e-9:
-            now = self.begin(t, x, memory, u, [j for j in stops if stops.count(j) > 1])
+            now = self.begin(t, x, memory, u, [j for j in stops if stops.count(j) > 1] if stops else ())
             x, share = self.rk4(t, now, dt), 1.0
             stop = self.first_stop(now, x)
             if stop is not None:
@@ -103,7 +103,8 @@ class Plant:
                 x[self.n + joint] = 0.0
             memory = self.friction.evolved(memory, now.x, x) if memory else memory
             t, dt = t + share * dt, (1 - share) * dt
-        return State(np.array(x[: self.n]), np.array(x[self.n :]), memory)
+        after = np.array(x)
+        return State(after[: self.n], after[self.n :], memory)
 
     def contact(self, t: float, state: State, tau: Array) -> Contact:
         """Decide which joints slide where, and which stick, under `tau`."""
@@ -129,20 +130,24 @@ class Plant:
                 slide[j] = 1.0 if rate > 0 else -1.0
             else:
                 resting.append(j)
-        body = self.body(x) if resting else None
+        now = Step(x, memory, tau, Contact(tuple(slide), tuple(resting)), self.friction.left(tau, slide))
+        return self.settled(t, now, [j for j in resting if j not in held]) if resting else now
+
+    def settled(self, t: float, now: Step, resting: Sequence[int]) -> Step:
+        """Let loose of the stuck joints in `resting` those that cannot hold."""
+        body, slide = self.body(now.x), list(now.contact.slide)
         for _ in range(3 ** len(resting)):
-            contact = Contact(tuple(slide), tuple([j for j in resting if not slide[j]]))
-            now = Step(x, memory, tau, contact, self.friction.left(tau, slide))
-            wrong = self.wrong(t, now, body, resting, held) if body else None
+            wrong = self.wrong(t, now, body, resting)
             if wrong is None:
                 break
             joint, way = wrong
             slide[joint] = way
+            stuck = [j for j in now.contact.stuck if j != joint] + [joint] * (way == 0.0)
+            contact = Contact(tuple(slide), tuple(sorted(stuck)))
+            now = now._replace(contact=contact, left=self.friction.left(now.tau, slide))
         return now
 
-    def wrong(
-        self, t: float, now: Step, body: Body, resting: Sequence[int], held: Collection[int]
-    ) -> tuple[int, float] | None:
+    def wrong(self, t: float, now: Step, body: Body, resting: Sequence[int]) -> tuple[int, float] | None:
         """Return the first joint at rest in a mode that it cannot keep, and its other mode; None if none is.
 
         One that sticks must need no more than its dry friction, and one that slides must accelerate the way it
@@ -152,8 +157,6 @@ class Plant:
         moving, torques = self.constrained(t, now.x, now, body)
         holding = dict(zip(now.contact.stuck, torques))
         for j in resting:
-            if j in held:
-                continue
             way = copysign(1.0, holding.get(j, 0.0))
             if j in holding and abs(holding[j]) > self.friction.level(t, now.x[j], now.tau[j], j, way):
                 return j, way
@@ -174,11 +177,11 @@ class Plant:
 
     def net(self, t: float, x: Floats, now: Step) -> list[float]:
         """Torque that the terms leave for the rigid body, N m."""
-        friction = self.friction
-        out = [left - c * rate for left, c, rate in zip(now.left, friction.per_rate, x[self.n :])]
+        friction, v = self.friction, x[self.n :]
+        out = [left - c * rate for left, c, rate in zip(now.left, friction.per_rate, v)]
         if friction.rest:
             memory = friction.evolved(now.memory, now.x, x)
-            for j, torque in friction.others(t, x, x[self.n :], now.contact.slide, now.tau, memory):
+            for j, torque in friction.others(t, x, v, now.contact.slide, now.tau, memory):
                 out[j] -= torque
         return out
 

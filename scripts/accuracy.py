@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from gimbal_pin.identify import given_beta, identify
+from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
 from tests.bench_logs import closed_loop, oracle
 

@@ -10,12 +10,12 @@ import numpy as np
 from gimbal_pin import rows
 from gimbal_pin.excitation import excite
 from gimbal_pin.experiment import repeated
-from gimbal_pin.identify import Identified, identify
+from gimbal_pin.identification import Identified, identify
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
-from gimbal_pin.simulate import Sensors, simulate
+from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
 
 

@@ -25,7 +25,7 @@ from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.plant import State
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Limits, Motor, Rig, bundled_rigs
-from gimbal_pin.simulate import Controller, Reference, Sensors, simulate
+from gimbal_pin.simulation import Controller, Reference, Sensors, simulate
 
 GAINS = Pid.placed(8.0, 1.0, 0.2)
 DT = 0.001

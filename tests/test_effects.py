@@ -37,14 +37,14 @@ from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
-from gimbal_pin.identify import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import PHI, Rig
-from gimbal_pin.simulate import Sensors, plant_with, simulate
+from gimbal_pin.simulation import Sensors, plant_with, simulate
 
 KINDS: dict[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
 TORQUES = sorted(name for name, kind in KINDS.items() if issubclass(kind, Effect))

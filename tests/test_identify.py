@@ -15,7 +15,7 @@ from gimbal_pin import signals
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import ESTIMATORS, ols, robust, weighted
 from gimbal_pin.estimators.base import factor
-from gimbal_pin.identify import given_beta, identify, split
+from gimbal_pin.identification import given_beta, identify, split
 from gimbal_pin.log import Log
 from gimbal_pin.model import friction_effects, nominal
 from gimbal_pin.reduction import reduce

@@ -15,9 +15,9 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter log urdf rig"
-MATHS = "signals regressor reduction inertia effects model plant rows estimators simulate"
-VERBS = "identify excitation control trajectories tuning experiment track montecarlo diagnosis base check"
-EDGES = "io view report auto text cli"
+MATHS = "signals regressor reduction inertia effects model plant rows estimators simulation"
+VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base checking"
+EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""
 
@@ -30,7 +30,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "meshcat", "pandas"}
-NAMELESS = {"identify", "simulate", "diagnosis"}
+NAMELESS = {"identification", "simulation", "diagnosis"}
 """Verbs that know causes, but none of them by name."""
 
 

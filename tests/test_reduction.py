@@ -92,6 +92,13 @@ def test_thesis_table_exactly_whatever_the_payload(payload: str) -> None:
     assert len(reduction.independent) + friction == 15
 
 
+def test_full_inertias_regroup_the_diagonal_ones_alike() -> None:
+    """The products of inertia join the table; they change nothing of what stands in it."""
+    diagonal, full = (reduce(bundled("thesis"), d) for d in (True, False))
+    kept = [{name: x for name, x in terms.items() if name in diagonal.names} for terms in full.terms]
+    assert [terms for terms in kept if terms] == list(TABLE)
+
+
 def test_names_are_the_thesis_sums() -> None:
     assert reduce(bundled("thesis"), diagonal=True).base_names == (
         "spine.Iyy + fork.Izz",

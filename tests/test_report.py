@@ -21,7 +21,7 @@ from markupsafe import Markup
 from gimbal_pin import report
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation import excite
-from gimbal_pin.identify import Identified, identify
+from gimbal_pin.identification import Identified, identify
 from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.report import Section, html, numbers, plots, svg
@@ -35,8 +35,8 @@ from gimbal_pin.report.sections.parameters import terms
 from gimbal_pin.report.sections.summary import cautions, ratios, verdict
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
-from gimbal_pin.simulate import Sensors
-from gimbal_pin.track import Tracking, track
+from gimbal_pin.simulation import Sensors
+from gimbal_pin.tracking import Tracking, track
 from gimbal_pin.tuning import Tuning, tune
 from gimbal_pin.view import browser, record
 

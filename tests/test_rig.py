@@ -510,7 +510,9 @@ TAGGED = TWO.replace(
   <gazebo reference="arm"><mu1>0.2</mu1><plugin name="p"><inertial>no body</inertial></plugin></gazebo>
   <ros2_control name="c" type="system"><joint name="yaw"><command_interface name="effort"/></joint></ros2_control>
 </robot>""",
-).replace("<inertial>", "<!-- weighed --><inertial>")
+)
+TAGGED = TAGGED.replace("<inertial>", "<!-- weighed --><inertial>")
+TAGGED = TAGGED.replace('iyy="1" izz="1" ixy="0"', 'iyy="1.2" izz="1.4" ixy="0.1"')
 
 
 @st.composite

@@ -16,12 +16,12 @@ from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.errors import RigError, UsageError
-from gimbal_pin.identify import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
-from gimbal_pin.simulate import Drive, Sensors, plant_with, simulate
+from gimbal_pin.simulation import Drive, Sensors, plant_with, simulate
 
 DT = 0.001
 

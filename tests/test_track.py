@@ -15,8 +15,8 @@ from gimbal_pin.effects import Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Limits, Motor, Rig, bundled_payloads, bundled_rigs
-from gimbal_pin.simulate import Sensors
-from gimbal_pin.track import BEFORE, Tracking, metrics, track
+from gimbal_pin.simulation import Sensors
+from gimbal_pin.tracking import BEFORE, Tracking, metrics, track
 from gimbal_pin.trajectories import ROOM, minimum_jerk, within
 from gimbal_pin.tuning import tune
 

@@ -23,7 +23,7 @@ from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.plant import State
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Limits, Motor, Rig, bundled_rigs
-from gimbal_pin.simulate import Reference, Sensors, simulate
+from gimbal_pin.simulation import Reference, Sensors, simulate
 from gimbal_pin.tuning import Tuning, controller_from, tune
 
 KEYS = {"kp", "ki", "kd", "phase_margin_deg", "gain_margin_db", "disk_margin", "bandwidth_hz"}

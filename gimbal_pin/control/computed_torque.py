@@ -14,7 +14,7 @@ from gimbal_pin.control.lyapunov import Robust
 from gimbal_pin.effects import Sample
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
-from gimbal_pin.simulate import Reference
+from gimbal_pin.simulation import Reference
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.control.base import Memory, Outer, Pid
 from gimbal_pin.log import Array
-from gimbal_pin.simulate import Reference
+from gimbal_pin.simulation import Reference
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import ModelError
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.io.files import read_yaml, write_yaml
 from gimbal_pin.model import Estimated, Model
 from gimbal_pin.rig import Rig

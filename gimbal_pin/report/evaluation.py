@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.identify import Identified, split
+from gimbal_pin.identification import Identified, split
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rows import Block, Rows, kept
 

@@ -8,13 +8,13 @@ from functools import partial
 
 from tqdm import tqdm
 
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.rig import Rig
-from gimbal_pin.track import Tracking
+from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
 
 STEPS = "All axes to and fro, with the model-based controller; the ghost is the reference."

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from benchmark.data import noisy_log
 from benchmark.figure import Figure
-from gimbal_pin.identify import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig

@@ -15,7 +15,7 @@ from benchmark.timing import alternating
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import GRAVITY, Rig
-from gimbal_pin.simulate import Controller, Reference, Sensors, simulate
+from gimbal_pin.simulation import Controller, Reference, Sensors, simulate
 from gimbal_pin.tuning import tune
 
 ROUNDS = 9

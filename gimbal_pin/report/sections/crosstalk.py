@@ -15,7 +15,7 @@ from gimbal_pin.report.joints import Joint, joints_of, units
 from gimbal_pin.report.numbers import DASH, controller_name
 from gimbal_pin.report.sections.experiments import chosen, controller_looks, marked
 from gimbal_pin.rig import Rig
-from gimbal_pin.track import Experiment, Tracking
+from gimbal_pin.tracking import Experiment, Tracking
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

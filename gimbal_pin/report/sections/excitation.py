@@ -26,7 +26,7 @@ def excitation(design: Excitation, rig: Rig) -> Section:
     """Return an excitation's motion, its condition number, and how much of each limit it uses."""
     joints = joints_of(rig)
     text = (
-        f"{design.seconds:g} s, {design.series.harmonics} harmonics, chosen by {design.criterion}; condition number "
+        f"{design.seconds:g} s, {design.series.harmonics} harmonics, criterion {design.criterion}; condition number "
         f"{figures(design.condition_number, 2)} (columns in unit torque: comparable within a rig, not between rigs)."
     )
     if not design.finished:

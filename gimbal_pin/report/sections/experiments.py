@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isnan
 
 from gimbal_pin.report.html import Content, toned
-from gimbal_pin.track import Experiment, Tracking
+from gimbal_pin.tracking import Experiment, Tracking
 
 TOGETHER = "all-axes"
 """Name of the experiment in which all axes move."""

@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.effects import Sample, Term
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.log import Array
 from gimbal_pin.report import plots
 from gimbal_pin.report.evaluation import Evaluated

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.report.html import Card
 from gimbal_pin.report.numbers import between, controller_name, figures, percent, torque_text
 from gimbal_pin.report.sections.torque import grade

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gimbal_pin.identify import Identified, given_beta
+from gimbal_pin.identification import Identified, given_beta
 from gimbal_pin.model import nominal
 from gimbal_pin.report.evaluation import Evaluated
 from gimbal_pin.report.html import Content, toned

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.evaluation import Evaluated

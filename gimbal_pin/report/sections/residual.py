@@ -61,7 +61,7 @@ def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
     plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
     order = np.argsort(v)
     for way in (order[v[order] < 0], order[v[order] > 0]):
-        groups = np.array_split(way, min(BINS, max(1, len(way) // 10)))
+        groups = np.array_split(way, min(BINS, max(1, len(way) // 6)))
         groups = [group for group in groups if len(group) > 1]
         middle = joint.scale * np.array([v[group].mean() for group in groups])
         mean = np.array([error[group].mean() for group in groups])
@@ -73,7 +73,7 @@ def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
 
 def histogram(axes: Axes, joint: Joint, error: Array) -> None:
     """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
-    axes.hist(error, bins=40, density=True, color=joint.colour, alpha=0.45)
+    axes.hist(error, bins=int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), density=True, color=joint.colour, alpha=0.45)
     mean, std = float(error.mean()), float(error.std())
     if std > 0:
         x = np.linspace(mean - 4 * std, mean + 4 * std, 120)

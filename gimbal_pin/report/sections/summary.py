@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import bullets, cards, join, notice, paragraph
@@ -32,7 +32,7 @@ from gimbal_pin.report.sections.headline import (
 )
 from gimbal_pin.report.sections.torque import FAIR, GOOD, grade
 from gimbal_pin.rig import Rig
-from gimbal_pin.track import Tracking
+from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
 
 SATURATED = 0.05

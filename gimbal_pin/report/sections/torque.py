@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from gimbal_pin.identify import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.evaluation import Evaluated

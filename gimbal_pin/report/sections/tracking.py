@@ -20,7 +20,7 @@ from gimbal_pin.report.numbers import DASH, DEGREE, controller_name, figures, li
 from gimbal_pin.report.sections.crosstalk import cross_picture, cross_table
 from gimbal_pin.report.sections.experiments import TOGETHER, chosen, controller_looks, marked, names
 from gimbal_pin.rig import Rig
-from gimbal_pin.track import Experiment, StepMetrics, Tracking
+from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

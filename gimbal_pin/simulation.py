@@ -69,8 +69,8 @@ class Sensors:
 
     def angle(self, q: Array) -> Array:
         """The angle as the encoder reports it, rad, (n,)."""
-        steps = self.encoder_step.tolist()
-        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(q.tolist(), steps)])
+        angles, steps = q.tolist(), self.encoder_step.tolist()
+        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(angles, steps)])
 
 
 Planted = Term | Signal | RigEffect

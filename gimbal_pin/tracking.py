@@ -15,7 +15,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
 from gimbal_pin.rig import Rig
-from gimbal_pin.simulate import Controller, Sensors, simulate
+from gimbal_pin.simulation import Controller, Sensors, simulate
 from gimbal_pin.trajectories import minimum_jerk, within
 
 STEPS_DEG = (30.0, 20.0, -25.0)

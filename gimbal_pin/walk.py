@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin import report, view
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
-from gimbal_pin.identify import Identified, identify
+from gimbal_pin.identification import Identified, identify
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.io import write_log
 from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
@@ -21,12 +21,13 @@ from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
-from gimbal_pin.simulate import simulate
-from gimbal_pin.track import Tracking, track
+from gimbal_pin.simulation import simulate
+from gimbal_pin.tracking import Tracking, track
 from gimbal_pin.trajectories import tour
 from gimbal_pin.tuning import Tuning, tune
 
 MODEL_BASED, PID = "computed-torque", "pid"
+MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,32 +95,30 @@ def auto(
     tracking = track(plant or model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
     law = tunings[MODEL_BASED].controller
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro, model-based")
-    files = written(rig, logs, identified, tunings, tracking, animated, output_folder(folder))
-    return Auto(identified, tunings, tracking, animated, files)
+    found = Auto(identified, tunings, tracking, animated, paths(rig, output_folder(folder)))
+    write(rig, logs, found, MODEL_PLANT if plant is None else TRUE_PLANT)
+    return found
 
 
-def written(
-    rig: Rig,
-    logs: Sequence[Log],
-    identified: Identified,
-    tunings: Mapping[str, Tuning],
-    tracking: Tracking,
-    animated: Log,
-    folder: Path,
-) -> Mapping[str, Path]:
-    """Write every file and return what lies where."""
+def paths(rig: Rig, folder: Path) -> Mapping[str, Path]:
+    """Return what `write` leaves in a folder, and where."""
     names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "motion": "motion.csv"}
     names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
-    files = {what: folder / name for what, name in names.items()}
+    return {what: folder / name for what, name in names.items()}
+
+
+def write(rig: Rig, logs: Sequence[Log], found: Auto, plant: str) -> None:
+    """Write every file; the report says that the steps were verified on `plant`."""
+    files, identified = found.files, found.identified
+    animation = view.record(rig, found.animated)
+    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, plant=plant)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], to_urdf(rig, identified.consistent.phi))
-    write_yaml(tunings[MODEL_BASED].to_dict(), files["controller"])
-    write_log(animated, files["motion"])
-    animation = view.record(rig, animated)
+    write_yaml(found.tunings[MODEL_BASED].to_dict(), files["controller"])
+    write_log(found.animated, files["motion"])
     atomic_write(files["animation"], animation)
-    atomic_write(files["report"], report.full(rig, logs, identified, tunings, tracking, animation))
-    write_json({"identify": identified.to_dict(), "tune": tunings[MODEL_BASED].to_dict()}, files["results"])
-    return files
+    atomic_write(files["report"], page)
+    write_json(found.to_dict(), files["results"])
 
 
 def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: float = 30.0) -> Auto:
