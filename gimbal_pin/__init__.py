@@ -9,7 +9,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gimbal_pin.walk import auto as auto
     from gimbal_pin.errors import GimbalPinError as GimbalPinError
     from gimbal_pin.excitation import excite as excite
     from gimbal_pin.experiment import bench_run as bench_run
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from gimbal_pin.simulation import simulate as simulate
     from gimbal_pin.tracking import track as track
     from gimbal_pin.tuning import tune as tune
+    from gimbal_pin.walk import auto as auto
 
 __version__ = "0.1.0"
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.base import base
+from gimbal_pin.config import load_config
 from gimbal_pin.reduction import samples
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, find, load_config, payload_path
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, find, payload_path
 
 POSES = 2000
 

@@ -279,8 +279,8 @@ def auto(
     """All of it: identify, tune, verify, report and animation."""
     import numpy as np
 
-    from gimbal_pin.walk import auto as run
     from gimbal_pin.estimators import ESTIMATORS
+    from gimbal_pin.walk import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map)
     found = run(
@@ -428,7 +428,7 @@ def model_of(
 def read_controller(name: str, rig: Rig) -> Law:
     """Read a controller's YAML."""
     from gimbal_pin.errors import ModelError
-    from gimbal_pin.io.files import read_yaml
+    from gimbal_pin.reading import read_yaml
     from gimbal_pin.tuning import controller_from
 
     return controller_from(read_yaml(name, ModelError), rig)
@@ -436,8 +436,8 @@ def read_controller(name: str, rig: Rig) -> Law:
 
 def rivals(name: str, rig: Rig) -> dict[str, Law]:
     """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.io.files import read_yaml
     from gimbal_pin.model import nominal
+    from gimbal_pin.reading import read_yaml
     from gimbal_pin.tuning import tune as run
 
     law, data = read_controller(name, rig), read_yaml(name)

@@ -7,6 +7,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.log import Array
 
+KEPT, KEPT_POWER = 0.98, 0.8735
+"""Share of the samples that a noise estimate keeps, and the mean square that a unit Gaussian has left then."""
 ORDER = 3
 """Order of the Butterworth low-pass; run forwards and backwards it falls by 6 dB at the cutoff."""
 
@@ -29,7 +31,7 @@ def zero_phase(signal: Array, sections: Array) -> Array:
 
 def differentiate(signal: Array, dt: float) -> Array:
     """d/dt along the first axis: five-point central differences, error (ω dt)⁴/30; second order at the two ends."""
-    out = np.gradient(signal, dt, axis=0)
+    out = np.gradient(signal, dt, axis=0, edge_order=2 if len(signal) > 2 else 1)
     if len(signal) >= 5:
         out[2:-2] = (8 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12 * dt)
     return out
@@ -63,7 +65,8 @@ def noise_std(signal: Array) -> Array:
     if len(signal) < 8:
         return np.zeros(signal.shape[1:])
     squares = np.sort(np.diff(signal, 3, axis=0) ** 2, axis=0)
-    return np.sqrt(squares[: max(1, int(0.98 * len(squares)))].mean(axis=0) / 20.0)
+    kept = squares[: max(1, int(KEPT * len(squares)))].mean(axis=0)
+    return np.sqrt(kept / (20.0 * KEPT_POWER))
 
 
 def noise_gain(sections: Array, rate: float, derivatives: int) -> float:

@@ -7,13 +7,13 @@ from math import degrees, inf
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gimbal_pin.walk import Auto
     from gimbal_pin.base import Base
     from gimbal_pin.checking import Checked
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
+    from gimbal_pin.walk import Auto
 
 
 def table(*heads: str, rows: Sequence[Sequence[str]]) -> str:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.config import Limits, Motor
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Memory, Pid, Robust, bounds, margins, sampled_loop
 from gimbal_pin.control.base import Outer
 from gimbal_pin.control.design import braking
@@ -24,7 +25,7 @@ from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.plant import State
 from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Limits, Motor, Rig, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_rigs
 from gimbal_pin.simulation import Controller, Reference, Sensors, simulate
 
 GAINS = Pid.placed(8.0, 1.0, 0.2)

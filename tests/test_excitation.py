@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.config import Limits
 from gimbal_pin.effects import Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation import Condition, Determinant, Envelope, Excitation, Series, condition_number, excite
@@ -21,7 +22,7 @@ from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model, nominal
-from gimbal_pin.rig import Limits, Rig, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_rigs
 
 PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
 RIGS = bundled_rigs()

@@ -14,7 +14,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-DATA = "errors parameter log urdf rig"
+DATA = "errors parameter reading log urdf config rig"
 MATHS = "signals regressor reduction inertia effects model plant rows estimators simulation"
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base checking"
 EDGES = "io view report walk text cli"

@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from gimbal_pin import urdf
+from gimbal_pin.config import Limits, Motor
 from gimbal_pin.errors import RigError
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Limits, Motor, Rig, bundled, bundled_payloads, bundled_rigs
+from gimbal_pin.rig import Rig, bundled, bundled_payloads, bundled_rigs
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 
@@ -250,7 +251,7 @@ def test_a_rig_that_is_not_there(name: str) -> None:
 def test_a_file_that_is_no_text(tmp_path: Path) -> None:
     path = tmp_path / "two.urdf"
     path.write_bytes(b"\xff\xfe\x00")
-    refused(lambda: Rig.load(path), str(path), "cannot be read")
+    refused(lambda: Rig.load(path), str(path), "is not text")
 
 
 def test_payloads_that_cannot_be_mounted(tmp_path: Path) -> None:

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.config import Limits, Motor
 from gimbal_pin.control.uncertainty import home
 from gimbal_pin.effects import Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.model import Model, nominal
-from gimbal_pin.rig import Limits, Motor, Rig, bundled_payloads, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
 from gimbal_pin.simulation import Sensors
 from gimbal_pin.tracking import BEFORE, Tracking, metrics, track
 from gimbal_pin.trajectories import ROOM, minimum_jerk, within

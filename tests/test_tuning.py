@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from gimbal_pin.config import Limits, Motor
 from gimbal_pin.control import ComputedTorque, JointPid, Pid, margins
 from gimbal_pin.control.uncertainty import inertia, poses
 from gimbal_pin.effects import Coulomb, Term, Viscous
@@ -22,7 +23,7 @@ from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.plant import State
 from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Limits, Motor, Rig, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_rigs
 from gimbal_pin.simulation import Reference, Sensors, simulate
 from gimbal_pin.tuning import Tuning, controller_from, tune
 
@@ -264,7 +265,7 @@ def test_more_uncertainty_asks_for_a_larger_correction() -> None:
 @pytest.mark.parametrize("through", ["json", "yaml"])
 def test_a_controller_survives_its_file(wish: dict[str, object], through: str) -> None:
     rig = Rig.load("turret")
-    terms = nominal(rig).terms + (Term(Coulomb("pan"), (0.01,)), Term(Viscous("tilt"), (0.02,)))
+    terms = (*nominal(rig).terms, Term(Coulomb("pan"), (0.01,)), Term(Viscous("tilt"), (0.02,)))
     changed = Model(rig.with_phi(rig.phi * 1.03), terms)
     tuning = tune(changed, **wish)  # type: ignore[arg-type]
     data = tuning.to_dict()
@@ -299,7 +300,7 @@ def test_a_foreign_or_broken_file_is_refused(tuned: Tuning) -> None:
 
 def test_plot_shows_every_loop(tuned: Tuning) -> None:
     figure = tuned.with_(bandwidth_hz={"yaw": 4, "roll": 6, "tilt": 8}).plot()
-    gain, nyquist, phase, step = figure.axes
+    gain, _nyquist, phase, step = figure.axes
     legend = gain.get_legend()
     assert legend is not None and len(legend.get_texts()) == 3
     # The gain diagram crosses one where the margins say.

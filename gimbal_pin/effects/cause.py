@@ -69,7 +69,7 @@ class Cause(ABC):
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
-        """Return what `simulate.plant_with` takes, from a value for each parameter of `stated`."""
+        """Return what `simulation.plant_with` takes, from a value for each parameter of `stated`."""
         at = {"joint": joint} if cls.of_joint else {}
         return cls(**at, **{shape.name: given[shape.name] for shape in cls.shapes})
 

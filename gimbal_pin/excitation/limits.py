@@ -7,11 +7,12 @@ from math import isfinite, pi
 
 import numpy as np
 
+from gimbal_pin.config import Limits
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
-from gimbal_pin.rig import Limits, Rig
+from gimbal_pin.rig import Rig
 
 TURN = pi
 """Travel to either side that is used where a revolute joint states no limit, rad; one-sided limits get twice that."""

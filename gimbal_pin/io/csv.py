@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.io.files import read_bytes, replacing, told
+from gimbal_pin.io.files import replacing, told
 from gimbal_pin.log import Array
+from gimbal_pin.reading import read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")

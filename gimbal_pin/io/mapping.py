@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.io.files import read_yaml
+from gimbal_pin.reading import read_yaml
 
 FACTOR = r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi)"
 TERM = re.compile(rf"([*/]?)\s*({FACTOR})")

@@ -10,8 +10,9 @@ import numpy as np
 from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identification import Identified
-from gimbal_pin.io.files import read_yaml, write_yaml
+from gimbal_pin.io.files import write_yaml
 from gimbal_pin.model import Estimated, Model
+from gimbal_pin.reading import read_yaml
 from gimbal_pin.rig import Rig
 
 KIND = "gimbal_pin model"

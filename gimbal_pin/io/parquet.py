@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.io.files import read_bytes, replacing, told
+from gimbal_pin.io.files import replacing, told
 from gimbal_pin.log import Array
+from gimbal_pin.reading import read_bytes
 
 
 @dataclass(frozen=True, eq=False)

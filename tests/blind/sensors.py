@@ -14,8 +14,6 @@ from .world import World
 GYRO_DENSITY = np.radians(0.005)
 """White noise of the rate channel, rad/s per √Hz; dirty sensors have a multiple of it."""
 ACCELEROMETER_DENSITY = 100e-6 * 9.81
-CLOCK_IS_FAULTY = 0.01
-"""Stamps that jitter by more than this share of a period (rms) are a fault that a diagnosis may name."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Sensors:
     @property
     def faults(self) -> list[str]:
         """Data causes that are true of these sensors whatever else is hidden."""
-        return ["clock"] if self.jitter > CLOCK_IS_FAULTY or self.lost > 0.0 else []
+        return ["clock"] if self.jitter > 0.0 or self.lost > 0.0 else []
 
 
 def draw_sensors(rng: np.random.Generator, level: str, rate: float) -> Sensors:

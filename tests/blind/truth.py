@@ -17,7 +17,7 @@ from .scene import Scene
 from .visibility import projected, rms
 from .world import World
 
-DROWNED = 0.3
+DROWNED = 0.2
 """Where noise is this share of the smoothed acceleration, naming `acceleration-noise` is no false finding."""
 Truth = dict[str, object]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from gimbal_pin import signals
 from gimbal_pin.diagnosis.audit.base import Fault, stated
@@ -22,6 +22,8 @@ WINDOW = 51
 """Samples over which a clock is taken to be steady."""
 JITTER, STALE, DRIFT = 0.01, 0.02, 0.002
 """From here on it is worth a note: jitter in periods (rms), repeated rows (share), change of the interval (share)."""
+SURE = 0.6
+"""Step of the stamps' median, in periods, that is a lost sample."""
 ROUGH = 0.15
 """Jitter in periods from which a long interval alone is no lost sample."""
 CERTAIN = 4.0
@@ -134,9 +136,12 @@ def ticks(t: Array) -> Ticks:
     dt = float(np.median(np.diff(t)))
     missing = lone_gaps(t, dt)
     steady, jitter = evened(t, missing * dt)
-    if jitter > ROUGH * dt:
-        missing = steps(t, dt)
-        steady, jitter = evened(t, missing * dt)
+    if ROUGH * dt < jitter < dt:
+        none = np.zeros(len(t))
+        (steady, jitter), missing = evened(t, none), none
+        stepped = steps(t, dt)
+        if jitter > evened(t, stepped * dt)[1]:
+            (steady, jitter), missing = evened(t, stepped * dt), stepped
     even = t - np.cumsum(missing) * dt
     parts = np.array([np.polyfit(np.arange(len(part)), part, 1)[0] for part in np.array_split(even, PARTS)])
     return Ticks(steady, missing, jitter / dt, float((parts.max() - parts.min()) / dt), parts)
@@ -152,13 +157,13 @@ def lone_gaps(t: Array, dt: float) -> Array:
 
 def steps(t: Array, dt: float) -> Array:
     """The same where the jitter is so large that single intervals do not tell: the stamps step up for good, (N,)."""
-    late = t - dt * np.arange(len(t))
     half = WINDOW // 4
-    out = np.zeros(len(t))
-    for k in (np.flatnonzero(np.diff(t) > 1.5 * dt) + 1).tolist():
-        before, after = late[max(k - half, 0) : k], late[k : k + half]
-        out[k] = max(np.round((np.median(after) - np.median(before)) / dt), 0.0)
-    return out
+    late = t / dt - np.arange(len(t))
+    level = median_filter(late, half, mode="nearest")
+    step = np.zeros(len(t))
+    step[half:-half] = level[half + half // 2 : len(t) - half + half // 2] - level[half - 1 - half // 2 : -half - 1 - half // 2]
+    peak = (step == maximum_filter1d(step, 2 * half + 1)) & (step > SURE)
+    return np.where(peak, np.maximum(np.round(step), 1.0), 0.0)
 
 
 def evened(t: Array, lost: Array) -> tuple[Array, float]:

@@ -7,11 +7,12 @@ from math import isfinite
 from markupsafe import Markup
 
 from gimbal_pin import urdf
+from gimbal_pin.config import Limits, Motor
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import Content, join, paragraph, table
 from gimbal_pin.report.joints import Joint, joints_of
 from gimbal_pin.report.numbers import DASH, figures, listed
-from gimbal_pin.rig import Limits, Motor, Rig
+from gimbal_pin.rig import Rig
 
 
 def rig_section(rig: Rig) -> Section:

@@ -1,0 +1,57 @@
+"""Files as bytes and as plain YAML values, with errors that name the file and the line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gimbal_pin.errors import GimbalPinError, UsageError
+
+
+def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError) -> bytes:
+    """Return a file's content; an error of `kind` says why it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError as error:
+        raise kind(str(path), "does not exist", "give the path of a file") from error
+    except OSError as error:
+        raise kind(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
+
+
+def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
+    """Return a YAML file's plain values; an error of `kind` names file and line where it is none."""
+    try:
+        loader = yaml.SafeLoader(read_bytes(path, kind).decode("utf-8-sig"))
+        root = loader.get_single_node()
+        check_keys(root)
+        return None if root is None else loader.construct_document(root)
+    except yaml.MarkedYAMLError as error:
+        line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise kind(f"{path}{line}", f"is not YAML ({error.problem})", "mend that line") from error
+    except (UnicodeDecodeError, yaml.YAMLError, ValueError) as error:
+        raise kind(str(path), f"is not YAML ({error})", "give a YAML file in UTF-8") from error
+
+
+def check_keys(root: Any) -> None:
+    """Raise `yaml.MarkedYAMLError` at a key that stands twice in one table: the first would be lost in silence."""
+    for table in tables(root, set()):
+        seen: set[tuple[str, str]] = set()
+        for key, _ in table.value:
+            name = (str(key.tag), str(key.value))
+            if name in seen:
+                raise yaml.MarkedYAMLError(problem=f"'{key.value}' stands twice", problem_mark=key.start_mark)
+            seen.add(name)
+
+
+def tables(node: Any, done: set[int]) -> Iterator[yaml.MappingNode]:
+    """Yield every table in a YAML tree once; aliases may make it a graph, so `done` holds what was seen."""
+    if id(node) in done or not isinstance(node, yaml.CollectionNode):
+        return
+    done.add(id(node))
+    if isinstance(node, yaml.MappingNode):
+        yield node
+    for child in node.value:
+        yield from tables(child[1] if isinstance(child, tuple) else child, done)
