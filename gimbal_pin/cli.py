@@ -117,6 +117,10 @@ def simulate(
     seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
     bandwidth_hz: Bandwidth = 8.0,
     delay: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    effect: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="plant a cause, e.g. cogging:yaw:amplitude=0.03,harmonic=42"),
+    ] = (),
     torque_noise: Annotated[float, arg(help="noise on the reported torque, share of its rms")] = 0.01,
     encoder_bits: Annotated[float | None, arg(help="resolution of the encoders; None: the rig's own")] = None,
     live: Annotated[bool, arg(help="show it in a browser")] = False,
@@ -126,12 +130,14 @@ def simulate(
     import numpy as np
 
     from gimbal_pin.experiment import bench_run
+    from gimbal_pin.effects.parse import parse_effect
     from gimbal_pin.io import read_motion, write_log
     from gimbal_pin.model import nominal
+    from gimbal_pin.simulation import plant_with
 
     loaded = load_rig(rig, payload)
-    plant = nominal(loaded)
-    law = law_of(controller, plant, bandwidth_hz)
+    law = law_of(controller, nominal(loaded), bandwidth_hz)
+    plant, drive = plant_with(nominal(loaded), [parse_effect(text, loaded) for text in effect])
     motion = None if reference is None else read_motion(reference, loaded)
     log = bench_run(
         plant,
@@ -142,6 +148,7 @@ def simulate(
         encoder_bits=encoder_bits,
         delay=delay,
         reference=motion,
+        drive=drive,
     )
     if output is not None:
         write_log(log, output)

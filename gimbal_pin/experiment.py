@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.effects import Signal
 from gimbal_pin.excitation import excite
 from gimbal_pin.inertia import pseudo_inertia
 from gimbal_pin.log import Array, Log, Motion
@@ -36,6 +38,7 @@ def bench_run(
     encoder_bits: float | None = None,
     delay: int = 1,
     reference: Motion | None = None,
+    drive: Sequence[Signal] = (),
     name: str = "simulated",
 ) -> Log:
     """Simulate an excitation experiment and return its log.
@@ -51,6 +54,7 @@ def bench_run(
         encoder_bits: Resolution of the encoders; None: the rig's own.
         delay: Samples between measurement and torque.
         reference: The motion instead of a designed one.
+        drive: Signal causes between command and torque, as `plant_with` returns them.
         name: Name of the log.
     """
     mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
@@ -61,7 +65,7 @@ def bench_run(
     sensors = Sensors.of(rig, dt)
     if encoder_bits is not None:
         sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
-    log = simulate(plant, mover, reference, rng=rng, sensors=sensors, delay=delay, name=name)
+    log = simulate(plant, mover, reference, rng=rng, sensors=sensors, delay=delay, drive=drive, name=name)
     tau = np.asarray(log.tau)
     noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
     return replace(log, tau=tau + noise)

@@ -276,7 +276,8 @@ def test_sampled_plant_is_the_delayed_double_integrator(delay: float, seed: int)
     begin, stop = np.minimum(edges[:-1], end), np.minimum(edges[1:], end)
     rate = float(u @ (stop - begin))
     angle = float(u @ ((end - begin) ** 2 - (end - stop) ** 2)) / 2
-    np.testing.assert_allclose(state[:2], [angle, rate], rtol=1e-9, atol=1e-12)
+    # A delay under a billionth of a sample counts as none.
+    np.testing.assert_allclose(state[:2], [angle, rate], rtol=1e-9, atol=1e-11)
 
 
 # --- Lyapunov redesign -------------------------------------------------------------------------------------------

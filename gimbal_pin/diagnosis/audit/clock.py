@@ -242,7 +242,8 @@ def told(severity: tuple[Parameter, ...], serious: bool, cost: Harm | None, mend
     parts = [
         text
         for text, there in (
-            (f"stamps jitter by {100 * jitter:.0f} % of a period", jitter > JITTER),
+            (f"stamps jitter by {100 * jitter:.0f} % of a period", JITTER < jitter < 1.0),
+            (f"samples come at odd times, up to {1000 * gap:.0f} ms apart", jitter >= 1.0),
             (f"{100 * lost:.2g} % of the samples are lost, at most {1000 * gap:.0f} ms in a row", lost > 0),
             (f"the interval drifts by {100 * drift:.2g} %", drift > DRIFT),
             (f"{100 * stale:.0f} % of the rows repeat the row before", stale > 0),

@@ -161,34 +161,37 @@ class TorqueSteps(Effect):
 
 @dataclass(frozen=True)
 class Dropouts(Effect):
-    """For some tens of milliseconds, now and then, the drive gives nothing (or half)."""
+    """Now and then the drive loses a part of its torque, or all, for some tens of milliseconds or just for a few."""
 
+    loss: float
     per_second: float
     seed: int
 
     cause: ClassVar[str] = "dropouts"
-    foreign: ClassVar[tuple[str, ...]] = ("nothing", "half")
+    foreign: ClassVar[tuple[str, ...]] = ("dips", "stutter")
     kin: ClassVar[tuple[str, ...]] = ("outliers",)
     stage: ClassVar[int] = 2
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Dropouts:
-        return cls(context.joint, form, 40.0 * context.share**2, int(rng.integers(2**31)))
+        per_second = (1.0 if form == "dips" else 8.0) * max(0.5, 60.0 * context.share**2)
+        return cls(context.joint, form, min(8.0 * context.share, 1.0), per_second, int(rng.integers(2**31)))
 
     def scaled(self, k: float) -> Dropouts:
-        return replace(self, per_second=min(k * k * self.per_second, 12.0))
+        return replace(self, loss=min(k * self.loss, 1.0))
 
     def parameters(self) -> dict[str, float]:
-        return {"per_second": self.per_second}
+        return {"loss": self.loss, "per_second": self.per_second}
 
     def _windows(self, seconds: float) -> list[tuple[float, float]]:
         rng = np.random.default_rng(self.seed)
-        count = max(1, round(self.per_second * seconds))
+        count = max(2, round(self.per_second * seconds))
         starts = np.sort(rng.uniform(0.0, seconds, count))
-        return [(float(s), float(s + d)) for s, d in zip(starts, rng.uniform(0.01, 0.04, count), strict=True)]
+        lengths = rng.uniform(0.01, 0.04, count) * (1.0 if self.form == "dips" else 0.125)
+        return [(float(s), float(s + d)) for s, d in zip(starts, lengths, strict=True)]
 
     def drive(self, world: World) -> Law:
-        joint, left = self.own, 0.5 if self.form == "half" else 0.0
+        joint, left = self.own, 1.0 - self.loss
         windows = iter([*self._windows(world.seconds), (np.inf, np.inf)])
         start, end = next(windows)
 
