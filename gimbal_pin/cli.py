@@ -129,8 +129,8 @@ def simulate(
     """Simulate the closed loop and write what its sensors say as a log."""
     import numpy as np
 
-    from gimbal_pin.experiment import bench_run
     from gimbal_pin.effects.parse import parse_effect
+    from gimbal_pin.experiment import bench_run
     from gimbal_pin.io import read_motion, write_log
     from gimbal_pin.model import nominal
     from gimbal_pin.simulation import plant_with

@@ -16,9 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin import io
+from gimbal_pin import io, reading
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
-from gimbal_pin import reading
 from gimbal_pin.io import base, csv, files
 from gimbal_pin.io.mapping import Source, parse_entry, parse_expression, read_mapping
 from gimbal_pin.log import Imu, Log, Motion

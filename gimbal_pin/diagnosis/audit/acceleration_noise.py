@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
@@ -156,7 +157,7 @@ def jackknife(rows: Sequence[tuple[Array, Array, Array]], weight: Array) -> Jack
     moments, targets = np.zeros((2, PARTS)).astype(object)
     for Z, A, b in rows:
         edges = np.linspace(0, len(b), PARTS + 1).astype(int)
-        for i, (begin, end) in enumerate(zip(edges, edges[1:])):
+        for i, (begin, end) in enumerate(itertools.pairwise(edges)):
             part = slice(begin, end)
             moments[i] = moments[i] + np.einsum("tjk,j,tjl->kl", Z[part], weight, A[part], optimize=True)
             targets[i] = targets[i] + np.einsum("tjk,j,tj->k", Z[part], weight, b[part])

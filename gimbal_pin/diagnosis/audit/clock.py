@@ -161,7 +161,9 @@ def steps(t: Array, dt: float) -> Array:
     late = t / dt - np.arange(len(t))
     level = median_filter(late, half, mode="nearest")
     step = np.zeros(len(t))
-    step[half:-half] = level[half + half // 2 : len(t) - half + half // 2] - level[half - 1 - half // 2 : -half - 1 - half // 2]
+    step[half:-half] = (
+        level[half + half // 2 : len(t) - half + half // 2] - level[half - 1 - half // 2 : -half - 1 - half // 2]
+    )
     peak = (step == maximum_filter1d(step, 2 * half + 1)) & (step > SURE)
     return np.where(peak, np.maximum(np.round(step), 1.0), 0.0)
 

@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.audit.mend import CHANNELS
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 
-COARSE = 11.0
+COARSE = 12.0
 """An encoder of fewer bits per turn is worth a sentence."""
 
 
@@ -46,7 +46,11 @@ class Resolution:
     @property
     def figures(self) -> tuple[Parameter, ...]:
         """The steps with their units."""
-        units = (("angle_step", self.angle, "rad"), ("rate_step", self.rate, "rad/s"), ("torque_step", self.torque, "N m"))
+        units = (
+            ("angle_step", self.angle, "rad"),
+            ("rate_step", self.rate, "rad/s"),
+            ("torque_step", self.torque, "N m"),
+        )
         return tuple(Parameter(name, value, unit) for name, value, unit in units)
 
 
