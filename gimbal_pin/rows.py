@@ -25,6 +25,8 @@ from gimbal_pin.rig import Rig
 Flags = NDArray[np.bool_]
 
 CHUNK = 4096
+SHORTEST = 8
+"""A stretch of fewer samples than this has no noise that could be told, and no row survives its filters."""
 STANDSTILL = 4.0
 """A rate under this many of its own standard deviations does not tell its sign."""
 TAPER = 0.5
@@ -218,11 +220,13 @@ def settling(filtering: Filtering) -> float:
 
 def stretches(log: Log, cutoff: float) -> Iterator[Stretch]:
     """Yield the parts of a log between gaps: longer than four samples and than a tenth of the cutoff's period."""
+    if len(log) < SHORTEST:
+        return
     dt = log.dt
     gaps = np.flatnonzero(np.diff(log.t) > max(4.5 * dt, 0.1 / cutoff))
     edges = [0, *(gaps + 1).tolist(), len(log)]
     for first, last in itertools.pairwise(edges):
-        if last - first >= 8:
+        if last - first >= SHORTEST:
             span = log.t[last - 1] - log.t[first]
             count = int(span / dt * (1 + 1e-9)) + 1
             # The grid's own interval makes it end on the last sample: an interval rounded from jitter would drift.

@@ -177,7 +177,7 @@ def test_deviations_are_honest(turret: Rig) -> None:
 def test_sensor_noise_costs_little(name: str, payload: str) -> None:
     """1 % torque noise, 16-bit encoders, the rig's gyros; `scripts/accuracy` does this for all rigs and 20 seeds."""
     rig = Rig.load(name, payload)
-    log, tau = closed_loop(rig, seed=1, seconds=40.0)
+    log, tau = closed_loop(rig, seed=1, seconds=30.0)
     found = identify(rig, [log])
     error = np.abs(found.estimate.theta - planted(rig))
     assert np.all(error < 4 * found.estimate.std)

@@ -25,7 +25,7 @@ SAMPLES, SECONDS = 8, 0.02
 """A run of equal values is looked at from so many samples, and from so long, on."""
 RAIL, RUN = 0.003, 3.0
 """A rail holds this share of the samples, in runs of so many on average."""
-LOUD = 3.0
+LOUD = 4.0
 """What the other channels deny must be so many times what they differ by elsewhere."""
 SHARE = 0.05
 """And this share of the channel's own spread."""
