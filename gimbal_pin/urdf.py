@@ -188,6 +188,8 @@ def check_joint(joint: yourdfpy.Joint, place: str) -> None:
         raise RigError(where, f"is of type {joint.type}", f"use one of {', '.join(MOVABLE)}, or fixed")
     if not np.linalg.norm(joint.axis) > 0:
         raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
+    if joint.mimic is not None:
+        raise RigError(where, "mimics another joint", "drive it by a motor of its own, or make it fixed")
     limit, dynamics = joint.limit, joint.dynamics
     if joint.type != "continuous" and limit is None:
         raise RigError(where, "has no <limit>", "give lower, upper, effort and velocity, or make it continuous")
