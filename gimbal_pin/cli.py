@@ -97,6 +97,7 @@ def excite(
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.io import write_motion
 
+    positive("--rate", rate)
     loaded = load_rig(rig, payload)
     rng = np.random.default_rng(seed)
     options = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "margin": margin}
@@ -135,6 +136,7 @@ def simulate(
     from gimbal_pin.model import nominal
     from gimbal_pin.simulation import plant_with
 
+    shown_somewhere(output, live)
     loaded = load_rig(rig, payload)
     law = law_of(controller, nominal(loaded), bandwidth_hz)
     plant, drive = plant_with(nominal(loaded), [parse_effect(text, loaded) for text in effect])
@@ -153,7 +155,7 @@ def simulate(
     if output is not None:
         write_log(log, output)
         print(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")
-    if live or output is None:
+    if live:
         play(loaded, log)
 
 
@@ -174,7 +176,6 @@ def identify(
     """Model with uncertainty from logs, and its fit on held-out data."""
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.identification import identify as run
-    from gimbal_pin.inertia import to_urdf
     from gimbal_pin.io.files import atomic_write
     from gimbal_pin.io.model import write_model
 
@@ -184,7 +185,7 @@ def identify(
     if output is not None:
         write_model(found, output)
     if urdf is not None:
-        atomic_write(urdf, to_urdf(loaded, found.consistent.phi))
+        atomic_write(urdf, found.to_urdf())
     present(text.identified(found), found.to_dict(), json)
 
 
@@ -233,10 +234,10 @@ def track(
     from gimbal_pin.model import nominal
     from gimbal_pin.tracking import track as run
 
-    loaded = load_rig(rig, payload)
+    loaded = load_rig(rig, payload or mounted(controller))
     laws = rivals(controller, loaded)
     found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay)
-    present(text.tracking(found), found.to_dict(), json)
+    present(text.tracking(found, "the rig as its URDF states it"), found.to_dict(), json)
 
 
 def animate(
@@ -256,13 +257,14 @@ def animate(
     from gimbal_pin import view
     from gimbal_pin.io import read_log, split_payload
 
+    shown_somewhere(output, live)
     loaded = load_rig(rig, payload or split_payload(log)[1])
     read = read_log(log, loaded, map, need_tau=False)
     if output is not None:
         for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, at=at):
             print(warning, file=sys.stderr)
         print(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
-    if live or output is None:
+    if live:
         play(loaded, read)
 
 
@@ -402,20 +404,37 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
     tags = sorted({tag for _, tag in (split_payload(log) for log in logs) if tag is not None})
-    if len(tags) > 1:
-        mend = "identify each payload's logs apart"
-        raise UsageError("logs", f"are of several payloads ({', '.join(tags)})", mend)
+    if len(tags) > 1 or (tags and payload is None and any(split_payload(log)[1] is None for log in logs)):
+        what = f"are of several payloads ({', '.join(tags)}{' and one not named' if len(tags) == 1 else ''})"
+        raise UsageError("logs", what, "identify each payload's logs apart, or tag all of them alike: LOG@PAYLOAD")
     loaded = load_rig(rig, payload or (tags[0] if tags else None))
-    return loaded, [read_log(log, loaded, mapping) for log in logs]
+    read = [read_log(log, loaded, mapping) for log in logs]
+    for event in (event for log in read for event in log.events):
+        print(f"gimbal-pin: note: {event}", file=sys.stderr)
+    return loaded, read
+
+
+def positive(option: str, value: float) -> None:
+    """Raise `UsageError` unless the option's value is above zero."""
+    from gimbal_pin.errors import UsageError
+
+    if not value > 0:
+        raise UsageError(option, f"is {value:g}", "give a positive number")
+
+
+def shown_somewhere(output: Path | None, live: bool) -> None:
+    """Raise `UsageError` if a result would be neither written nor shown."""
+    from gimbal_pin.errors import UsageError
+
+    if output is None and not live:
+        raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
 
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering:
     """Return the filter that the options ask for, the defaults where they ask for nothing."""
-    from gimbal_pin.errors import UsageError
     from gimbal_pin.rows import Filtering
 
-    if cutoff is not None and not cutoff > 0:
-        raise UsageError("--cutoff", f"is {cutoff:g}", "give a positive frequency in Hz")
+    positive("--cutoff", 1.0 if cutoff is None else cutoff)
     return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
 
 
@@ -427,9 +446,20 @@ def model_of(
     from gimbal_pin.io.model import is_model, read_model
 
     if len(source) == 1 and is_model(source[0]):
-        return read_model(source[0], load_rig(rig, payload))
+        return read_model(source[0], load_rig(rig, payload or mounted(source[0])))
     loaded, logs = load_logs(rig, payload, source, mapping)
     return run(loaded, logs, filtering=filtering(cutoff, None)).model
+
+
+def mounted(name: str) -> str | None:
+    """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
+    from gimbal_pin.errors import ModelError
+    from gimbal_pin.reading import read_yaml
+    from gimbal_pin.rig import bundled_payloads
+
+    data = read_yaml(name, ModelError)
+    payload = data.get("payload") if isinstance(data, dict) else None
+    return payload if payload in bundled_payloads() else None
 
 
 def read_controller(name: str, rig: Rig) -> Law:

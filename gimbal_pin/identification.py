@@ -9,16 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.effects import Effect, Term
+from gimbal_pin.effects import ALWAYS, Effect, Term
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimate, Estimator, weighted
-from gimbal_pin.inertia import Consistent, nearest
+from gimbal_pin.inertia import Consistent, nearest, to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Rows, columns_of, kept, settling
+from gimbal_pin.urdf import with_friction
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,14 @@ class Identified:
         """Whether bodies exist that have the estimated base parameters, to a thousandth of their deviation."""
         return self.consistent.distance < 1e-3 * np.sqrt(len(self.reduction.independent))
 
+    def to_urdf(self) -> str:
+        """Return the rig's URDF with the nearest physical inertias and the identified friction; other tags are kept."""
+        model = self.model
+        values = {(term.effect.joint, term.effect.name): term.values[0] for term in model.terms}
+        names = [kind.name for kind in ALWAYS]
+        friction = {joint: (values[joint, names[0]], values[joint, names[1]]) for joint in model.rig.joints}
+        return with_friction(to_urdf(model.rig, self.consistent.phi), friction)
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `identify`)."""
         rows = zip(self.names, self.estimate.theta.tolist(), self.estimate.std.tolist(), self.units)
@@ -118,6 +127,8 @@ def identify(
         UsageError: An unknown way of holding out, or a log without torque.
     """
     filters = filtering or Filtering()
+    for log in logs:
+        within(log, filters)
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
     rows = Rows(rig, reduce(rig), everything, train, filters)
@@ -143,6 +154,13 @@ def identify(
         logs=tuple(log.name for log in logs),
         filtering=filters,
     )
+
+
+def within(log: Log, filters: Filtering) -> None:
+    """Raise `UsageError` if the cutoff leaves the filters nothing to remove."""
+    if len(log) > 1 and filters.cutoff * log.dt > 0.2:
+        what = f"of {filters.cutoff:g} Hz is too high for {1 / log.dt:.0f} samples a second"
+        raise UsageError(f"{log.name}: the cutoff", what, f"give at most {0.2 / log.dt:.3g} Hz")
 
 
 def enough(rows: Rows, blocks: Sequence[Block]) -> None:

@@ -87,6 +87,10 @@ class Rig:
         stated = Path(rig) if Path(rig).suffix in YAML else path.with_suffix(".yaml")
         return build(path, text, config, mounted, payload_link, str(stated))
 
+    def __repr__(self) -> str:
+        """Name, payload and joints; the URDF and the model would fill the screen."""
+        return f"Rig(name={self.name!r}, payload={self.payload!r}, joints={self.joints})"
+
     @property
     def n(self) -> int:
         """Number of joints."""

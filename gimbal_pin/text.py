@@ -59,7 +59,7 @@ def check(found: Checked) -> str:
             f"{number(degrees(joint.lower))} … {number(degrees(joint.upper))}",
             number(degrees(joint.velocity)),
             number(joint.tau_max),
-            number(joint.gravity_torque, 3),
+            number(round(joint.gravity_torque, 9), 3),
         )
         for name, joint in found.joints.items()
     ]
@@ -104,7 +104,7 @@ def identified(found: Identified) -> str:
         (name, number(value), number(1.96 * s, 2), number(100 * abs(1.96 * s / value), 2) if value else "", unit)
         for name, value, s, unit in zip(found.names, found.estimate.theta, std, found.units)
     ]
-    parts = [table("parameter", "value", "± 95 %", "%", "unit", rows=rows), ""]
+    parts = [table("parameter", "value", "± 95 %", "± % of it", "unit", rows=rows), ""]
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
@@ -116,7 +116,13 @@ def accuracy(part: Accuracy) -> str:
     cells = [
         f"{joint} {number(error, 3)} N m ({part.fit_percent[joint]:.2f} %)" for joint, error in part.torque_rmse.items()
     ]
-    return f"{part.how}: torque error rms (fit)  " + ", ".join(cells)
+    used = min(part.used.values())
+    judged = (
+        ""
+        if used > 0.9
+        else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
+    )
+    return f"{part.how}: torque error rms (fit)  " + ", ".join(cells) + judged
 
 
 def tuning(found: Tuning) -> str:
@@ -136,8 +142,8 @@ def tuning(found: Tuning) -> str:
     return "\n".join([table(*heads, rows=rows), *found.reasons])
 
 
-def tracking(found: Tracking) -> str:
-    """Steps: rms error, overshoot and cross-axis peak of every controller, in degrees."""
+def tracking(found: Tracking, plant: str) -> str:
+    """Steps: rms error, overshoot and peak of every controller, in degrees, on the plant that was simulated."""
     rows = [
         (
             experiment.name,
@@ -150,11 +156,17 @@ def tracking(found: Tracking) -> str:
         for experiment in found.experiments
         for joint, metrics in experiment.joints.items()
     ]
-    return table("step", "controller", "joint", "rms error °", "overshoot %", "peak error °", rows=rows)
+    head = f"simulated steps; the plant is {plant}\n"
+    return head + table("step", "controller", "joint", "rms error °", "overshoot %", "peak error °", rows=rows)
 
 
 def auto(found: Auto) -> str:
     """Everything that `auto` found, and where its files lie."""
     files = table("file", "", rows=[(what, str(path)) for what, path in found.files.items()])
-    parts = [identified(found.identified), tuning(found.tunings["computed-torque"]), tracking(found.tracking), files]
+    parts = [
+        identified(found.identified),
+        tuning(found.tunings["computed-torque"]),
+        tracking(found.tracking, found.plant),
+        files,
+    ]
     return "\n\n".join(parts)

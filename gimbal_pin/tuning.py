@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Law = ComputedTorque | JointPid
+SLOWEST = 50
+"""Largest delay, in samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +135,9 @@ def tune(
     Raises:
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, α ≥ 1.
     """
+    if not 0 <= delay <= SLOWEST * dt:
+        mend = f"give 0 to {SLOWEST * dt:g}: a gimbal cannot be held with more"
+        raise UsageError("delay", f"is {delay:g} s", mend)
     wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk, robust)
     wanted = wish.per_joint(model.rig)
     nominal, ratios = seen_inertia(model, kind)

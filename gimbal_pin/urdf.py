@@ -252,6 +252,22 @@ def with_inertials(text: str, inertials: Mapping[str, tuple[float, np.ndarray, n
     return to_text(robot)
 
 
+def with_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> str:
+    """Return the URDF with the named joints' ``<dynamics>`` friction N m and damping N m s/rad replaced.
+
+    A URDF holds no negative friction: a value that noise made negative is written as zero.
+    """
+    robot = parse(text, "URDF")
+    for joint in robot.findall("joint"):
+        if joint.get("name") in friction:
+            dynamics = joint.find("dynamics")
+            if dynamics is None:
+                dynamics = etree.SubElement(joint, "dynamics")
+            for name, value in zip(("friction", "damping"), friction[joint.get("name")]):
+                dynamics.set(name, f"{max(value, 0.0):.17g}")
+    return to_text(robot)
+
+
 def write_inertial(link: etree._Element, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
     """Set one link's ``<inertial>``, turned to the link's axes (rpy = 0)."""
     inertial = link.find("inertial")

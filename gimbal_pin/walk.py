@@ -13,7 +13,6 @@ from gimbal_pin import report, view
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
 from gimbal_pin.identification import Identified, identify
-from gimbal_pin.inertia import to_urdf
 from gimbal_pin.io import write_log
 from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
 from gimbal_pin.io.model import write_model
@@ -40,6 +39,7 @@ class Auto:
         tracking: Steps with both on the identified model.
         animated: The log that the animation shows: all axes to and fro, model-based.
         files: What → path.
+        plant: What the steps were simulated on, in words.
     """
 
     identified: Identified
@@ -47,6 +47,7 @@ class Auto:
     tracking: Tracking
     animated: Log
     files: Mapping[str, Path]
+    plant: str
 
     def to_dict(self) -> dict[str, Any]:
         """Return the verbs' JSON side by side."""
@@ -95,8 +96,9 @@ def auto(
     tracking = track(plant or model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
     law = tunings[MODEL_BASED].controller
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro, model-based")
-    found = Auto(identified, tunings, tracking, animated, paths(rig, output_folder(folder)))
-    write(rig, logs, found, MODEL_PLANT if plant is None else TRUE_PLANT)
+    stood = MODEL_PLANT if plant is None else TRUE_PLANT
+    found = Auto(identified, tunings, tracking, animated, paths(rig, output_folder(folder)), stood)
+    write(rig, logs, found)
     return found
 
 
@@ -107,13 +109,13 @@ def paths(rig: Rig, folder: Path) -> Mapping[str, Path]:
     return {what: folder / name for what, name in names.items()}
 
 
-def write(rig: Rig, logs: Sequence[Log], found: Auto, plant: str) -> None:
-    """Write every file; the report says that the steps were verified on `plant`."""
+def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
+    """Write every file."""
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
-    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, plant=plant)
+    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, plant=found.plant)
     write_model(identified, files["model"])
-    atomic_write(files["urdf"], to_urdf(rig, identified.consistent.phi))
+    atomic_write(files["urdf"], identified.to_urdf())
     write_yaml(found.tunings[MODEL_BASED].to_dict(), files["controller"])
     write_log(found.animated, files["motion"])
     atomic_write(files["animation"], animation)

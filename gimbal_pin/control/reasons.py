@@ -44,12 +44,10 @@ def about_model(known: Bounds) -> str:
     """Say how far the model may be off, and when PID is safer."""
     off = f"the model may be off by α = {known.alpha:.2g} in inertia and {known.phi:.2g} N m otherwise ({known.source})"
     if known.alpha >= UNSAFE_ALPHA:
-        return f"{off}: kind='pid' is safer until it is identified better"
+        return f"{off}: a PID is safer (tune --kind pid) until it is identified better"
     if known.cross_model > known.cross_pid:
         why = f"{known.cross_model:.2g} rad/s² per rad/s², {known.cross_pid:.2g} with PID"
-        return (
-            f"{off}: one joint's motion may move another more than without a model ({why}): kind='pid' is safer there"
-        )
+        return f"{off}: one joint may move another more than without a model ({why}): a PID is safer (tune --kind pid)"
     return off
 
 

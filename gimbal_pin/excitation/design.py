@@ -31,6 +31,8 @@ COARSE, FINE = 12, 24
 
 KICK = 0.15
 """Random change of the best motion's coefficients before it is optimised again, as a share of their mean size."""
+SHORTEST = 0.5
+"""Shortest motion, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +122,8 @@ def excite(
     Raises:
         UsageError: An argument is out of range, or the rig cannot move within its limits.
     """
+    if not seconds >= SHORTEST:
+        raise UsageError("seconds", f"is {seconds:g}", f"give at least {SHORTEST:g}: no rig shows itself in less")
     samples = round(seconds / dt) if dt > 0 else 0
     if samples < 1 or abs(samples * dt - seconds) > 1e-9 * seconds:
         raise UsageError("dt", f"is {dt:g}", f"give an interval of which {seconds:g} s is a whole number")

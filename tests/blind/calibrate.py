@@ -30,10 +30,11 @@ def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
     return world, settle(world, trace)
 
 
-def _tried(scene: Scene, effect: Effect) -> float | None:
+def _tried(scene: Scene, effect: Effect, start: float) -> float | None:
     """The share that it reaches, or nothing if the loop runs away with it."""
     try:
-        return share_of(effect, trial(scene, effect)[1], scene.rate)
+        ledger = trial(scene, effect)[1]
+        return share_of(effect, ledger, scene.rate, slice(int(start * len(ledger.command)), None))
     except PlantDivergedError:
         return None
 
@@ -52,13 +53,14 @@ def _next(k: float, error: float, tried: list[tuple[float, float]], top: float) 
     return k + min(max(error / slope, -LONGEST_LEAP), LONGEST_LEAP)
 
 
-def calibrate(scene: Scene, effect: Effect, wanted: float) -> Effect:
-    """The effect scaled until its raw rms is about `wanted` of the torque rms; the nearest found if it cannot be.
+def calibrate(scene: Scene, effect: Effect, wanted: float, start: float = 0.0) -> Effect:
+    """The effect scaled until its raw rms, from `start` (a share of the run) on, is about `wanted` of the torque rms;
+    the nearest found if it cannot be.
 
     Raises: PlantDivergedError when the loop runs away at every strength tried."""
     k, top, tried = 0.0, log(effect.widest), list[tuple[float, float]]()
     for _ in range(TRIALS):
-        share = _tried(scene, effect.scaled(exp(k)))
+        share = _tried(scene, effect.scaled(exp(k)), start)
         if share is None:
             top, k = k, k - log(4.0) if not tried else 0.5 * (k + tried[-1][0])
             continue

@@ -56,10 +56,10 @@ def _joint(scene: Scene, hidden: Hidden) -> int:
     return min(int(hidden.place * len(scene.rig.links)), len(scene.rig.links) - 1)
 
 
-def _drawn(scene: Scene, hidden: Hidden, rng: np.random.Generator) -> Effect:
+def _drawn(scene: Scene, hidden: Hidden, start: float, rng: np.random.Generator) -> Effect:
     """The effect, made as strong as wanted."""
     context = scene.context(_joint(scene, hidden), hidden.share)
-    return calibrate(scene, CATALOGUE[hidden.cause].draw(rng, context, hidden.form), hidden.share)
+    return calibrate(scene, CATALOGUE[hidden.cause].draw(rng, context, hidden.form), hidden.share, start)
 
 
 def _given(plan: Plan, rig: Rig, world: World, rng: np.random.Generator) -> Rig:
@@ -76,7 +76,7 @@ def hide(plan: Plan) -> Case:
     if any(hidden.cause == "off-diagonal-inertia" for hidden in plan.hidden):
         rig = diagonal(rig)
     scene = draw_scene(streams, rig, _sensors(plan, streams["sensors"]), plan)
-    effects = tuple(_drawn(scene, hidden, streams["effects"]) for hidden in plan.hidden)
+    effects = tuple(_drawn(scene, hidden, plan.start, streams["effects"]) for hidden in plan.hidden)
     world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(FINE_STEP), plan.start * plan.seconds)
     return _case(Run(plan, scene, effects, world, trace, settle(world, trace)), streams)
 

@@ -1,0 +1,121 @@
+"""Physical consistency: every parameter set that comes out can exist, and is the nearest that does."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin import urdf
+from gimbal_pin.errors import ModelError
+from gimbal_pin.experiment import perturbed
+from gimbal_pin.inertia import from_log_cholesky, log_cholesky, nearest, physical, pseudo_inertia, strictly, to_urdf
+from gimbal_pin.reduction import reduce
+from gimbal_pin.regressor import columns
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
+
+
+def body(seed: int) -> np.ndarray:
+    """A random cloud of ten point masses."""
+    rng = np.random.default_rng(seed)
+    mass, at = rng.uniform(0.1, 1.0, 10), 0.2 * rng.standard_normal((10, 3))
+    whole = sum((pin.Inertia(m, x, np.zeros((3, 3))).toDynamicParameters() for m, x in zip(mass, at)), np.zeros(10))
+    return np.array(whole)
+
+
+def mixing_of(rig: Rig) -> np.ndarray:
+    reduction = reduce(rig)
+    mixing = np.zeros((len(reduction.independent), 10 * rig.n))
+    mixing[:, columns(rig)[1]] = reduction.mixing
+    return mixing
+
+
+@given(st.integers(0, 10**6))
+def test_log_cholesky_parameters_reach_every_body_and_come_back(seed: int) -> None:
+    phi = body(seed)
+    back, _ = from_log_cholesky(log_cholesky(phi))
+    assert np.allclose(back, phi, rtol=1e-10, atol=1e-12)
+
+
+@given(st.lists(st.floats(-2, 2), min_size=10, max_size=10))
+def test_every_log_cholesky_vector_is_a_body(theta: list[float]) -> None:
+    assert physical(from_log_cholesky(np.array(theta))[0])
+
+
+@given(st.integers(0, 10**6))
+def test_physical_is_what_the_triangle_inequality_says(seed: int) -> None:
+    """At the centre of mass, the pseudo-inertia is positive exactly if the principal inertias obey the triangle."""
+    phi = body(seed)
+    inertia = pin.Inertia.FromDynamicParameters(phi)
+    axes = np.linalg.eigh(inertia.inertia)[1]
+    for third, expected in ((1.9, True), (2.1, False)):
+        wrong = pin.Inertia(inertia.mass, inertia.lever, axes @ np.diag([1.0, 1.0, third]) @ axes.T)
+        assert physical(np.array(wrong.toDynamicParameters())) is expected
+
+
+def test_a_flat_plate_is_thickened_and_nonsense_refused() -> None:
+    plate = np.array(pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.0])).toDynamicParameters())
+    assert not physical(plate) and physical(strictly(plate))
+    assert np.abs(strictly(plate) - plate).max() < 1e-5
+    with pytest.raises(ModelError):
+        strictly(-body(0))
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_what_is_physical_stays(name: str) -> None:
+    """The true base parameters of another physical rig are reached to a billionth of their deviations."""
+    rig, mixing = Rig.load(name), mixing_of(Rig.load(name))
+    other = perturbed(rig, 0.1, np.random.default_rng(1)).rig.phi
+    beta = mixing @ other
+    found = nearest(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))
+    assert physical(found.phi) and found.distance < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_nearest_is_as_near_as_a_semidefinite_program_finds(seed: int) -> None:
+    """The same distance as that of the convex problem, solved by a stranger."""
+    import cvxpy
+
+    rig = Rig.load("turret")
+    mixing, rng = mixing_of(rig), np.random.default_rng(seed)
+    beta = mixing @ rig.phi
+    beta[2] = -0.3 * abs(beta[2])  # an inertia about the tilt axis that no body has
+    std = 0.1 * np.abs(beta) + 1e-3 * (1 + rng.uniform(size=len(beta)))
+    found = nearest(rig.phi, mixing, beta, np.diag(std**2))
+    assert physical(found.phi) and found.distance > 1.0
+    free = cvxpy.Variable(10 * rig.n)
+    basis = [pseudo_inertia(row) for row in np.eye(10)]
+    bodies = [sum(free[10 * k + i] * part for i, part in enumerate(basis)) for k in range(rig.n)]
+    problem = cvxpy.Problem(
+        cvxpy.Minimize(cvxpy.norm((mixing @ free - beta) / std)), [matrix >> 0 for matrix in bodies]
+    )
+    best = problem.solve(solver=cvxpy.CLARABEL)
+    assert best * (1 - 1e-4) < found.distance < best * 1.01 + 1e-3
+
+
+@pytest.mark.parametrize(("name", "payload"), [(n, p) for n in bundled_rigs() for p in bundled_payloads()])
+def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
+    """Pinocchio, yourdfpy and MuJoCo read it; every tag but the inertials is as it was."""
+    import mujoco
+    import yourdfpy
+
+    rig = Rig.load(name, payload)
+    wanted = perturbed(rig, 0.2, np.random.default_rng(2)).rig.phi
+    text = to_urdf(rig, wanted)
+    model = to_pinocchio(text, "written")
+    lumped = np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
+    assert np.allclose(lumped, wanted, rtol=1e-9, atol=1e-12)
+    urdf.checked(text, "written")
+    assert len(yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False, build_scene_graph=False).robot.links)
+    assert mujoco.MjModel.from_xml_string(text).nv == rig.n
+
+    def outline(source: str) -> list[tuple[str, tuple[tuple[str, str], ...]]]:
+        tree = urdf.parse(source, "outline")
+        skip = {id(e) for inertial in tree.iter("inertial") for e in inertial.iter()}
+        return [(str(e.tag), tuple(e.attrib.items())) for e in tree.iter() if id(e) not in skip]
+
+    assert outline(text) == outline(rig.urdf)
