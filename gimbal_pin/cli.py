@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 import io
 import re
 import sys
@@ -16,7 +17,7 @@ import tyro
 from tyro.conf import Positional, UseAppendAction, arg
 
 from gimbal_pin import text
-from gimbal_pin.errors import GimbalPinError
+from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Log
@@ -346,15 +347,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def parse(arguments: Sequence[str]) -> Callable[[], None]:
     """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
+    if not arguments or arguments[0] in ("-h", "--help"):
+        return functools.partial(print, overview())
+    name, *rest = arguments
+    if name not in VERBS:
+        raise UsageError(name, "no such verb", f"the verbs are {', '.join(VERBS)}")
     said = io.StringIO()
-    verbs = {name: deferred(verb) for name, verb in VERBS.items()}
     try:
         with contextlib.redirect_stderr(said):
-            return tyro.extras.subcommand_cli_from_dict(verbs, prog="gimbal-pin", description=__doc__, args=arguments)
+            return tyro.cli(deferred(VERBS[name]), prog=f"gimbal-pin {name}", args=rest)
     except SystemExit as stop:
         if stop.code == 2:
             print(f"gimbal-pin: {one_line(said.getvalue())}", file=sys.stderr)
         raise
+
+
+def overview() -> str:
+    """Name every verb with the first sentence of its docstring: quick, since no verb's arguments are looked at."""
+    lines = [f"  {name:<10}{(inspect.getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
+    return "\n".join([(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines])
 
 
 def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:

@@ -271,8 +271,8 @@ def test_limits_that_leave_no_motion_are_named(changes: dict[str, float], what: 
     ("arguments", "place"),
     [
         ({"harmonics": 1}, "harmonics"),
-        ({"seconds": 0.0}, "dt"),
-        ({"seconds": -3.0}, "dt"),
+        ({"seconds": 0.0}, "seconds"),
+        ({"seconds": -3.0}, "seconds"),
         ({"dt": 0.0}, "dt"),
         ({"dt": 0.003}, "dt"),
         ({"starts": 0}, "starts"),

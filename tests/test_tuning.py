@@ -246,8 +246,8 @@ def with_std(rig: Rig, share: float) -> Model:
 def test_a_doubtful_model_makes_pid_the_advice() -> None:
     rig = Rig.load("thesis")
     sure, doubtful = tune(with_std(rig, 0.001)), tune(with_std(rig, 0.3))
-    assert not any("pid" in reason for reason in sure.reasons)
-    assert any("kind='pid' is safer" in reason for reason in doubtful.reasons)
+    assert not any("PID is safer" in reason for reason in sure.reasons)
+    assert any("PID is safer" in reason for reason in doubtful.reasons)
 
 
 def test_more_uncertainty_asks_for_a_larger_correction() -> None:
