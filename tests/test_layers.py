@@ -22,7 +22,7 @@ ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""
 
 SHARED = {
-    "effects": {"cause", "base", "signal", "rig_effect", "functions", "harmonic"},
+    "effects": {"cause", "base", "signal", "rig_effect", "functions", "harmonic", "seen"},
     "estimators": {"base", "weighted"},  # the robust estimate starts from the weighted one
 }
 """Files in a folder of plug-ins that the others there may import."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import exp, nan
 from typing import ClassVar
 
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -37,6 +39,11 @@ class ActuatorLag(Signal):
         away = memory[0] - x
         left = exp(-dt / self.time_constant)
         return (x + away * left,), x + away * (1 - left) * self.time_constant / dt
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Time constants from half a sample to a tenth of a second."""
+        return tuple(cls(joint, time) for time in ladder(seen.dt / 2, 0.1, 7))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the time constant in milliseconds."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import copysign, nan
 from typing import ClassVar
 
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -48,6 +50,11 @@ class Backlash(Signal):
         if abs(end) >= self.gap / 2:
             after, end = 0.0, copysign(self.gap / 2, end)
         return (end, after), x - self.inertia * (after - rate) / dt
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Gaps from a milliradian, light and heavy rotors."""
+        return tuple(cls(joint, gap, inertia) for gap in (1e-3, 4e-3, 1.6e-2) for inertia in (1e-4, 1e-3, 1e-2))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gap."""

@@ -8,7 +8,9 @@ from math import inf, nan, pi
 from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample, Term
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import propagated
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -79,6 +81,11 @@ class CableSpring(Effect):
         values = (-k * rest - k3 * rest**3, k + 3 * k3 * rest**2, -3 * k3 * rest, k3)
         effect = cls(str(joint), stiffening=k3 != 0)
         return Term(effect, values[: len(effect.coefficients)])
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """With and without the cubic part."""
+        return (cls(joint), cls(joint, stiffening=True))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return stiffness and rest."""

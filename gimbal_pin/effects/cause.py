@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -32,6 +33,8 @@ class Cause(ABC):
     """How a controller makes up for it."""
     of_joint: ClassVar[bool] = True
     """False for a cause of the whole rig, which has no `joint`."""
+    of_given_model: ClassVar[bool] = False
+    """True if it is a difference of the given URDF from the data: a refitted rigid model takes it up."""
 
     def __post_init__(self) -> None:
         """Raise `UsageError` for a shape parameter outside its bounds."""
@@ -44,6 +47,11 @@ class Cause(ABC):
     def place(self) -> str:
         """The joint's name, or "rig"."""
         return str(getattr(self, "joint", "rig"))
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
+        return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
 
     @abstractmethod
     def says(self, values: Sequence[float] = ()) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import nan
 from typing import ClassVar
 
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -35,6 +37,11 @@ class DeadZone(Signal):
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Take the lost part off."""
         return memory, x - min(self.width, max(-self.width, x))
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Widths from a hundredth of the torque to most of it."""
+        return tuple(cls(joint, width) for width in ladder(0.01 * seen.torque, 0.5 * seen.torque, 5))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the width."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import nan
 from typing import ClassVar
 
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -39,6 +41,11 @@ class Delay(Signal):
         past = (x, *memory)[: whole + 2]
         newer, older = past[min(whole, len(past) - 1)], past[-1]
         return past, newer + part * (older - newer)
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """From half a sample to a twentieth of a second."""
+        return tuple(cls(joint, time) for time in ladder(seen.dt / 2, 0.05, 7))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return it in milliseconds."""

@@ -10,9 +10,14 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.rig_effect import RigEffect, with_model
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
+
+STEP = 1e-3
+"""Angle by which a search turns it to see what torque it costs, rad."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,11 @@ class EncoderOffset(RigEffect):
         changed = with_model(rig)
         changed.model.jointPlacements[j + 1] = data.liMi[j + 1]
         return changed
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """A small offset."""
+        return (cls(joint, STEP),)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the offset in degrees."""

@@ -8,7 +8,9 @@ from math import inf
 from typing import ClassVar
 
 from gimbal_pin.effects.base import AMBIENT, Effect, Sample
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -46,6 +48,15 @@ class FrictionDrift(Effect):
         """Direction and rate, times how far the change has come."""
         x = (at.temperature - AMBIENT) / KELVIN if self.thermal else 1.0 - exp(-at.t / self.span)
         return x * at.slide, x * at.v
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """A drift that levels off within the log, and one that does not; by temperature where there is one."""
+        return (
+            cls(joint, seen.seconds / 3),
+            cls(joint, 20 * seen.seconds),
+            *((cls(joint, thermal=True),) if seen.warm else ()),
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the whole change."""

@@ -11,7 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gimbal_pin.effects.base import Effect, Sample, Term
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cos, propagated, sin
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -33,6 +35,9 @@ class Harmonic(Effect):
     amplitude: ClassVar[Parameter]
     """Name and unit of A_k."""
 
+    highest: ClassVar[int] = 100
+    """Highest harmonic that is looked for, per turn."""
+
     @abstractmethod
     def carrier(self, at: Sample) -> float | Array:
         """Return what the harmonics multiply."""
@@ -47,6 +52,10 @@ class Harmonic(Effect):
         """``carrier cos kq, carrier sin kq`` for every harmonic."""
         carrier = self.carrier(at)
         return tuple(carrier * part(k * at.q) for k in self.harmonic for part in (cos, sin))
+
+    def merged(self, other: Harmonic) -> Harmonic:
+        """Return the harmonics of both."""
+        return type(self)(self.joint, tuple(sorted({*self.harmonic, *other.harmonic})))
 
     def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
         """Amplitude and phase, rad, of every harmonic."""
@@ -93,3 +102,12 @@ class Harmonic(Effect):
         text = " and ".join(f"{size:.3g}{' ' + unit if unit != '1' else ''} at {k:g}" for size, k in rows[:3])
         rest = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
         return f"{text}{rest} per turn"
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Every harmonic that the travel resolves and that the band holds at a slow rate, one at a time."""
+        if seen.travel <= 0:
+            return ()
+        last = min(cls.highest, 2 * pi * seen.band / max(0.3 * seen.rate, 1e-6))
+        step = max(1, int(pi / (2 * seen.travel)))
+        return tuple(cls(joint, (float(k),)) for k in range(1, int(last) + 1, step))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import cos, exp, nan, pi, sin, sqrt
 from typing import ClassVar
 
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -50,6 +52,11 @@ class JointFlexibility(Signal):
         after = left * (z * c + (rate + decay * z) * s)
         rate_after = left * (rate * c - (w * w * z + decay * rate) * s)
         return (x + after, rate_after), x - (rate_after - rate) / (w * w * dt)
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Resonances from a few hertz to several times the band."""
+        return tuple(cls(joint, frequency) for frequency in ladder(3.0, 4 * seen.band, 8))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the resonance."""

@@ -32,6 +32,7 @@ class OffDiagonalInertia(RigEffect):
     Iyz: float = 0.0
 
     name: ClassVar[str] = "off-diagonal-inertia"
+    of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(
         Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0) for symbol in ("Ixy", "Ixz", "Iyz")
     )

@@ -24,6 +24,7 @@ class PayloadMass(RigEffect):
 
     name: ClassVar[str] = "payload-mass"
     of_joint: ClassVar[bool] = False
+    of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("extra", nan, "kg", -100.0, 100.0),)
     experiment: ClassVar[str] = "fast motion of all axes at once"
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "payload-shift", "armature")

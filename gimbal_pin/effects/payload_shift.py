@@ -24,6 +24,7 @@ class PayloadShift(RigEffect):
 
     name: ClassVar[str] = "payload-shift"
     of_joint: ClassVar[bool] = False
+    of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz")
     experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
     lookalikes: ClassVar[tuple[str, ...]] = ("encoder-offset", "base-tilt", "torque-bias", "cable-spring")

@@ -20,6 +20,7 @@ class PositionDependentFriction(Harmonic):
     name: ClassVar[str] = "position-dependent-friction"
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf)
     dry: ClassVar[bool] = True
+    highest: ClassVar[int] = 12
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"
     lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "load-dependent-friction")
     compensation: ClassVar[str] = "friction feed-forward by angle, in the direction of the reference"

@@ -8,6 +8,8 @@ from math import exp, inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -44,6 +46,11 @@ class Presliding(Effect):
         """Return ``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s."""
         way = 1.0 if moved >= 0 else -1.0
         return way + (memory - way) * exp(-abs(moved) / self.stroke)
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Strokes up to a third of the way."""
+        return tuple(cls(joint, stroke) for stroke in ladder(2e-3, min(seen.travel / 3, 0.5), 5))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return size and stroke."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import nan
 from typing import ClassVar
 
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -24,6 +26,7 @@ class Saturation(Signal):
 
     name: ClassVar[str] = "saturation"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("limit", nan, "N m", 1e-6, 1e6),)
+    clips: ClassVar[bool] = True
     experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "quadratic-drag", "actuator-lag")
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
@@ -35,6 +38,11 @@ class Saturation(Signal):
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Cut the command."""
         return memory, min(self.limit, max(-self.limit, x))
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Limits that bite on the log's peaks."""
+        return tuple(cls(joint, share * seen.torque) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the limit."""

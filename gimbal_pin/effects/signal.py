@@ -27,6 +27,8 @@ class Signal(Cause):
 
     joint: str
 
+    clips: ClassVar[bool] = False
+    """True if it cuts the command: what it cut cannot be told from the torque that was left."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
     @abstractmethod

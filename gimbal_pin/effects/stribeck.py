@@ -8,7 +8,9 @@ from math import inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -38,6 +40,11 @@ class Stribeck(Effect):
         """What is left of it at this rate."""
         w = at.v / self.speed
         return (exp(-w * w) * at.slide,)
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Speeds from what the rate's noise hides to half of the fastest."""
+        return tuple(cls(joint, speed) for speed in ladder(max(3 * seen.rate_std, 0.01 * seen.rate), seen.rate / 2, 6))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size and speed."""

@@ -20,6 +20,7 @@ class TorqueRipple(Harmonic):
     name: ClassVar[str] = "torque-ripple"
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "1", 0.0, 0.95)
     loaded: ClassVar[bool] = True
+    highest: ClassVar[int] = 100
     experiment: ClassVar[str] = "slow sweeps over the same angles under two different loads"
     lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "torque-gain", "load-dependent-friction")
     compensation: ClassVar[str] = "the command is divided by the torque constant at the angle"

@@ -60,7 +60,7 @@ def urdf_text(rig: Rig) -> str:
 
 def yaml_text(rig: Rig, encoder_bits: int, trusted: bool) -> str:
     """The YAML beside the URDF: motors and limits, and whether the URDF's inertias are to be trusted."""
-    lines = [f"name: {rig.name}", "urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
+    lines = ["urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
     for joint, motor in zip(rig.joints, rig.motors, strict=True):
         lines.append(
             f"  {joint}: {{torque_constant: {motor.torque_constant:.6g}, tau_max: {motor.tau_max:.6g}, "

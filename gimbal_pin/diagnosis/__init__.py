@@ -1,0 +1,8 @@
+"""What the simulation gets wrong, why, and how much is gained by knowing.
+
+log → audit → refitted model → evidence in rows of unit noise → causes tried, composed and pruned → rivals → verdict
+"""
+
+from gimbal_pin.diagnosis.diagnose import diagnose as diagnose
+from gimbal_pin.diagnosis.finding import Diagnosis as Diagnosis
+from gimbal_pin.diagnosis.finding import Finding as Finding

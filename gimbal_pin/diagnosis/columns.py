@@ -1,0 +1,123 @@
+"""Causes as whitened columns: the torque that a cause would add, per unit of each coefficient."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.log import Array
+from gimbal_pin.reduction import Reduction
+from gimbal_pin.regressor import regressor, rnea
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import columns_of
+
+ALIKE = (0.3, 3.0)
+"""A drive's column fits if its coefficient, which is one, is found within these."""
+
+
+MOST_TAKEN = 0.5
+"""A drive that takes more of the torque than this explains nothing: it silences the joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What a cause adds to the torque balance.
+
+    Attributes:
+        cause: The cause, with its shape parameters.
+        values: Whitened, (rows, n, c).
+        lower: Bounds of the coefficients, (c,).
+        upper: The same.
+    """
+
+    cause: Cause
+    values: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def width(self) -> int:
+        """How many coefficients."""
+        return self.values.shape[2]
+
+
+def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
+    """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
+    places = columns_of(evidence.rig, reduction)
+    full = [regressor(evidence.rig, c.q, c.v, c.a)[:, :, places] for c in (part.channels for part in evidence.parts)]
+    joints = range(evidence.rig.n)
+    return np.stack([evidence.whiten([x[:, j] for x in full], j) for j in joints], axis=1), full
+
+
+def effect_columns(evidence: Evidence, effect: Effect, torque: list[Array]) -> Array:
+    """Columns of a torque effect at its joint, whitened, (rows, c); `torque`: the model's, N m, (m, n) per part."""
+    j = evidence.rig.joint_index(effect.joint)
+    return evidence.whiten(plain_columns(evidence, effect, torque), j)
+
+
+def plain_columns(evidence: Evidence, effect: Effect, torque: list[Array]) -> list[Array]:
+    """Columns of a torque effect at its joint as they are, (m, c) per part."""
+    j = evidence.rig.joint_index(effect.joint)
+    out = []
+    for part, tau in zip(evidence.parts, torque):
+        basis = effect.basis(part.sample(j, tau[:, j]))
+        out.append(np.stack([np.broadcast_to(x, len(tau)) for x in basis], axis=1))
+    return out
+
+
+def lost(evidence: Evidence, signal: Signal, torque: list[Array]) -> Array:
+    """``x - acting(x)``: what a drive takes from a torque, whitened, (rows,): it stands beside the model's columns."""
+    j = evidence.rig.joint_index(signal.joint)
+    loss = [x[:, j] - signal.acting(x[:, j], p.dt) for p, x in zip(evidence.parts, torque)]
+    taken, whole = (sum(float(np.sum(y**2)) for y in z) for z in (loss, [x[:, j] for x in torque]))
+    if taken > MOST_TAKEN**2 * whole:
+        loss = [np.zeros_like(x) for x in loss]
+    return evidence.whiten(loss, j)
+
+
+def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array:
+    """``(rnea(apply(rig)) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
+    other = cause.apply(rig)
+    change = [
+        (rnea(other, c.q, c.v, c.a) - rnea(rig, c.q, c.v, c.a)) / size for c in (p.channels for p in evidence.parts)
+    ]
+    return np.stack([evidence.whiten([x[:, j] for x in change], j) for j in range(evidence.rig.n)], axis=1)
+
+
+def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array]) -> Columns:
+    """Return a cause's columns.
+
+    Args:
+        evidence: The logs.
+        cause: The cause.
+        rig: The rig with the inertias fitted so far.
+        torque: The model's total torque so far, N m, (m, n) per part.
+    """
+    values = np.zeros((evidence.rows, evidence.rig.n, 1))
+    if isinstance(cause, Effect):
+        found = effect_columns(evidence, cause, torque)
+        values = np.zeros((evidence.rows, evidence.rig.n, found.shape[1]))
+        values[:, evidence.rig.joint_index(cause.joint)] = found
+        bounds = [(c.lower, c.upper) for c in cause.coefficients]
+    elif isinstance(cause, Signal):
+        source = evidence.torque if cause.clips else torque
+        values[:, evidence.rig.joint_index(cause.joint), 0] = lost(evidence, cause, source)
+        bounds = [ALIKE]
+    elif isinstance(cause, RigEffect):
+        size = magnitude(cause)
+        values[:, :, 0] = turned(evidence, cause, rig, size)
+        bounds = [(-np.inf, np.inf)]
+    else:
+        raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
+    lower, upper = np.array(bounds).T
+    return Columns(cause, values, lower, upper)
+
+
+def magnitude(cause: Cause) -> float:
+    """The one shape parameter of a rig effect that is not zero."""
+    values: Mapping[str, float] = {shape.name: getattr(cause, shape.name) for shape in cause.shapes}
+    return next(x for x in values.values() if x)

@@ -1,0 +1,194 @@
+"""Logs in, what the simulation gets wrong out (DIAGNOSIS)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.extended import Extended, extended, settled
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding
+from gimbal_pin.diagnosis.fit import flipped
+from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
+from gimbal_pin.diagnosis.search import (
+    Library,
+    Problem,
+    State,
+    forward,
+    library,
+    polished,
+    pruned,
+    solved,
+    swapped,
+    without,
+)
+from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.effects import CAUSES, Cause
+from gimbal_pin.errors import DataError
+from gimbal_pin.identification import split, within
+from gimbal_pin.log import Array, Log
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+
+BAND = Filtering(cutoff=12.0, smoothing=2.5)
+"""Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""
+ERROR_RATE = 0.003
+"""Chance that a log with nothing in it has anything named, over the whole library."""
+FLIPS = 1999
+MOVED = 0.02
+"""Least travel of a joint that can be judged, rad."""
+
+
+def diagnose(
+    rig: Rig,
+    logs: Sequence[Log],
+    causes: Mapping[str, type[Cause]] = CAUSES,
+    *,
+    rng: np.random.Generator,
+    holdout: str | None = None,
+    filtering: Filtering = BAND,
+) -> Diagnosis:
+    """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
+
+    Everything is chosen and fitted on the training part; the held-out part is touched once, for the gain.
+
+    Args:
+        rig: The rig.
+        logs: Its logs.
+        causes: The causes to look for.
+        rng: For the signs of blocks and their bootstraps.
+        holdout: As in `identify`.
+        filtering: The band; its cutoff is the highest frequency looked at.
+
+    Raises:
+        DataError: The logs are too short, or a joint never moved.
+    """
+    for log in logs:
+        within(log, filtering)
+    train, test, _ = split(logs, holdout, filtering)
+    origins = {log.name: float(log.t[0]) for log in logs}
+    evidence = gather(rig, train, filtering, origins)
+    check_moved(evidence, train[0].name)
+    problem = Problem.of(evidence, reduce(rig))
+    first = solved(problem, (), solved(problem, ()))
+    shelf = Library(problem, library(problem, comparable(causes)))
+    state = polished(swapped(forward(first, shelf), shelf))
+    null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
+    state, small = pruned(state, float(np.quantile(null, ERROR_RATE)), lambda s, c: verdict.material(first, s))
+    residual = leftover.judge(state, rng)
+    trusted = [cause for cause in state.causes if not verdict.doubtful(first, state, cause)]
+    residual = tuple(
+        doubted(left, rig.joints[j], [c for c in state.causes if c not in trusted]) for j, left in enumerate(residual)
+    )
+    final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
+    held = gather(rig, test, filtering, origins) if test else evidence
+    before, after = extended(first), extended(final)
+    figures = [measured(held, model) for model in (before, after)]
+    found = [finding(final, cause, shelf, held, figures, null, rng) for cause in final.causes]
+    found.sort(key=lambda one: -one.explained_share)
+    noise = {joint: evidence.noise_floor(j) for j, joint in enumerate(rig.joints)}
+    limit = {joint: limit_of(state, j, noise[joint], null) for j, joint in enumerate(rig.joints)}
+    return Diagnosis(
+        rig=rig.name,
+        logs=tuple(log.name for log in logs),
+        verdict=verdict.overall([one.status for one in found], residual, unreliable=False),
+        findings=tuple(found),
+        residual=dict(zip(rig.joints, residual)),
+        immaterial=verdict.slight(final, small),
+        untestable=verdict.untestable(first, shelf),
+        detection_limit=limit,
+        alignment=train[0].dt / 2 if filtering.alignment is None else filtering.alignment,
+        baseline=figures[0],
+        extended=figures[1],
+        before=before,
+        after=after,
+    )
+
+
+def comparable(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
+    """Leave out what compares the given model with the data: the refitted one has taken that up."""
+    return {name: kind for name, kind in causes.items() if not kind.of_given_model}
+
+
+def check_moved(evidence: Evidence, name: str) -> None:
+    """Raise `DataError` if a joint never moved."""
+    joints = evidence.rig.joints
+    still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < MOVED)
+    if still or np.any(evidence.used() < 1e-3):
+        raise DataError(
+            name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
+        )
+
+
+def doubted(left: leftover.Residual, joint: str, causes: Sequence[Cause]) -> leftover.Residual:
+    """A joint whose findings deserve no trust is structured."""
+    if not any(cause.place == joint or not cause.of_joint for cause in causes):
+        return left
+    return leftover.Residual("structured", left.noise_floor, left.dispersion, left.where or "over its angle")
+
+
+def measured(held: Evidence, model: Extended) -> dict[str, dict[str, float]]:
+    """Held-out figures of a model, by joint."""
+    joints, rmse = held.rig.joints, torque_rmse(held, model)
+    fit = 100 * (1 - rmse / np.maximum(torque_rms(held), 1e-300))
+    rolled = rollout_rmse(held, model)
+    rows = {"torque_rmse": rmse, "fit_percent": fit, "rollout_rmse": rolled}
+    return {name: dict(zip(joints, values.tolist())) for name, values in rows.items()}
+
+
+def finding(
+    state: State,
+    cause: Cause,
+    shelf: Library,
+    held: Evidence,
+    figures: Sequence[Mapping[str, Mapping[str, float]]],
+    null: Array,
+    rng: np.random.Generator,
+) -> Finding:
+    """Describe one chosen cause."""
+    judged = verdict.judged(state, cause, shelf, rng)
+    joints = held.rig.joints
+    at = cause.place if cause.of_joint else joints[int(np.argmax(judged.own.size))]
+    lacking = extended(without(state, cause))
+    torque, rolled = (dict(zip(joints, f(held, lacking).tolist())) for f in (torque_rmse, rollout_rmse))
+    base, best = figures[0]["torque_rmse"][at], figures[1]["torque_rmse"][at]
+    figure = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
+    shown = parameters(state, cause)
+    values = (
+        tuple(state.coefficients(cause).tolist()) if verdict.width(cause) and hasattr(cause, "coefficients") else ()
+    )
+    change = 100 * (best / max(torque[at], 1e-300) - 1)
+    said = f"{figure.sentence(values)}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
+    ambiguous = len(judged.alike) > 1
+    return Finding(
+        cause=cause.name,
+        joint=cause.place if cause.of_joint else None,
+        status="ambiguous" if ambiguous else "named",
+        alike=judged.alike,
+        parameters=shown,
+        gain={
+            "torque_rmse_before": torque[at],
+            "torque_rmse_after": best,
+            "rollout_rmse_before": rolled[at],
+            "rollout_rmse_after": figures[1]["rollout_rmse"][at],
+        },
+        p_value=float((1 + np.sum(null <= judged.own.p)) / (1 + len(null))),
+        selection_frequency=judged.frequency,
+        explained_share=float((torque[at] ** 2 - best**2) / max(base**2, 1e-300)),
+        visible_fraction=float(np.sqrt(judged.own.visible)),
+        rivals=judged.rivals,
+        sentence=said,
+        next_experiment=cause.experiment if ambiguous else None,
+    )
+
+
+def limit_of(state: State, joint: int, floor: float, null: Array) -> float:
+    """Torque that a cause with one coefficient would need to be found, N m rms: its T² at the error rate."""
+    from scipy.stats import norm
+
+    rows = state.problem.evidence.rows * float(state.problem.evidence.used()[joint])
+    z = float(norm.isf(np.quantile(null, ERROR_RATE) / 2))
+    return float(floor * np.sqrt(state.fit.dispersion[joint]) * z / np.sqrt(max(rows, 1.0)))

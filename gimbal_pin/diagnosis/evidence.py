@@ -1,0 +1,220 @@
+"""Logs as evidence: torque and columns, masked near standstill, whitened by the sensors' noise, in rows to 2 × band.
+
+log → smoothed channels → columns at full rate → × gate → spectrum ÷ noise floor → rows of unit noise
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from gimbal_pin.diagnosis.noise import floor
+from gimbal_pin.effects import Sample
+from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.effects.seen import Seen
+from gimbal_pin.errors import DataError
+from gimbal_pin.log import Array, Log
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Channels, Filtering, Stretch, mask, settling, smoothed, standstill, stretches
+
+FINE = 200.0
+"""Samples per second that are enough for smoothed channels, well above the band."""
+BLOCKS = 40
+"""Blocks of time that errors are counted by."""
+SHORTEST = 0.7
+"""Shortest such block, s."""
+
+
+class Part(NamedTuple):
+    """One stretch of a log.
+
+    Attributes:
+        channels: Smoothed channels on a uniform grid, (m,) and (m, n).
+        temperature: Motor temperatures, °C, (m, n).
+        gate: Weight of each sample, (m, n): 0 near standstill and at the ends.
+        whitener: Gain of each joint's whitening filter at the kept frequencies, (n, f).
+        trust: Weight of the measured torque in `mixed`, at all frequencies, (n, F).
+        origin: Time at which its log began, s.
+        dt: Interval of the grid, s.
+        rows: How many rows it gives.
+    """
+
+    channels: Channels
+    temperature: Array
+    gate: Array
+    whitener: Array
+    trust: Array
+    origin: float
+    dt: float
+    rows: int
+
+    def whiten(self, signal: Array, joint: int) -> Array:
+        """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
+        gate, gain = self.gate[:, joint], self.whitener[joint]
+        wide = signal.ndim == 2
+        spectrum = fft.rfft(signal * (gate[:, None] if wide else gate), axis=0)[: len(gain)]
+        return fft.irfft(spectrum * (gain[:, None] if wide else gain), self.rows, axis=0) * (self.rows / len(gate))
+
+    @property
+    def time(self) -> Array:
+        """Time since the log began, s, (m,)."""
+        return self.channels.t - self.origin
+
+    def mixed(self, model: Array) -> Array:
+        """Best estimate of the torque that acts, N m, (m, n): the model's, and the measured one where it knows better.
+
+        At each frequency the two are weighted by each other's noise. The estimate's error is then uncorrelated with
+        their difference, so that a column built from it does not find its own noise in the residual.
+        """
+        difference = fft.rfft(self.channels.tau - model, axis=0) * self.trust.T
+        return model + fft.irfft(difference, len(model), axis=0)
+
+    def sample(self, joint: int, tau: Array) -> Sample:
+        """Return the joint's channels as effects read them; `tau` is the model's torque there, N m, (m,)."""
+        c = self.channels
+        q, v, a = c.q[:, joint], c.v[:, joint], c.a[:, joint]
+        return Sample(self.time, q, v, a, np.sign(v), tau, self.temperature[:, joint])
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All parts of some logs.
+
+    Attributes:
+        rig: The rig.
+        parts: The stretches.
+        band: Highest frequency kept, Hz.
+        block: Block of time that each row belongs to, (rows,).
+        seen: Joint → what the logs show of it.
+    """
+
+    rig: Rig
+    parts: tuple[Part, ...]
+    band: float
+    block: Array
+    seen: tuple[Seen, ...]
+
+    @property
+    def rows(self) -> int:
+        """Rows per joint."""
+        return sum(part.rows for part in self.parts)
+
+    @property
+    def blocks(self) -> int:
+        """How many blocks there are."""
+        return int(self.block[-1]) + 1
+
+    def whiten(self, signals: Sequence[Array], joint: int) -> Array:
+        """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
+        return np.concatenate([part.whiten(signal, joint) for part, signal in zip(self.parts, signals)])
+
+    @property
+    def torque(self) -> list[Array]:
+        """Measured torque, N m, (m, n) for each part."""
+        return [part.channels.tau for part in self.parts]
+
+    def noise_floor(self, joint: int) -> float:
+        """What the sensors' noise alone leaves in the band, N m rms."""
+        power = [np.mean(1.0 / np.maximum(gain[: int(0.7 * len(gain))], 1e-300) ** 2) for gain in self.gains(joint)]
+        return float(np.sqrt(np.mean(power)))
+
+    def gains(self, joint: int) -> list[Array]:
+        """Whitening gains of one joint, per part."""
+        return [part.whitener[joint] for part in self.parts]
+
+    def used(self) -> Array:
+        """Share of the samples that count, per joint, (n,)."""
+        return np.mean(np.concatenate([part.gate**2 for part in self.parts]), axis=0)
+
+
+def gather(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping[str, float]) -> Evidence:
+    """Return the logs' evidence in the band below the filtering's cutoff.
+
+    Args:
+        rig: The rig.
+        logs: Logs or parts of them.
+        filtering: Its cutoff is the band.
+        origins: Name of a log → the time at which it began, s.
+
+    Raises:
+        DataError: No stretch is long enough.
+    """
+    found = [
+        part(rig, stretch, filtering, origins[log.name]) for log in logs for stretch in stretches(log, filtering.cutoff)
+    ]
+    parts = tuple(one for one in found if one is not None)
+    if not parts:
+        name = logs[0].name if logs else "logs"
+        raise DataError(name, "has no stretch of time long enough to judge", "record at least 10 s of motion")
+    return Evidence(rig, parts, filtering.cutoff, blocks_of(parts, filtering.cutoff), ranges(rig, parts, filtering))
+
+
+def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float) -> Part | None:
+    """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
+    length = stretch.length - stretch.length % 2
+    if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
+        return None
+    channels = smoothed(stretch, filtering, 0, length)
+    gate = mask(standstill(channels, filtering), round(0.5 / filtering.cutoff / stretch.dt))
+    gate *= fade(length, edge)[:, None]
+    step = max(1, int(1 / (FINE * stretch.dt)))
+    length, dt = length // (2 * step) * 2, stretch.dt * step
+    rows = slice(0, length * step, step)
+    fine = channels
+    channels = Channels(fine.t[rows], fine.q[rows], fine.v[rows], fine.a[rows], fine.tau[rows], fine.rate_std)
+    gate = gate[rows]
+    log = stretch.log.part(stretch.rows)
+    count = max(2 * round(length * dt * filtering.cutoff), 4)
+    every = fft.rfftfreq(length, dt)
+    frequency = every[: count // 2 + 1]
+    noise = floor(rig, log, every)
+    pass_band = np.clip((filtering.cutoff - frequency) / (0.25 * filtering.cutoff), 0.0, 1.0)
+    smooth = 0.5 - 0.5 * np.cos(np.pi * pass_band)
+    gain = smooth / np.sqrt(noise.total[:, : len(frequency)] * 2 * filtering.cutoff * stretch.dt)
+    warm = np.full(channels.q.shape, AMBIENT)
+    if log.temperature is not None:
+        warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
+    return Part(channels, warm, gate, gain, noise.trust, origin, dt, count)
+
+
+def fade(length: int, edge: int) -> Array:
+    """Zero over half of `edge` samples at both ends, then rising to one over the other half, (length,)."""
+    rise = np.clip((np.minimum(np.arange(length), np.arange(length)[::-1]) - edge / 2) / (edge / 2), 0.0, 1.0)
+    return 0.5 - 0.5 * np.cos(np.pi * rise)
+
+
+def blocks_of(parts: Sequence[Part], band: float) -> Array:
+    """Number of the block of time that each row belongs to, never across a part's ends, (rows,)."""
+    total = sum(part.rows for part in parts)
+    size = max(total / BLOCKS, SHORTEST * 2 * band)
+    out, first = [], 0
+    for one in parts:
+        count = max(1, round(one.rows / size))
+        out.append(first + (np.arange(one.rows) * count) // one.rows)
+        first += count
+    return np.concatenate(out)
+
+
+def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen, ...]:
+    """What the parts show of each joint."""
+    q, v, tau = (np.concatenate([getattr(part.channels, name) for part in parts]) for name in ("q", "v", "tau"))
+    seconds = sum(part.dt * len(part.gate) for part in parts)
+    warm = any(np.ptp(part.temperature) > 0 for part in parts)
+    rate_std = np.mean([part.channels.rate_std for part in parts], axis=0)
+    return tuple(
+        Seen(
+            seconds,
+            parts[0].dt,
+            filtering.cutoff,
+            float(np.ptp(q[:, j])),
+            float(np.quantile(np.abs(v[:, j]), 0.98)),
+            float(rate_std[j]),
+            float(np.quantile(np.abs(tau[:, j]), 0.98)),
+            warm,
+        )
+        for j in range(rig.n)
+    )

@@ -1,0 +1,165 @@
+"""What `diagnose` says: findings, what was left, and what the log could not show (CONTRACT, `diagnose --json`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import isfinite
+from typing import Any
+
+from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another cause that was fitted in a finding's place.
+
+    Attributes:
+        cause: Its name.
+        delta: Log-likelihood of the finding less that of the rival.
+        z: The same over its standard deviation by blocks (Vuong 1989); under 2 the log does not part the two.
+    """
+
+    cause: str
+    delta: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One cause that the data show.
+
+    Attributes:
+        cause: Its name.
+        joint: Where it sits; None for a cause of the whole rig.
+        status: "named", "ambiguous" or "data".
+        alike: Every cause that this log cannot tell from it, itself first.
+        parameters: Its figures with standard deviations.
+        gain: Held-out torque and rollout errors without and with it, at its joint.
+        p_value: Chance that a log without it shows as much anywhere in the library.
+        selection_frequency: Share of block bootstraps in which it beats every rival.
+        explained_share: Share of the baseline's held-out residual power that it removes.
+        visible_fraction: Share of its column that the rigid model and friction do not explain.
+        rivals: The nearest other causes.
+        sentence: All of it for a person.
+        next_experiment: What would part it from its rivals, or None.
+    """
+
+    cause: str
+    joint: str | None
+    status: str
+    alike: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    gain: Mapping[str, float]
+    p_value: float
+    selection_frequency: float
+    explained_share: float
+    visible_fraction: float
+    rivals: tuple[Rival, ...]
+    sentence: str
+    next_experiment: str | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        return {
+            "cause": self.cause,
+            "joint": self.joint,
+            "status": self.status,
+            "class": list(self.alike),
+            "parameters": {
+                p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit}
+                for p in self.parameters
+            },
+            "gain": dict(self.gain),
+            "p_value": self.p_value,
+            "selection_frequency": self.selection_frequency,
+            "explained_share": self.explained_share,
+            "visible_fraction": self.visible_fraction,
+            "rivals": [asdict(rival) for rival in self.rivals],
+            "sentence": self.sentence,
+            "next_experiment": self.next_experiment,
+        }
+
+
+@dataclass(frozen=True)
+class Slight:
+    """A cause that is significant and too small to matter.
+
+    Attributes:
+        cause: Its name.
+        joint: Where it sits, or None.
+        share: Its projected size over the joint's torque rms.
+    """
+
+    cause: str
+    joint: str | None
+    share: float
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """A cause that this log cannot show.
+
+    Attributes:
+        cause: Its name.
+        joint: Where it would sit, or None.
+        why: One clause.
+    """
+
+    cause: str
+    joint: str | None
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The result of `diagnose`.
+
+    Attributes:
+        rig: The rig's name.
+        logs: Names of the logs.
+        verdict: "named", "ambiguous", "unknown", "nothing" or "data".
+        findings: The strongest first.
+        residual: Joint → what is left after all findings.
+        immaterial: Significant and too small to matter.
+        untestable: What the logs cannot show.
+        detection_limit: Joint → torque that would have been found, N m rms.
+        alignment: Hold of the sampled command, s.
+        baseline: "torque_rmse", "fit_percent", "rollout_rmse": joint → figure, held out, before.
+        extended: The same after all findings.
+        before: The refitted model.
+        after: The extended model.
+    """
+
+    rig: str
+    logs: tuple[str, ...]
+    verdict: str
+    findings: tuple[Finding, ...]
+    residual: Mapping[str, Residual]
+    immaterial: tuple[Slight, ...]
+    untestable: tuple[Untestable, ...]
+    detection_limit: Mapping[str, float]
+    alignment: float
+    baseline: Mapping[str, Mapping[str, float]]
+    extended: Mapping[str, Mapping[str, float]]
+    before: Extended
+    after: Extended
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        return {
+            "schema": 1,
+            "rig": self.rig,
+            "logs": list(self.logs),
+            "verdict": self.verdict,
+            "findings": [finding.to_dict() for finding in self.findings],
+            "residual": {joint: asdict(left) for joint, left in self.residual.items()},
+            "immaterial": [asdict(slight) for slight in self.immaterial],
+            "alignment_s": self.alignment,
+            "untestable": [asdict(row) for row in self.untestable],
+            "detection_limit": dict(self.detection_limit),
+            "baseline": {key: dict(value) for key, value in self.baseline.items()},
+            "extended": {key: dict(value) for key, value in self.extended.items()},
+        }

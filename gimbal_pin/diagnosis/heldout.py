@@ -1,0 +1,79 @@
+"""Gain on data that no choice has touched: torque prediction, and rollout from the same torque."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin import signals
+from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.log import Array
+from gimbal_pin.plant import Plant, State
+
+HORIZON = 0.2
+"""Length of a rollout, s."""
+STARTS = 24
+"""Most rollouts."""
+FINE = 2e-3
+"""Longest step of a rollout, s."""
+
+
+def torque_rmse(evidence: Evidence, model: Extended) -> Array:
+    """Root mean square of measured less predicted torque, low-passed at the band, away from standstill, N m, (n,)."""
+    return np.sqrt(torque_power(evidence, lambda part: torque_error(part, model)))
+
+
+def torque_rms(evidence: Evidence) -> Array:
+    """Root mean square of the measured torque less its mean, over the same samples, N m, (n,)."""
+    mean = np.mean(np.concatenate(evidence.torque), axis=0)
+    return np.sqrt(torque_power(evidence, lambda part: part.channels.tau - mean))
+
+
+def torque_power(evidence: Evidence, error) -> Array:  # type: ignore[no-untyped-def]
+    """Mean square of a torque error per part, (N m)², (n,)."""
+    power, weight = np.zeros(evidence.rig.n), np.zeros(evidence.rig.n)
+    for part in evidence.parts:
+        sections = signals.lowpass(evidence.band, 1 / part.dt)
+        power += np.sum(signals.zero_phase(part.gate * error(part), sections) ** 2, axis=0)
+        weight += np.sum(part.gate**2, axis=0)
+    return power / np.maximum(weight, 1e-300)
+
+
+def torque_error(part: Part, model: Extended) -> Array:
+    """Acting torque less what the model asks for the same motion, N m, (m, n)."""
+    c = part.channels
+    wanted = model.model.inverse(c.q, c.v, c.a, t=part.time, temperature=part.temperature)
+    return model.acting(c.tau, part.dt) - wanted
+
+
+def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
+    """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,)."""
+    plant, errors = Plant(model.model), []
+    for part in evidence.parts:
+        horizon = max(1, round(HORIZON / part.dt))
+        tau = model.acting(part.channels.tau, part.dt)
+        for start in starts(part, horizon):
+            end = rolled(plant, part, tau, start, horizon)
+            errors.append(end - part.channels.q[start + horizon])
+    return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)
+
+
+def starts(part: Part, horizon: int) -> Sequence[int]:
+    """Samples to start from, evenly spread, clear of the ends."""
+    edge = len(part.gate) // 20
+    free = len(part.gate) - 2 * edge - horizon
+    return [] if free <= 0 else np.linspace(edge, edge + free, STARTS).astype(int).tolist()
+
+
+def rolled(plant: Plant, part: Part, tau: Array, start: int, horizon: int) -> Array:
+    """Angles after a rollout, rad, (n,)."""
+    c = part.channels
+    state = State(c.q[start], c.v[start])
+    steps = max(1, round(part.dt / FINE))
+    for k in range(start, start + horizon):
+        torque = (tau[k] + tau[k + 1]) / 2
+        for i in range(steps):
+            state = plant.step(part.time[k] + i * part.dt / steps, state, torque, part.dt / steps)
+    return state.q

@@ -1,0 +1,66 @@
+"""The noise floor from the sensors: what their noise alone leaves in the torque balance, per joint and frequency."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin import signals
+from gimbal_pin.log import Array, Log
+from gimbal_pin.rig import Rig
+
+POSES = 64
+"""Poses over which the mass matrix is averaged."""
+
+
+def mass_matrix(rig: Rig, q: Array) -> Array:
+    """Root mean square of each entry of M(q) over some of the angles q, (N, n), in kg m², (n, n)."""
+    data = rig.model.createData()
+    total = np.zeros((rig.n, rig.n))
+    some = q[:: max(1, len(q) // POSES)]
+    for angles in some:
+        upper = np.triu(pin.crba(rig.model, data, angles))
+        total += (upper + np.triu(upper, 1).T) ** 2
+    return np.sqrt(total / len(some))
+
+
+class Floor(NamedTuple):
+    """Noise power of the torque balance, (N m)², by where it comes from, each (n, f)."""
+
+    torque: Array
+    motion: Array
+
+    @property
+    def total(self) -> Array:
+        """Their sum."""
+        return self.torque + self.motion
+
+    @property
+    def trust(self) -> Array:
+        """How much the measured torque tells more than the model's, in [0, 1]: their best mixture's weight."""
+        return self.motion / self.total
+
+
+def floor(rig: Rig, log: Log, frequency: Array) -> Floor:
+    """``P_j(f) = σ_τj² + Σ_k M_jk² min(σ_qk² ω⁴, σ_vk² ω²)``: what the sensors' noise leaves in the torque balance.
+
+    The angle's and the rate's noise come in through the acceleration, by whichever of the two is better at that
+    frequency; noise of standard deviation σ that is white at the log's rate has the power σ².
+
+    Args:
+        rig: The rig, for its mass matrix.
+        log: The log, with its sensors' noise in its third differences.
+        frequency: Hz, (f,).
+    """
+    w2 = (2 * np.pi * frequency) ** 2
+    tau = np.zeros((1, rig.n)) if log.tau is None else log.tau
+    acceleration = signals.noise_std(log.q)[:, None] ** 2 * w2**2
+    if log.v is not None:
+        acceleration = np.minimum(acceleration, signals.noise_std(log.v)[:, None] ** 2 * w2)
+    torque = signals.noise_std(tau)
+    # A log without any noise still has rounding: a ten-thousandth of the torque's own size.
+    least = 1e-4 * np.maximum(np.std(tau, axis=0), 1e-9)
+    power = np.maximum(torque, least)[:, None] ** 2 * np.ones_like(frequency)
+    return Floor(power, mass_matrix(rig, log.q) ** 2 @ acceleration)

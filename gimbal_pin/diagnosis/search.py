@@ -1,0 +1,344 @@
+"""Forward, prune, swap: which causes a log shows, every step refitting the rigid model and all that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.fit import Fit, Score, fit, score
+from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.identification import given_beta
+from gimbal_pin.log import Array
+from gimbal_pin.model import friction_effects
+from gimbal_pin.reduction import Reduction
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import columns_of
+
+ENTER = 1e-4
+"""A candidate whose own p is above this does not enter."""
+MOST = 8
+"""Most causes that are composed."""
+CLOSE = 0.2
+"""Share of the best gain below which a candidate is no contender on the coarse grid."""
+PENALTY = 4.0
+"""Gain that a free parameter makes by luck."""
+STALE = 0.02
+"""Change of a torque, as a share, up to which a column of the coarse search is kept."""
+SWAPS = 4
+"""Most rounds of swapping."""
+ROUNDS = 5
+"""Rounds of refinement of the shape parameters, each with half the step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Logs with the rigid model's columns, computed once."""
+
+    evidence: Evidence
+    reduction: Reduction
+    rigid: Array
+    rigid_full: list[Array]
+
+    @staticmethod
+    def of(evidence: Evidence, reduction: Reduction) -> Problem:
+        """Compute the columns."""
+        return Problem(evidence, reduction, *rigid_columns(evidence, reduction))
+
+    @cached_property
+    def friction(self) -> tuple[Effect, ...]:
+        """Coulomb and viscous friction of every joint."""
+        return friction_effects(self.evidence.rig.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Causes chosen so far, all refitted with the rigid model.
+
+    Attributes:
+        problem: The logs.
+        causes: The chosen causes.
+        fit: The fit.
+        rig: The rig with the fitted inertias.
+        torque: The best estimate of the torque that acts, N m, (m, n) per part.
+    """
+
+    problem: Problem
+    causes: tuple[Cause, ...]
+    fit: Fit
+    rig: Rig
+    torque: list[Array]
+
+    def coefficients(self, cause: Cause) -> Array:
+        """Fitted coefficients of a chosen torque or rig effect."""
+        return self.fit.theta[self.places(cause)]
+
+    def places(self, cause: Cause) -> slice:
+        """Where they stand in theta."""
+        at = len(self.fit.theta) - sum(width(c) for c in self.causes)
+        for other in self.causes:
+            if other is cause:
+                return slice(at, at + width(other))
+            at += width(other)
+        raise ValueError(f"{cause.name} was not chosen")
+
+
+def width(cause: Cause) -> int:
+    """Coefficients that a cause adds to theta."""
+    return len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))
+
+
+def solved(problem: Problem, causes: Sequence[Cause], before: State | None = None, keep: bool = False) -> State:
+    """Refit everything with these causes.
+
+    Args:
+        problem: The logs.
+        causes: The causes.
+        before: A state to take the model's torque from, which loaded causes read.
+        keep: Keep its weights too, so that sums of squares can be compared.
+    """
+    evidence = problem.evidence
+    rig = before.rig if before else evidence.rig
+    model = before.torque if before else evidence.torque
+    acting = evidence.torque
+    for cause in causes:
+        if isinstance(cause, Signal):
+            acting = acted(evidence, cause, acting)
+    b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
+    effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
+    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model).values for c in effects)], axis=2)
+    now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
+    total = predicted(problem, effects, now.theta, model)
+    mixed = [part.mixed(x) for part, x in zip(evidence.parts, total)]
+    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed)
+
+
+def acted(evidence: Evidence, signal: Signal, torque: list[Array]) -> list[Array]:
+    """Let a drive's signal act on the torques of its joint."""
+    j = evidence.rig.joint_index(signal.joint)
+    out = []
+    for part, x in zip(evidence.parts, torque):
+        changed = x.copy()
+        changed[:, j] = signal.acting(x[:, j], part.dt)
+        out.append(changed)
+    return out
+
+
+def refitted(problem: Problem, theta: Array) -> Rig:
+    """Return the rig with the fitted base parameters."""
+    rig, reduction = problem.evidence.rig, problem.reduction
+    phi = rig.phi.copy()
+    phi[columns_of(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(rig, reduction)
+    return rig.with_phi(phi)
+
+
+def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, torque: list[Array]) -> list[Array]:
+    """The model's total torque at full rate, N m, (m, n) per part."""
+    width_ = len(problem.reduction.independent)
+    out: list[Array] = [x @ theta[:width_] for x in problem.rigid_full]
+    at = width_
+    for effect in effects:
+        size = width(effect)
+        if isinstance(effect, Effect):
+            j = problem.evidence.rig.joint_index(effect.joint)
+            for total, x in zip(out, plain_columns(problem.evidence, effect, torque)):
+                total[:, j] += x @ theta[at : at + size]
+        at += size
+    return out
+
+
+def library(problem: Problem, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
+    """Every cause at every joint, on the coarse grid of its shape parameters."""
+    rig, seen = problem.evidence.rig, problem.evidence.seen
+    found: list[Cause] = []
+    for kind in kinds.values():
+        for joint, ranges in zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),):
+            found += kind.tried(joint, ranges)
+    return found
+
+
+class Library:
+    """Columns of the whole library, built once; those that read a torque again where it has changed by much."""
+
+    def __init__(self, problem: Problem, causes: Sequence[Cause]) -> None:
+        """Remember what to build."""
+        self.problem, self.causes = problem, causes
+        self.built: dict[Cause, tuple[list[Array], Columns]] = {}
+
+    def columns(self, state: State, place: str | None = None) -> list[Columns]:
+        """Columns at this state, of all causes or only of those at a joint and of the whole rig."""
+        here = [c for c in self.causes if place is None or c.place == place or not c.of_joint]
+        return [self.of(cause, state) for cause in here if cause not in state.causes]
+
+    def of(self, cause: Cause, state: State) -> Columns:
+        """Columns of one cause: as they were, if what they were built from is nearly as it was."""
+        read = self.read(cause, state)
+        known = self.built.get(cause)
+        if known is None or not all(near(new, old) for new, old in zip(read, known[0])):
+            known = read, build(self.problem.evidence, cause, state.rig, state.torque)
+            self.built[cause] = known
+        return known[1]
+
+    def read(self, cause: Cause, state: State) -> list[Array]:
+        """What a cause's columns depend on besides the log: the torque at its joint, the rig's inertias, or nothing."""
+        if isinstance(cause, RigEffect):
+            return [state.rig.phi]
+        if isinstance(cause, Effect) and not cause.loaded:
+            return []
+        j = self.problem.evidence.rig.joint_index(cause.place)
+        return [x[:, j] for x in state.torque]
+
+
+def near(new: Array, old: Array) -> bool:
+    """Whether two torques differ by less than `STALE` of their size."""
+    return float(np.linalg.norm(new - old)) <= STALE * float(np.linalg.norm(old))
+
+
+def scored(state: State, columns: Sequence[Columns]) -> list[tuple[Score, Cause]]:
+    """Scores on the coarse grid, the largest gain first."""
+    rows = [(score(state.fit, one, False), one.cause) for one in columns]
+    return sorted(rows, key=lambda row: -row[0].gain)
+
+
+def refined(state: State, cause: Cause) -> Cause:
+    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms."""
+    best, at = measure(state, cause).gain, cause
+    step = 2.0
+    for _ in range(ROUNDS):
+        for name in shape_names(cause):
+            for factor in (step, 1 / step):
+                other = moved(at, name, factor)
+                if other is not None and (found := measure(state, other).gain) > best:
+                    best, at = found, other
+        step **= 0.5
+    return at
+
+
+def measure(state: State, cause: Cause) -> Score:
+    """Score a cause as it stands in this state; a drive's signal with the coefficient one that it has."""
+    columns = build(state.problem.evidence, cause, state.rig, state.torque)
+    return score(state.fit, columns, isinstance(cause, Signal))
+
+
+def shape_names(cause: Cause) -> list[str]:
+    """Shape parameters that are continuous and stand as fields."""
+    if isinstance(cause, RigEffect):
+        return []
+    held = {field.name for field in fields(cause)}
+    return [s.name for s in cause.shapes if s.name in held and isinstance(getattr(cause, s.name), float)]
+
+
+def moved(cause: Cause, name: str, factor: float) -> Cause | None:
+    """Return the cause with one shape parameter multiplied, or None outside its bounds."""
+    shape = next(s for s in cause.shapes if s.name == name)
+    value = getattr(cause, name) * factor
+    return replace(cause, **{name: value}) if shape.lower <= value <= shape.upper else None
+
+
+def contenders(state: State, shelf: Library, place: str | None = None) -> list[tuple[Score, Cause]]:
+    """The best of each cause, refined, the largest net gain first: what fits the residual of this state.
+
+    Args:
+        state: The state.
+        shelf: The library.
+        place: Only causes at this joint and of the whole rig; None: of any joint, that of the best candidate.
+    """
+    taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
+    scores = scored(state, shelf.columns(state, place))
+    rows = [row for row in scores if row[0].gain > 0 and (row[1].name, row[1].place) not in taken]
+    first: dict[tuple[str, str], Cause] = {}
+    for found, cause in rows:
+        if found.p < ENTER and found.gain > CLOSE * rows[0][0].gain:
+            first.setdefault((cause.name, cause.place), cause)
+    best = [refined(state, cause) for cause in list(first.values())[:MOST]]
+    again = [(measure(state, cause), cause) for cause in best]
+    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0]
+    return sorted(passed, key=lambda row: -net(*row))
+
+
+def net(found: Score, cause: Cause) -> float:
+    """Gain less what as many free parameters gain by luck."""
+    return found.gain - PENALTY * (width(cause) + len(shape_names(cause)))
+
+
+def forward(state: State, shelf: Library) -> State:
+    """Add the cause that gains most, refit, and again, until nothing enters."""
+    while len(state.causes) < MOST:
+        rows = contenders(state, shelf)
+        if not rows:
+            return state
+        state = solved(state.problem, with_cause(state.causes, rows[0][1]), state)
+    return state
+
+
+def polished(state: State) -> State:
+    """Refine the shape parameters of every cause once more, with all the others in."""
+    for cause in state.causes:
+        if shape_names(cause):
+            better = refined(without(state, cause), cause)
+            state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
+    return state
+
+
+def with_cause(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
+    """Add a cause; harmonics of one kind at one joint are one cause."""
+    for i, old in enumerate(causes):
+        if isinstance(old, Harmonic) and isinstance(new, Harmonic) and same(old, new):
+            return (*causes[:i], old.merged(new), *causes[i + 1 :])
+    return (*causes, new)
+
+
+def same(a: Cause, b: Cause) -> bool:
+    """Whether two are the same cause at the same place."""
+    return a.name == b.name and a.place == b.place
+
+
+def without(state: State, cause: Cause) -> State:
+    """Refit without a cause, the joints weighted as before."""
+    return solved(state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True)
+
+
+def pruned(state: State, limit: float, material: Callable[[Score, Cause], bool]) -> tuple[State, list[Cause]]:
+    """Drop, the weakest first, what is no clearer than `limit` or does not matter; return what was dropped too."""
+    dropped: list[Cause] = []
+    while state.causes:
+        rows = [(measure(without(state, cause), cause), cause) for cause in state.causes]
+        weak = [
+            (found.gain, i) for i, (found, cause) in enumerate(rows) if found.p > limit or not material(found, cause)
+        ]
+        if not weak:
+            break
+        i = min(weak)[1]
+        if rows[i][0].p <= limit:
+            dropped.append(state.causes[i])
+        state = solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state)
+    return state, dropped
+
+
+def swapped(state: State, shelf: Library) -> State:
+    """Replace each cause by another at its joint that fits better with all the rest refitted, until none does."""
+    for _ in range(SWAPS):
+        for cause in state.causes:
+            base = without(state, cause)
+            rivals = rivals_of(base, cause, shelf)
+            if rivals and net(*rivals[0]) > net(measure(base, cause), cause) + PENALTY:
+                others = tuple(c for c in state.causes if c is not cause)
+                state = solved(state.problem, with_cause(others, rivals[0][1]), state)
+                break
+        else:
+            return state
+    return state
+
+
+def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
+    """Other causes that fit what this one explains; `base` is the state without it."""
+    rows = [row for row in contenders(base, shelf, cause.place) if not same(row[1], cause)]
+    if isinstance(cause, Harmonic):
+        alike = [type(c)(c.joint, cause.harmonic) for _, c in rows if isinstance(c, Harmonic)]
+        rows += [(measure(base, c), c) for c in alike]
+    return sorted(rows, key=lambda row: -net(*row))

@@ -1,0 +1,168 @@
+"""From a fitted state to findings: rivals refitted in each cause's place, what cannot be told apart, and how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gimbal_pin.diagnosis.columns import build
+from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
+from gimbal_pin.diagnosis.fit import HIDDEN, Score, project
+from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.search import Library, State, measure, rivals_of, width, without
+from gimbal_pin.effects import Cause
+from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.log import Array
+
+APART = 2.0
+"""Vuong's z from which two causes are told apart."""
+ALIKE = 0.95
+"""Correlation of two projected columns from which no log of this kind parts them."""
+SHARE = 0.0015
+"""Projected size over the joint's torque rms under which a cause does not matter."""
+FAINT = 0.1
+"""Projected size in units of the noise floor under which it does not matter either."""
+EXPLAINED = 0.5
+"""Share of a joint's excess over noise that its findings must explain where much is left."""
+MUCH = 4.0
+"""Dispersion from which much is left."""
+BOOTSTRAPS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A chosen cause with its rivals.
+
+    Attributes:
+        cause: The cause.
+        own: Its score in the state without it.
+        rivals: The nearest others.
+        alike: Names that this log cannot tell from it, itself first.
+        frequency: Share of block bootstraps in which it beats every rival.
+    """
+
+    cause: Cause
+    own: Score
+    rivals: tuple[Rival, ...]
+    alike: tuple[str, ...]
+    frequency: float
+
+
+def judged(state: State, cause: Cause, shelf: Library, rng: np.random.Generator) -> Judged:
+    """Refit every rival in a cause's place and compare block by block."""
+    base = without(state, cause)
+    own = measure(base, cause)
+    mine = block_gain(base, cause)
+    found: dict[str, tuple[Rival, Array]] = {}
+    for _, other in rivals_of(base, cause, shelf):
+        if other.name in found:
+            continue
+        apart = (mine - block_gain(base, other)) / 2
+        extra = free(cause) - free(other)
+        delta = float(apart.sum()) - extra
+        spread = float(np.std(apart) * np.sqrt(len(apart)))
+        found[other.name] = Rival(other.name, delta, delta / max(spread, 1e-12)), apart
+    alike = [
+        name for name, (rival, _) in found.items() if rival.z < APART or alikeness(base, cause, name, shelf) > ALIKE
+    ]
+    draws = rng.integers(len(mine), size=(BOOTSTRAPS, len(mine)))
+    wins = np.all([np.sum(apart[draws], axis=1) > 0 for _, apart in found.values()] or [np.ones(BOOTSTRAPS)], axis=0)
+    rivals = tuple(sorted((rival for rival, _ in found.values()), key=lambda rival: rival.z))
+    return Judged(cause, own, rivals, (cause.name, *alike), float(np.mean(wins)))
+
+
+def free(cause: Cause) -> int:
+    """Free parameters of a cause."""
+    return width(cause) + len([s for s in cause.shapes if isinstance(getattr(cause, s.name, None), float)])
+
+
+def block_gain(base: State, cause: Cause) -> Array:
+    """Fall of the weighted sum of squares in each block, (blocks,)."""
+    rest = project(base.fit, build(base.problem.evidence, cause, base.rig, base.torque).values)
+    found = measure(base, cause)
+    after = base.fit.residual - rest @ (found.beta if len(found.beta) else np.zeros(rest.shape[1]))
+    return base.fit.by_block((base.fit.residual**2 - after**2)[:, None])[:, 0]
+
+
+def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
+    """Largest cosine between what a cause explains and what the best cause of that name could, in [0, 1]."""
+    evidence = base.problem.evidence
+    rest = project(base.fit, build(evidence, cause, base.rig, base.torque).values)
+    mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
+    best = 0.0
+    for other in shelf.causes:
+        if other.name != name or (other.of_joint and other.place != cause.place):
+            continue
+        span = project(base.fit, shelf.of(other, base).values)
+        within = span @ np.linalg.lstsq(span, mine, rcond=1e-8)[0]
+        best = max(best, float(np.linalg.norm(within) / max(float(np.linalg.norm(mine)), 1e-300)))
+    return best
+
+
+def share(state: State, found: Score) -> float:
+    """Projected size over torque rms, at the joint where that is largest."""
+    return float(np.max(newtons(state, found) / torque_level(state)))
+
+
+def newtons(state: State, found: Score) -> Array:
+    """Projected size of a score at each joint, N m rms, (n,)."""
+    evidence = state.problem.evidence
+    return found.size * np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)])
+
+
+def torque_level(state: State) -> Array:
+    """Torque rms of each joint, N m, (n,)."""
+    return np.sqrt(np.mean(np.concatenate(state.problem.evidence.torque) ** 2, axis=0)) + 1e-12
+
+
+def material(state: State, found: Score) -> bool:
+    """Whether a cause is large enough to matter."""
+    return bool(found.gain > 0 and share(state, found) > SHARE and found.size.max() > FAINT)
+
+
+def unresolved(state: State, cause: Cause) -> bool:
+    """Whether harmonics closer than the travel can part stand for some other function of the angle."""
+    if not isinstance(cause, Harmonic) or len(cause.harmonic) < 3:
+        return False
+    travel = state.problem.evidence.seen[state.problem.evidence.rig.joint_index(cause.joint)].travel
+    return bool(np.min(np.diff(sorted(cause.harmonic))) < 0.7 * 2 * np.pi / max(travel, 1e-9))
+
+
+def doubtful(first: State, state: State, cause: Cause) -> bool:
+    """Whether so much is left at the cause's joint that no name deserves trust."""
+    joints = state.problem.evidence.rig.joints
+    at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
+    before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
+    explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
+    return bool(np.any((after > MUCH) & (explained < EXPLAINED))) or unresolved(state, cause)
+
+
+def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
+    """Describe what was significant and too small."""
+    rows = [(cause, measure(state, cause)) for cause in causes]
+    return tuple(Slight(c.name, c.place if c.of_joint else None, share(state, s)) for c, s in rows if s.gain > 0)
+
+
+def untestable(state: State, shelf: Library) -> tuple[Untestable, ...]:
+    """List causes all of whose columns the rigid model and friction explain."""
+    visible: dict[tuple[str, str | None], float] = {}
+    for cause in shelf.causes:
+        key = (cause.name, cause.place if cause.of_joint else None)
+        stacked = state.fit.stacked(shelf.of(cause, state).values)
+        whole = float(np.sum(stacked**2))
+        left = float(np.sum((stacked - state.fit.basis @ (state.fit.basis.T @ stacked)) ** 2))
+        visible[key] = max(visible.get(key, 0.0), left / whole if whole > 0 else 0.0)
+    why = "the rigid model and friction explain all that it would add on this log"
+    return tuple(Untestable(name, joint, why) for (name, joint), left in visible.items() if left < HIDDEN)
+
+
+def overall(statuses: Sequence[str], residual: Sequence[Residual], unreliable: bool) -> str:
+    """The verdict (CONTRACT): data before physics, named before ambiguous, unknown before nothing."""
+    if unreliable:
+        return "data"
+    for verdict in ("named", "ambiguous"):
+        if verdict in statuses:
+            return verdict
+    return "unknown" if any(left.state == "structured" for left in residual) else "nothing"

@@ -1,0 +1,36 @@
+"""What a log shows of one joint: the range in which a cause's shape parameters are looked for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Seen(NamedTuple):
+    """Ranges of one joint's channels.
+
+    Attributes:
+        seconds: Length of the log, s.
+        dt: Sampling interval, s.
+        band: Highest frequency that is looked at, Hz.
+        travel: Largest less smallest angle, rad.
+        rate: What 98 % of the rates stay under, rad/s.
+        rate_std: Standard deviation of the rate's noise, rad/s.
+        torque: What 98 % of the torques stay under, N m.
+        warm: Whether the motor's temperature was logged.
+    """
+
+    seconds: float
+    dt: float
+    band: float
+    travel: float
+    rate: float
+    rate_std: float
+    torque: float
+    warm: bool = False
+
+
+def ladder(low: float, high: float, count: int) -> tuple[float, ...]:
+    """Return `count` values from low to high, each the same multiple of the last; none where high is not above low."""
+    return tuple(np.geomspace(low, high, count).tolist()) if 0 < low < high else ()
