@@ -31,6 +31,7 @@ HOMES = {
     "Rig": "rig",
     "auto": "walk",
     "bench_run": "experiment",
+    "diagnose": "diagnosis",
     "excite": "excitation",
     "identify": "identification",
     "nominal": "model",

@@ -37,6 +37,9 @@ Map = Annotated[
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]
 MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write")]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]
+MaybeFolder = Annotated[
+    Path | None, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")
+]
 Seed = Annotated[int, arg(help="seed of everything random")]
 Cutoff = Annotated[float | None, arg(help="low-pass on every column and on the torque, Hz; None: 4")]
 Alignment = Annotated[float | None, arg(help="the torque acts that much later than its stamp, s; None: half a sample")]
@@ -269,6 +272,34 @@ def animate(
         play(loaded, read)
 
 
+def diagnose(
+    rig: RigName,
+    logs: Logs,
+    output: MaybeFolder = None,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Annotated[float | None, arg(help="highest frequency that is looked at, Hz; None: 12")] = None,
+    alignment: Alignment = None,
+    holdout: Holdout = None,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """What the simulation gets wrong, why, the extended model and its gain."""
+    import numpy as np
+
+    from gimbal_pin.diagnosis import BAND
+    from gimbal_pin.diagnosis import diagnose as run
+    from gimbal_pin.io.diagnosis import write_diagnosis
+    from gimbal_pin.rows import Filtering
+
+    loaded, read = load_logs(rig, payload, logs, map)
+    band = Filtering(BAND.cutoff if cutoff is None else cutoff, BAND.smoothing, alignment)
+    found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
+    files = {} if output is None else write_diagnosis(found, output)
+    present(text.diagnosis(found, files), found.to_dict(), json)
+
+
 def auto(
     rig: RigName,
     logs: Logs,
@@ -328,7 +359,8 @@ def demo(
 
 
 VERBS: Mapping[str, Callable[..., None]] = {
-    verb.__name__: verb for verb in (rigs, check, base, excite, simulate, identify, tune, track, animate, auto, demo)
+    verb.__name__: verb
+    for verb in (rigs, check, base, excite, simulate, identify, diagnose, tune, track, animate, auto, demo)
 }
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gimbal_pin.base import Base
     from gimbal_pin.checking import Checked
+    from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
     from gimbal_pin.tracking import Tracking
@@ -123,6 +124,36 @@ def accuracy(part: Accuracy) -> str:
         else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
     )
     return f"{part.how}: torque error rms (fit)  " + ", ".join(cells) + judged
+
+
+def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
+    """Verdict, findings, what is left at each joint, and where the files lie."""
+    lines = [f"verdict: {found.verdict}", ""]
+    for finding in found.findings:
+        lines.append(finding.sentence)
+        if len(finding.alike) > 1:
+            lines.append(
+                f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}"
+            )
+        figures = [
+            f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
+        ]
+        lines.append(f"  {', '.join(figures)}" if figures else "")
+    rows = [
+        (
+            joint,
+            number(found.baseline["torque_rmse"][joint], 3),
+            number(found.extended["torque_rmse"][joint], 3),
+            number(found.detection_limit[joint], 2),
+            left.state + (f" {left.where}" if left.where else ""),
+        )
+        for joint, left in found.residual.items()
+    ]
+    lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
+    hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
+    lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
+    return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
 
 
 def tuning(found: Tuning) -> str:

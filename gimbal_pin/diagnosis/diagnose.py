@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,15 +80,15 @@ def diagnose(
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     state, small = pruned(state, float(np.quantile(null, ERROR_RATE)), lambda s, c: verdict.material(first, s))
     residual = leftover.judge(state, rng)
-    trusted = [cause for cause in state.causes if not verdict.doubtful(first, state, cause)]
-    residual = tuple(
-        doubted(left, rig.joints[j], [c for c in state.causes if c not in trusted]) for j, left in enumerate(residual)
-    )
+    doubtful = [cause for cause in state.causes if verdict.doubtful(first, state, cause)]
+    residual = tuple(doubted(left, rig.joints[j], doubtful) for j, left in enumerate(residual))
+    trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]
     final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
     held = gather(rig, test, filtering, origins) if test else evidence
     before, after = extended(first), extended(final)
     figures = [measured(held, model) for model in (before, after)]
     found = [finding(final, cause, shelf, held, figures, null, rng) for cause in final.causes]
+    found = combined(found)
     found.sort(key=lambda one: -one.explained_share)
     noise = {joint: evidence.noise_floor(j) for j, joint in enumerate(rig.joints)}
     limit = {joint: limit_of(state, j, noise[joint], null) for j, joint in enumerate(rig.joints)}
@@ -183,6 +184,20 @@ def finding(
         sentence=said,
         next_experiment=cause.experiment if ambiguous else None,
     )
+
+
+def combined(found: Sequence[Finding]) -> list[Finding]:
+    """Merge findings of one cause of the whole rig, each about another of its figures: the stronger speaks for both."""
+    out: list[Finding] = []
+    for one in sorted(found, key=lambda f: -f.explained_share):
+        twin = next((f for f in out if f.joint is None and (f.cause, f.joint) == (one.cause, one.joint)), None)
+        if twin is None:
+            out.append(one)
+            continue
+        known = {p.name: p for p in one.parameters if p.std == p.std}
+        figures = tuple(known.get(p.name, p) for p in twin.parameters)
+        out[out.index(twin)] = replace(twin, parameters=figures)
+    return out
 
 
 def limit_of(state: State, joint: int, floor: float, null: Array) -> float:

@@ -14,8 +14,10 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from gimbal_pin.log import Array
+from gimbal_pin.rows import Flags
 
 PASSES = 4
+FOLDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +26,8 @@ class Fit:
 
     Attributes:
         theta: Coefficients, (k,).
+        stack: Weighted A, (rows n, k).
+        target: Weighted b, (rows n,).
         basis: Orthonormal columns that span the weighted A, (rows n, k).
         residual: Weighted residual, (rows n,).
         scale: ``1/√φ_j``, (n,); the dispersion φ is residual power over predicted noise power.
@@ -32,6 +36,8 @@ class Fit:
     """
 
     theta: Array
+    stack: Array
+    target: Array
     basis: Array
     residual: Array
     scale: Array
@@ -77,13 +83,14 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
             # What fits better than its sensors allow is luck, not knowledge.
             weight = 1.0 / np.sqrt(np.maximum(power, 0.5))
     stacked = (A * weight[:, None]).reshape(-1, k)
-    theta = np.linalg.lstsq(stacked, (b * weight).ravel(), rcond=1e-10)[0]
+    target = (b * weight).ravel()
+    theta = np.linalg.lstsq(stacked, target, rcond=1e-10)[0]
     left, values, right = np.linalg.svd(stacked / np.maximum(norms(stacked), 1e-300), full_matrices=False)
     seen = values > 1e-10 * values[0]
     unit = np.maximum(norms(stacked), 1e-300)
     information = (right[seen].T / values[seen] ** 2) @ right[seen] / np.outer(unit, unit)
-    residual = (b * weight).ravel() - stacked @ theta
-    return Fit(theta, left[:, seen], residual, weight, information, np.repeat(block, n))
+    residual = target - stacked @ theta
+    return Fit(theta, stacked, target, left[:, seen], residual, weight, information, np.repeat(block, n))
 
 
 def norms(matrix: Array) -> Array:
@@ -165,6 +172,27 @@ def chance(wald: Array | float, width: int, blocks: int) -> Array | float:
     """Hotelling's T² with `width` coefficients over `blocks` blocks: chance of as much or more."""
     freedom = max(blocks - width, 1)
     return fisher.sf(wald * freedom / (width * max(blocks - 1, 1)), width, freedom)
+
+
+def improves(now: Fit, columns: Candidate, fixed: bool) -> bool:
+    """Whether a candidate predicts better, in sum and in most of `FOLDS` parts of time that its fit has not seen."""
+    extra = now.stacked(columns.values)
+    blocks = int(now.block[-1]) + 1
+    fold = now.block * FOLDS // blocks
+    target = now.target - extra[:, 0] if fixed else now.target
+    stack = now.stack if fixed else np.hstack([now.stack, extra])
+    gains = []
+    for k in range(FOLDS):
+        here = fold == k
+        before, after = (missed(A, b, here) for A, b in ((now.stack, now.target), (stack, target)))
+        gains.append(before - after)
+    return sum(gains) > 0 and sum(gain > 0 for gain in gains) > FOLDS / 2
+
+
+def missed(A: Array, b: Array, here: Flags) -> float:
+    """Sum of squares on some rows of a fit to all the others."""
+    theta = np.linalg.lstsq(A[~here], b[~here], rcond=1e-8)[0]
+    return float(np.sum((b[here] - A[here] @ theta) ** 2))
 
 
 def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator, flips: int = 499) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.fit import Fit, Score, fit, score
+from gimbal_pin.diagnosis.fit import Fit, Score, fit, improves, score
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.identification import given_beta
@@ -307,9 +307,12 @@ def pruned(state: State, limit: float, material: Callable[[Score, Cause], bool])
     """Drop, the weakest first, what is no clearer than `limit` or does not matter; return what was dropped too."""
     dropped: list[Cause] = []
     while state.causes:
-        rows = [(measure(without(state, cause), cause), cause) for cause in state.causes]
+        bases = [without(state, cause) for cause in state.causes]
+        rows = [(measure(base, cause), cause) for base, cause in zip(bases, state.causes)]
         weak = [
-            (found.gain, i) for i, (found, cause) in enumerate(rows) if found.p > limit or not material(found, cause)
+            (found.gain, i)
+            for i, ((found, cause), base) in enumerate(zip(rows, bases))
+            if found.p > limit or not material(found, cause) or not holds(base, cause)
         ]
         if not weak:
             break
@@ -318,6 +321,12 @@ def pruned(state: State, limit: float, material: Callable[[Score, Cause], bool])
             dropped.append(state.causes[i])
         state = solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state)
     return state, dropped
+
+
+def holds(base: State, cause: Cause) -> bool:
+    """Whether a cause predicts parts of time that its fit has not seen; `base` is the state without it."""
+    columns = build(base.problem.evidence, cause, base.rig, base.torque)
+    return improves(base.fit, columns, isinstance(cause, Signal))
 
 
 def swapped(state: State, shelf: Library) -> State:

@@ -28,6 +28,8 @@ EXPLAINED = 0.5
 """Share of a joint's excess over noise that its findings must explain where much is left."""
 MUCH = 4.0
 """Dispersion from which much is left."""
+EDGE = 1.1
+"""A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
 
 
@@ -130,13 +132,27 @@ def unresolved(state: State, cause: Cause) -> bool:
     return bool(np.min(np.diff(sorted(cause.harmonic))) < 0.7 * 2 * np.pi / max(travel, 1e-9))
 
 
+def at_bound(cause: Cause) -> bool:
+    """Whether a shape parameter has run to where it may not go on: the formula is asked for something else."""
+    held = [(shape, getattr(cause, shape.name, None)) for shape in cause.shapes]
+    figures = [(shape, value) for shape, value in held if isinstance(value, float) and value > 0]
+    return any(value > shape.upper / EDGE or value < shape.lower * EDGE for shape, value in figures)
+
+
+def minor(state: State, cause: Cause) -> bool:
+    """Whether a cause is smaller than what is left unexplained at its joint, where that is much."""
+    size = measure(without(state, cause), cause).size
+    j = int(np.argmax(size))
+    return bool(state.fit.dispersion[j] > MUCH and size[j] ** 2 < state.fit.dispersion[j])
+
+
 def doubtful(first: State, state: State, cause: Cause) -> bool:
     """Whether so much is left at the cause's joint that no name deserves trust."""
     joints = state.problem.evidence.rig.joints
     at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
-    return bool(np.any((after > MUCH) & (explained < EXPLAINED))) or unresolved(state, cause)
+    return bool(np.any((after > MUCH) & (explained < EXPLAINED))) or unresolved(state, cause) or at_bound(cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:

@@ -37,6 +37,13 @@ def write_model(identified: Identified, path: str | Path) -> None:
     write_yaml(content, path)
 
 
+def write_extended(model: Model, path: str | Path) -> None:
+    """Write a model without its parameters' uncertainty: rig, inertias and terms."""
+    rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
+    body = {"phi": model.rig.phi.tolist(), "terms": [term.to_dict() for term in model.terms]}
+    write_yaml({"kind": KIND, "schema": 1, **rows, **body}, path)
+
+
 def read_model(path: str | Path, rig: Rig) -> Model:
     """Read a model that `write_model` wrote, for a rig with the same joints.
 
@@ -51,7 +58,8 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     try:
         terms = tuple(term_from(entry) for entry in data["terms"])
-        return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, known(data))
+        estimated = known(data) if "covariance" in data else None
+        return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, estimated)
     except (KeyError, TypeError, ValueError) as error:
         raise ModelError(str(path), f"cannot be read ({error!r})", "write it with 'gimbal-pin identify'") from error
 
