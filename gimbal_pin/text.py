@@ -129,6 +129,9 @@ def accuracy(part: Accuracy) -> str:
 def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     """Verdict, findings, what is left at each joint, and where the files lie."""
     lines = [f"verdict: {found.verdict}", ""]
+    for fault in found.faults:
+        lines.append(f"{fault.sentence}; {fault.next_experiment}")
+        lines += [f"  {p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in fault.answer]
     for finding in found.findings:
         lines.append(finding.sentence)
         if len(finding.alike) > 1:
@@ -149,7 +152,10 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         )
         for joint, left in found.residual.items()
     ]
-    lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    if rows:
+        lines.append("")
+        lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
 from gimbal_pin.diagnosis.fit import flipped
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
 from gimbal_pin.diagnosis.search import (
@@ -30,6 +33,7 @@ from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import split, within
 from gimbal_pin.log import Array, Log
+from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
@@ -39,6 +43,7 @@ BAND = Filtering(cutoff=12.0, smoothing=2.5)
 ERROR_RATE = 0.003
 """Chance that a log with nothing in it has anything named, over the whole library."""
 FLIPS = 1999
+Figures = Sequence[Mapping[str, Mapping[str, float]]]
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -69,44 +74,108 @@ def diagnose(
     """
     for log in logs:
         within(log, filtering)
-    train, test, _ = split(logs, holdout, filtering)
+    audits = [audit(rig, log) for log in logs]
+    if any(not found.reliable for found in audits):
+        return spoilt(rig, audits, filtering)
+    train, test, _ = split([found.log for found in audits], holdout, filtering)
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    problem = Problem.of(evidence, reduce(rig))
+    found = searched(Problem.of(evidence, reduce(rig)), causes, rng)
+    held = gather(rig, test, filtering, origins) if test else evidence
+    return reported(found, held, audits, alignment(logs[0], filtering), rng)
+
+
+class Searched(NamedTuple):
+    """What the search over the training part ended with.
+
+    Attributes:
+        shelf: The library.
+        first: The refitted model without any cause.
+        state: All that the search found.
+        final: What of it deserves a name.
+        residual: What is left at each joint.
+        slight: What is too small to matter.
+        null: Smallest p over the library on flipped residuals, sorted, (flips,).
+    """
+
+    shelf: Library
+    first: State
+    state: State
+    final: State
+    residual: tuple[leftover.Residual, ...]
+    slight: tuple[Slight, ...]
+    null: Array
+
+
+def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
+    """Compose causes, prune them, and keep those that deserve a name."""
     first = solved(problem, (), solved(problem, ()))
     shelf = Library(problem, library(problem, comparable(causes)))
     state = polished(swapped(forward(first, shelf), shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
-    state, small = pruned(state, float(np.quantile(null, ERROR_RATE)), lambda s, c: verdict.material(first, s))
-    residual = leftover.judge(state, rng)
+    limit = float(np.quantile(null, ERROR_RATE))
+    state, small = pruned(state, limit, lambda score, cause: verdict.material(first, score))
     doubtful = [cause for cause in state.causes if verdict.doubtful(first, state, cause)]
-    residual = tuple(doubted(left, rig.joints[j], doubtful) for j, left in enumerate(residual))
+    joints = problem.evidence.rig.joints
+    residual = tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
     trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]
     final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
-    held = gather(rig, test, filtering, origins) if test else evidence
-    before, after = extended(first), extended(final)
+    return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null)
+
+
+def reported(
+    found: Searched, held: Evidence, audits: Sequence[Audit], hold: float, rng: np.random.Generator
+) -> Diagnosis:
+    """Measure the gain on the held-out part, and put it all together."""
+    joints, state = held.rig.joints, found.state
+    before, after = extended(found.first), extended(found.final)
     figures = [measured(held, model) for model in (before, after)]
-    found = [finding(final, cause, shelf, held, figures, null, rng) for cause in final.causes]
-    found = combined(found)
-    found.sort(key=lambda one: -one.explained_share)
-    noise = {joint: evidence.noise_floor(j) for j, joint in enumerate(rig.joints)}
-    limit = {joint: limit_of(state, j, noise[joint], null) for j, joint in enumerate(rig.joints)}
+    each = combined([finding(found, cause, held, figures, rng) for cause in found.final.causes])
     return Diagnosis(
-        rig=rig.name,
-        logs=tuple(log.name for log in logs),
-        verdict=verdict.overall([one.status for one in found], residual, unreliable=False),
-        findings=tuple(found),
-        residual=dict(zip(rig.joints, residual)),
-        immaterial=verdict.slight(final, small),
-        untestable=verdict.untestable(first, shelf),
-        detection_limit=limit,
-        alignment=train[0].dt / 2 if filtering.alignment is None else filtering.alignment,
+        rig=held.rig.name,
+        logs=tuple(one.log.name for one in audits),
+        verdict=verdict.overall([one.status for one in each], found.residual),
+        faults=(),
+        notes=tuple(note for one in audits for note in one.notes),
+        findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
+        residual=dict(zip(joints, found.residual)),
+        immaterial=found.slight,
+        untestable=verdict.untestable(found.first, found.shelf),
+        detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
+        alignment=hold,
         baseline=figures[0],
         extended=figures[1],
         before=before,
         after=after,
     )
+
+
+def spoilt(rig: Rig, audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:
+    """The verdict *data*: the logs say nothing about physics that could be relied on."""
+    given = Extended(nominal(rig))
+    return Diagnosis(
+        rig=rig.name,
+        logs=tuple(one.log.name for one in audits),
+        verdict="data",
+        faults=tuple(fault for one in audits for fault in one.faults if fault.makes_physics_unreliable),
+        notes=tuple(note for one in audits for note in one.notes),
+        findings=(),
+        residual={},
+        immaterial=(),
+        untestable=(),
+        detection_limit={},
+        alignment=alignment(audits[0].log, filtering),
+        baseline={},
+        extended={},
+        before=given,
+        after=given,
+    )
+
+
+def alignment(log: Log, filtering: Filtering) -> float:
+    """Time by which the torque acts later than its stamp, s."""
+    return log.dt / 2 if filtering.alignment is None else filtering.alignment
 
 
 def comparable(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
@@ -140,17 +209,10 @@ def measured(held: Evidence, model: Extended) -> dict[str, dict[str, float]]:
     return {name: dict(zip(joints, values.tolist())) for name, values in rows.items()}
 
 
-def finding(
-    state: State,
-    cause: Cause,
-    shelf: Library,
-    held: Evidence,
-    figures: Sequence[Mapping[str, Mapping[str, float]]],
-    null: Array,
-    rng: np.random.Generator,
-) -> Finding:
+def finding(found: Searched, cause: Cause, held: Evidence, figures: Figures, rng: np.random.Generator) -> Finding:
     """Describe one chosen cause."""
-    judged = verdict.judged(state, cause, shelf, rng)
+    state, null = found.final, found.null
+    judged = verdict.judged(state, cause, found.shelf, rng)
     joints = held.rig.joints
     at = cause.place if cause.of_joint else joints[int(np.argmax(judged.own.size))]
     lacking = extended(without(state, cause))
@@ -200,10 +262,9 @@ def combined(found: Sequence[Finding]) -> list[Finding]:
     return out
 
 
-def limit_of(state: State, joint: int, floor: float, null: Array) -> float:
+def limit_of(state: State, joint: int, null: Array) -> float:
     """Torque that a cause with one coefficient would need to be found, N m rms: its T² at the error rate."""
-    from scipy.stats import norm
-
+    floor = state.problem.evidence.noise_floor(joint)
     rows = state.problem.evidence.rows * float(state.problem.evidence.used()[joint])
     z = float(norm.isf(np.quantile(null, ERROR_RATE) / 2))
     return float(floor * np.sqrt(state.fit.dispersion[joint]) * z / np.sqrt(max(rows, 1.0)))

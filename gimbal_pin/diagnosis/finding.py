@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
 
+from gimbal_pin.diagnosis.audit import Fault
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.parameter import Parameter
@@ -121,7 +122,9 @@ class Diagnosis:
         rig: The rig's name.
         logs: Names of the logs.
         verdict: "named", "ambiguous", "unknown", "nothing" or "data".
-        findings: The strongest first.
+        faults: What is wrong with the logs themselves, and makes the physics unreliable.
+        notes: What is wrong with them and does no harm.
+        findings: Causes, the strongest first.
         residual: Joint → what is left after all findings.
         immaterial: Significant and too small to matter.
         untestable: What the logs cannot show.
@@ -136,6 +139,8 @@ class Diagnosis:
     rig: str
     logs: tuple[str, ...]
     verdict: str
+    faults: tuple[Fault, ...]
+    notes: tuple[str, ...]
     findings: tuple[Finding, ...]
     residual: Mapping[str, Residual]
     immaterial: tuple[Slight, ...]
@@ -154,7 +159,8 @@ class Diagnosis:
             "rig": self.rig,
             "logs": list(self.logs),
             "verdict": self.verdict,
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": [fault.to_dict() for fault in self.faults] + [found.to_dict() for found in self.findings],
+            "notes": list(self.notes),
             "residual": {joint: asdict(left) for joint, left in self.residual.items()},
             "immaterial": [asdict(slight) for slight in self.immaterial],
             "alignment_s": self.alignment,

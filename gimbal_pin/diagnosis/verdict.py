@@ -174,10 +174,8 @@ def untestable(state: State, shelf: Library) -> tuple[Untestable, ...]:
     return tuple(Untestable(name, joint, why) for (name, joint), left in visible.items() if left < HIDDEN)
 
 
-def overall(statuses: Sequence[str], residual: Sequence[Residual], unreliable: bool) -> str:
-    """The verdict (CONTRACT): data before physics, named before ambiguous, unknown before nothing."""
-    if unreliable:
-        return "data"
+def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
+    """The verdict on the physics (CONTRACT): named before ambiguous, unknown before nothing."""
     for verdict in ("named", "ambiguous"):
         if verdict in statuses:
             return verdict
