@@ -154,7 +154,7 @@ def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
         return NOTHING._replace(visible=left / whole if whole > 0 else 0.0)
     s, gram = rest.T @ now.residual, rest.T @ rest
     beta = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
-    if np.any(beta < columns.lower) or np.any(beta > columns.upper):
+    if np.any(beta < columns.lower) or np.any(beta > columns.upper) or overdone(now, stacked @ beta):
         return NOTHING._replace(visible=left / whole)
     applied = np.ones(1) if fixed else beta
     after = now.residual - rest @ applied
@@ -166,6 +166,12 @@ def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
     explained = (rest @ applied).reshape(len(columns.values), -1) / now.scale
     size = np.sqrt(np.mean(explained**2, axis=0))
     return Score(gain, wald, float(chance(wald, width, blocks)), applied, left / whole, size)
+
+
+def overdone(now: Fit, torque: Array) -> bool:
+    """Whether a cause would take more torque than there is at its joints: it only works against the rigid model."""
+    rows = torque != 0
+    return float(np.sum(torque**2)) > float(np.sum(now.target[rows] ** 2))
 
 
 def chance(wald: Array | float, width: int, blocks: int) -> Array | float:

@@ -1,0 +1,202 @@
+"""Laws of the diagnosis: noise is not named, what is planted is found with its size, what cannot be told is said so."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
+from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.fit import chance
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.errors import DataError
+from gimbal_pin.excitation import excite
+from gimbal_pin.experiment import bench_run, repeated
+from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import plant_with
+
+SECONDS = 36.0
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+@pytest.fixture(scope="module")
+def motion(rig: Rig) -> Motion:
+    design = excite(rig, seconds=10.0, starts=1, rng=np.random.default_rng(5), torque_model=nominal(rig), dt=0.002)
+    return repeated(design.motion, SECONDS, 0.002)
+
+
+def recorded(rig: Rig, motion: Motion, planted: tuple[str, ...] = (), seed: int = 0) -> Log:
+    """A log of the turret with causes planted, 1 % torque noise, its own encoders and gyros."""
+    from gimbal_pin.tuning import tune
+
+    altered = plant_with(nominal(rig), [parse_effect(text, rig) for text in planted])
+    mover = tune(nominal(rig), bandwidth_hz=4.0, dt=0.002).controller
+    rng = np.random.default_rng(seed)
+    return bench_run(altered.plant, mover, rng=rng, reference=motion, drive=altered.drive)
+
+
+def said(rig: Rig, log: Log) -> Diagnosis:
+    return diagnose(rig, [log], rng=np.random.default_rng(1))
+
+
+# the evidence
+
+
+@pytest.fixture(scope="module")
+def clean(rig: Rig, motion: Motion) -> Log:
+    return recorded(rig, motion)
+
+
+@pytest.fixture(scope="module")
+def evidence(rig: Rig, clean: Log) -> Evidence:
+    return gather(rig, [clean], BAND, {clean.name: 0.0})
+
+
+def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig, clean: Log) -> None:
+    """A rig whose only misfit is white torque noise: unit variance after whitening, whatever the joint's torque."""
+    noise = np.random.default_rng(3).standard_normal((len(clean), rig.n)) * [0.02, 0.3]
+    still = replace(clean, tau=noise, q=np.cumsum(np.ones((len(clean), rig.n)) * 1e-3, axis=0), v=None)
+    found = gather(rig, [still], BAND, {still.name: 0.0})
+    inner = slice(40, -40)
+    for j in range(rig.n):
+        white = found.whiten([part.channels.tau[:, j] for part in found.parts], j)[inner]
+        # The pass band of the whitener is seven eighths of the rows' band.
+        assert np.var(white) == pytest.approx(0.875, abs=0.12)
+
+
+def test_whitening_is_linear(evidence: Evidence) -> None:
+    rng = np.random.default_rng(0)
+    a, b = ([rng.standard_normal(len(part.gate)) for part in evidence.parts] for _ in range(2))
+    both = evidence.whiten([2.0 * x - y for x, y in zip(a, b)], 1)
+    np.testing.assert_allclose(both, 2.0 * evidence.whiten(a, 1) - evidence.whiten(b, 1), atol=1e-9)
+
+
+def test_mixed_torque_lies_between_its_sources(evidence: Evidence) -> None:
+    """Where both agree the mixture is what both say; its weights are shares."""
+    for part in evidence.parts:
+        np.testing.assert_allclose(part.mixed(part.channels.tau), part.channels.tau, atol=1e-12)
+        assert np.all((part.trust >= 0) & (part.trust <= 1))
+
+
+@pytest.mark.parametrize(("width", "blocks"), [(1, 20), (2, 40), (4, 40)])
+def test_chance_is_uniform_under_noise(width: int, blocks: int) -> None:
+    """Hotelling's T² of pure noise: its chances are uniform, a hundredth of them under a hundredth."""
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((20_000, blocks, width))
+    s = x.sum(axis=1)
+    centred = x - x.mean(axis=1, keepdims=True)
+    scatter = np.einsum("tbi,tbj->tij", centred, centred)
+    p = np.asarray(
+        chance(np.einsum("ti,tij,tj->t", s, np.linalg.inv(scatter), s) * (blocks - 1) / blocks, width, blocks)
+    )
+    assert np.mean(p) == pytest.approx(0.5, abs=0.01)
+    assert np.mean(p < 0.01) == pytest.approx(0.01, abs=0.003)
+
+
+# the verdict
+
+
+def test_nothing_is_found_where_nothing_is(rig: Rig, clean: Log) -> None:
+    found = said(rig, clean)
+    assert found.verdict == "nothing" and not found.findings
+    assert all(0 < limit < 0.05 for limit in found.detection_limit.values())
+    assert found.baseline == found.extended
+
+
+PLANTED = {
+    "cogging:pan:amplitude=0.02,harmonic=14": {"amplitude": 0.02, "harmonic": 14.0},
+    "stribeck:tilt:extra=0.03,speed=0.2": {"extra": 0.03, "speed": 0.2},
+    "dead-zone:tilt:width=0.02": {"width": 0.02},
+    "actuator-lag:tilt:time_constant=0.012": {"time_constant": 0.012},
+    "load-dependent-friction:tilt:mu=0.1": {"mu": 0.1},
+    "position-dependent-friction:pan:amplitude=0.02,harmonic=3": {"amplitude": 0.02, "harmonic": 3.0},
+}
+
+
+@pytest.mark.parametrize("text", PLANTED)
+def test_what_is_planted_is_found(rig: Rig, motion: Motion, text: str) -> None:
+    """The right name or a class that holds it, first; its figures within four deviations or a tenth; a gain."""
+    cause, joint = text.split(":")[:2]
+    found = said(rig, recorded(rig, motion, (text,), seed=2))
+    assert found.verdict in ("named", "ambiguous")
+    first = found.findings[0]
+    assert cause in first.alike and first.joint == joint
+    assert first.gain["torque_rmse_after"] < 0.8 * first.gain["torque_rmse_before"]
+    assert first.gain["rollout_rmse_after"] < 1.05 * first.gain["rollout_rmse_before"]
+    if first.cause == cause:
+        for parameter in first.parameters:
+            if parameter.name in PLANTED[text]:
+                away = abs(parameter.value - PLANTED[text][parameter.name])
+                assert away < max(4 * np.nan_to_num(parameter.std), 0.1 * PLANTED[text][parameter.name])
+
+
+def test_two_causes_are_composed(rig: Rig, motion: Motion) -> None:
+    texts = ("cogging:pan:amplitude=0.03,harmonic=14", "stribeck:tilt:extra=0.04,speed=0.2")
+    found = said(rig, recorded(rig, motion, texts, seed=4))
+    assert {(f.alike[0], f.joint) for f in found.findings} >= {("cogging", "pan"), ("stribeck", "tilt")}
+
+
+def test_bias_and_asymmetric_friction_are_one_class(rig: Rig, motion: Motion) -> None:
+    """Constant torque and Coulomb friction that differs by direction are the same torque: no log parts them."""
+    found = said(rig, recorded(rig, motion, ("torque-bias:pan:bias=0.03",), seed=6))
+    assert found.verdict == "ambiguous"
+    assert {"torque-bias", "asymmetric-friction"} <= set(found.findings[0].alike)
+    assert found.findings[0].next_experiment
+
+
+def test_foreign_torque_is_unknown(rig: Rig, motion: Motion) -> None:
+    """A resonance that no cause of the library makes: unknown, and said to be structured."""
+    log = recorded(rig, motion, seed=8)
+    t = log.t
+    slosh = 0.3 * np.sin(2 * np.pi * 3.1 * t + 4 * np.sin(0.7 * t))
+    foreign = replace(log, tau=np.asarray(log.tau) + np.stack([slosh, 0 * slosh], axis=1))
+    found = said(rig, foreign)
+    assert not any(f.status == "named" for f in found.findings)
+    assert found.residual["pan"].state == "structured"
+
+
+def test_json_holds_what_others_read(rig: Rig, clean: Log) -> None:
+    data = json.loads(json.dumps(said(rig, clean).to_dict()))
+    keys = (
+        "schema rig logs verdict findings residual immaterial alignment_s untestable detection_limit baseline extended"
+    )
+    assert set(keys.split()) <= set(data)
+    assert set(data["residual"]["pan"]) >= {"state", "noise_floor", "dispersion", "where"}
+
+
+@pytest.mark.parametrize("kind", ["one second", "one joint", "still"])
+def test_a_log_that_cannot_answer_is_refused(rig: Rig, clean: Log, kind: str) -> None:
+    """One second of motion, or joints that never moved: exit code 3, and no name."""
+    with pytest.raises(DataError):
+        said(rig, spoilt(clean, kind))
+
+
+def spoilt(log: Log, kind: str) -> Log:
+    """The log cut short, with one joint held, or never moved."""
+    if kind == "one second":
+        return log.part(slice(0, 500))
+    held = slice(0, 1) if kind == "one joint" else slice(0, 2)
+
+    def stopped(x: Array | None) -> Array | None:
+        if x is None:
+            return None
+        out = np.array(x)
+        out[:, held] = 0.0
+        return out
+
+    return replace(log, q=stopped(log.q), v=stopped(log.v))
+
+
+def test_every_cause_of_the_contract_is_looked_for() -> None:
+    """The library is what `effects` exports: nothing is listed twice."""
+    assert all(kind.name == name for name, kind in CAUSES.items())
