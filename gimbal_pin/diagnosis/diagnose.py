@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -76,7 +77,7 @@ def diagnose(
         within(log, filtering)
     audits = [audit(rig, log) for log in logs]
     if any(not found.reliable for found in audits):
-        return spoilt(rig, audits, filtering)
+        return spoilt(rig, logs, audits, filtering)
     train, test, _ = split([found.log for found in audits], holdout, filtering)
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
@@ -115,7 +116,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     state = polished(swapped(forward(first, shelf), shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
-    state, small = pruned(state, limit, lambda score, cause: verdict.material(first, score))
+    state, small = pruned(state, limit, verdict.material)
     doubtful = [cause for cause in state.causes if verdict.doubtful(first, state, cause)]
     joints = problem.evidence.rig.joints
     residual = tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
@@ -151,9 +152,12 @@ def reported(
     )
 
 
-def spoilt(rig: Rig, audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:
+def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:
     """The verdict *data*: the logs say nothing about physics that could be relied on."""
     given = Extended(nominal(rig))
+    figures: dict[str, dict[str, float]] = {}
+    with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
+        figures = measured(gather(rig, logs, filtering, {log.name: float(log.t[0]) for log in logs}), given)
     return Diagnosis(
         rig=rig.name,
         logs=tuple(one.log.name for one in audits),
@@ -166,8 +170,8 @@ def spoilt(rig: Rig, audits: Sequence[Audit], filtering: Filtering) -> Diagnosis
         untestable=(),
         detection_limit={},
         alignment=alignment(audits[0].log, filtering),
-        baseline={},
-        extended={},
+        baseline=figures,
+        extended=figures,
         before=given,
         after=given,
     )

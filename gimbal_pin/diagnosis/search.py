@@ -303,7 +303,7 @@ def without(state: State, cause: Cause) -> State:
     return solved(state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True)
 
 
-def pruned(state: State, limit: float, material: Callable[[Score, Cause], bool]) -> tuple[State, list[Cause]]:
+def pruned(state: State, limit: float, material: Callable[[State, Score], bool]) -> tuple[State, list[Cause]]:
     """Drop, the weakest first, what is no clearer than `limit` or does not matter; return what was dropped too."""
     dropped: list[Cause] = []
     while state.causes:
@@ -312,12 +312,12 @@ def pruned(state: State, limit: float, material: Callable[[Score, Cause], bool])
         weak = [
             (found.gain, i)
             for i, ((found, cause), base) in enumerate(zip(rows, bases))
-            if found.p > limit or not material(found, cause) or not holds(base, cause)
+            if found.p > limit or not material(base, found) or not holds(base, cause)
         ]
         if not weak:
             break
         i = min(weak)[1]
-        if rows[i][0].p <= limit:
+        if rows[i][0].p <= limit and not material(bases[i], rows[i][0]):
             dropped.append(state.causes[i])
         state = solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state)
     return state, dropped

@@ -1,0 +1,111 @@
+"""A seeded, stratified sample of hidden effects: only the log's and the rig's files reach ``gimbal-pin diagnose``.
+
+Every case leaves its truth and its diagnosis in the folder; a run that was stopped goes on where it was. Prints the
+figures with Wilson bounds, one confusion matrix and the detection limits.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import tyro
+from tqdm import tqdm
+
+from gimbal_pin.cli import main as gimbal_pin
+from tests.blind import breakdown, cases, draw, files, plant, table
+from tests.blind.plan import Plan
+
+REFUSED = {"verdict": "refused", "findings": [], "residual": {}, "immaterial": [], "untestable": []}
+"""What stands for a log that was refused with exit code 3."""
+
+
+def case(plan: Plan, folder: Path) -> None:
+    """Hide, write, diagnose, and keep truth and diagnosis."""
+    with TemporaryDirectory() as place:
+        try:
+            hidden = cases.hide(plan)
+        except plant.PlantDivergedError:
+            (folder / "diverged").touch()
+            return
+        written = files.write(hidden, Path(place))
+        told = files.write_truth(hidden, Path(place))
+        said = Path(place) / "said.json"
+        try:
+            with redirect_stdout(StringIO()):
+                gimbal_pin(["diagnose", str(written.rig), str(written.log), "--json", str(said)])
+        except SystemExit as stop:
+            if stop.code != 3:
+                raise RuntimeError(f"diagnose left with {stop.code} on {plan}") from stop
+            said.write_text(json.dumps(REFUSED), encoding="utf-8")
+        (folder / "truth.json").write_text(Path(told.truth).read_text(encoding="utf-8"), encoding="utf-8")
+        os.replace(said, folder / "diagnosis.json")
+
+
+def loaded(path: Path) -> dict[str, Any]:
+    """Read a JSON file."""
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def plans(seed: int, sizes: dict[str, int]) -> dict[str, Plan]:
+    """Folder name → plan."""
+    return {f"{s}-{seed}-{i:04d}": p for s, n in sizes.items() for i, p in enumerate(draw.sample(n, seed, s))}
+
+
+def main(
+    folder: Path = Path("blind-results"),
+    seed: int = 1,
+    clean: int = 300,
+    single: int = 600,
+    pair: int = 120,
+    outside: int = 120,
+    mixed: int = 40,
+    data: int = 60,
+    held_out: int = 30,
+    corrupted: int = 30,
+    workers: int = os.cpu_count() or 1,
+) -> None:
+    """Run what is missing and print the table.
+
+    Args:
+        folder: Where cases are kept.
+        seed: Seed of the sample.
+        clean: Logs with nothing in them.
+        single: Logs with one effect of the library, half of them in forms that it does not have.
+        pair: Logs with two.
+        outside: Logs with an effect that the library does not have.
+        mixed: One known and one from outside.
+        data: Faults of the data.
+        held_out: Effects that begin in the held-out part.
+        corrupted: Clean logs with a spoilt segment.
+        workers: Processes.
+    """
+    sizes = {
+        "clean": clean, "single": single, "pair": pair, "outside": outside, "mixed": mixed, "data": data,
+        "held-out": held_out, "corrupted": corrupted,
+    }  # fmt: skip
+    wanted = plans(seed, sizes)
+    done = {name for name in wanted if any((folder / name / f).exists() for f in ("diagnosis.json", "diverged"))}
+    with ProcessPoolExecutor(workers) as pool:
+        futures = []
+        for name in wanted.keys() - done:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+            futures.append(pool.submit(case, wanted[name], folder / name))
+        for future in tqdm(as_completed(futures), total=len(futures), desc="cases", disable=None, file=sys.stderr):
+            future.result()
+    kept = [folder / name for name in wanted if (folder / name / "diagnosis.json").exists()]
+    pairs = [(loaded(place / "truth.json"), loaded(place / "diagnosis.json")) for place in kept]
+    print(table.text(table.score(pairs)))
+    print(breakdown.confusion(pairs))
+    print(breakdown.limits_text(breakdown.detection_limits(pairs)))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
