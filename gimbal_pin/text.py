@@ -202,8 +202,10 @@ def auto(found: Auto) -> str:
     files = table("file", "", rows=[(what, str(path)) for what, path in found.files.items()])
     parts = [
         identified(found.identified),
+        *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
         tuning(found.tunings["computed-torque"]),
         tracking(found.tracking, found.plant),
         files,
+        f"open {found.files['report']}",
     ]
     return "\n\n".join(parts)

@@ -1,4 +1,4 @@
-"""All of it: logs → model → tuned controller → verified in simulation → report and animation."""
+"""All of it: logs → model → what it gets wrong → tuned controller → verified in simulation → report and animation."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin import report, view
+from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.effects import RigEffect, Signal, Term
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.errors import DataError
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
 from gimbal_pin.identification import Identified, identify
@@ -20,12 +24,14 @@ from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
-from gimbal_pin.simulation import simulate
+from gimbal_pin.simulation import plant_with, simulate
 from gimbal_pin.tracking import Tracking, track
 from gimbal_pin.trajectories import tour
 from gimbal_pin.tuning import Tuning, tune
 
 MODEL_BASED, PID = "computed-torque", "pid"
+COGGING, TEETH = 0.01, 12
+"""Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 
 
@@ -35,6 +41,7 @@ class Auto:
 
     Attributes:
         identified: Model from the logs.
+        diagnosis: What that model gets wrong; None where the logs are too short to say.
         tunings: "computed-torque" and "pid", at the same bandwidth.
         tracking: Steps with both on the identified model.
         animated: The log that the animation shows: all axes to and fro, model-based.
@@ -43,6 +50,7 @@ class Auto:
     """
 
     identified: Identified
+    diagnosis: Diagnosis | None
     tunings: Mapping[str, Tuning]
     tracking: Tracking
     animated: Log
@@ -54,6 +62,7 @@ class Auto:
         return {
             "schema": 1,
             "identify": self.identified.to_dict(),
+            "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": self.tunings[MODEL_BASED].to_dict(),
             "track": self.tracking.to_dict(),
             "files": {what: str(path) for what, path in self.files.items()},
@@ -91,15 +100,23 @@ def auto(
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
-    model = identified.model
+    model, wrong = identified.model, examined(rig, logs, rng, holdout)
     tunings = {kind: tune(model, bandwidth_hz=bandwidth_hz, delay=delay, kind=kind) for kind in (MODEL_BASED, PID)}
     tracking = track(plant or model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
     law = tunings[MODEL_BASED].controller
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro, model-based")
     stood = MODEL_PLANT if plant is None else TRUE_PLANT
-    found = Auto(identified, tunings, tracking, animated, paths(rig, output_folder(folder)), stood)
+    found = Auto(identified, wrong, tunings, tracking, animated, paths(rig, output_folder(folder)), stood)
     write(rig, logs, found)
     return found
+
+
+def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None) -> Diagnosis | None:
+    """Diagnose logs, if they are long enough for it."""
+    try:
+        return diagnose(rig, logs, rng=rng, holdout=holdout)
+    except DataError:
+        return None
 
 
 def paths(rig: Rig, folder: Path) -> Mapping[str, Path]:
@@ -113,7 +130,8 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     """Write every file."""
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
-    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, plant=found.plant)
+    wrong = () if found.diagnosis is None else (report.sections.diagnosis(found.diagnosis),)
+    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, wrong, plant=found.plant)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
     write_yaml(found.tunings[MODEL_BASED].to_dict(), files["controller"])
@@ -123,13 +141,20 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     write_json(found.to_dict(), files["results"])
 
 
+def hidden(rig: Rig) -> Term | Signal | RigEffect:
+    """Return what the demo hides: teeth of the first joint's motor, at one per cent of its largest torque."""
+    limit = rig.tau_max[0] if np.isfinite(rig.tau_max[0]) else 1.0
+    teeth = rig.motors[0].slots or TEETH
+    return parse_effect(f"cogging:{rig.joints[0]}:amplitude={COGGING * limit:.3g},harmonic={teeth}", rig)
+
+
 def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: float = 30.0) -> Auto:
     """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
 
-    The plant's bodies differ by some ten per cent and its friction by up to a third: what `auto` is given is the URDF
-    and the log alone. The steps are verified on the true plant.
+    The plant's bodies differ by some ten per cent and its friction by up to a third, and the first joint's motor cogs:
+    what `auto` is given is the URDF and the log alone. The steps are verified on the true plant.
     """
-    plant = perturbed(rig, 0.1, rng)
+    plant = plant_with(perturbed(rig, 0.1, rng), [hidden(rig)]).plant
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
     log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
     return auto(rig, [log], folder, rng=rng, plant=plant)

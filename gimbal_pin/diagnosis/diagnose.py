@@ -149,6 +149,7 @@ def reported(
         extended=figures[1],
         before=before,
         after=after,
+        held=held,
     )
 
 

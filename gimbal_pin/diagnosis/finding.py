@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any
 
 from gimbal_pin.diagnosis.audit import Fault
+from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.parameter import Parameter
@@ -134,6 +135,7 @@ class Diagnosis:
         extended: The same after all findings.
         before: The refitted model.
         after: The extended model.
+        held: The held-out part, or None where the logs are spoilt.
     """
 
     rig: str
@@ -151,6 +153,7 @@ class Diagnosis:
     extended: Mapping[str, Mapping[str, float]]
     before: Extended
     after: Extended
+    held: Evidence | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""

@@ -22,23 +22,30 @@ FINE = 2e-3
 
 def torque_rmse(evidence: Evidence, model: Extended) -> Array:
     """Root mean square of measured less predicted torque, low-passed at the band, away from standstill, N m, (n,)."""
-    return np.sqrt(torque_power(evidence, lambda part: torque_error(part, model)))
+    return np.sqrt(power_over_gate(evidence, filtered_error(evidence, model)))
 
 
 def torque_rms(evidence: Evidence) -> Array:
     """Root mean square of the measured torque less its mean, over the same samples, N m, (n,)."""
     mean = np.mean(np.concatenate(evidence.torque), axis=0)
-    return np.sqrt(torque_power(evidence, lambda part: part.channels.tau - mean))
+    swing = [filtered(part, part.channels.tau - mean, evidence.band) for part in evidence.parts]
+    return np.sqrt(power_over_gate(evidence, np.concatenate(swing)))
 
 
-def torque_power(evidence: Evidence, error) -> Array:  # type: ignore[no-untyped-def]
-    """Mean square of a torque error per part, (N m)², (n,)."""
-    power, weight = np.zeros(evidence.rig.n), np.zeros(evidence.rig.n)
-    for part in evidence.parts:
-        sections = signals.lowpass(evidence.band, 1 / part.dt)
-        power += np.sum(signals.zero_phase(part.gate * error(part), sections) ** 2, axis=0)
-        weight += np.sum(part.gate**2, axis=0)
-    return power / np.maximum(weight, 1e-300)
+def power_over_gate(evidence: Evidence, error: Array) -> Array:
+    """Mean square of a gated error over the samples that count, (N m)², (n,)."""
+    weight = np.sum(np.concatenate([part.gate for part in evidence.parts]) ** 2, axis=0)
+    return np.sum(error**2, axis=0) / np.maximum(weight, 1e-300)
+
+
+def filtered_error(evidence: Evidence, model: Extended) -> Array:
+    """Measured less predicted torque, gated and low-passed at the band, all parts in a row, N m, (m, n)."""
+    return np.concatenate([filtered(part, torque_error(part, model), evidence.band) for part in evidence.parts])
+
+
+def filtered(part: Part, torque: Array, band: float) -> Array:
+    """Gate a torque and low-pass it at the band, N m, (m, n)."""
+    return signals.zero_phase(part.gate * torque, signals.lowpass(band, 1 / part.dt))
 
 
 def torque_error(part: Part, model: Extended) -> Array:

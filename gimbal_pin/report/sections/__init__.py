@@ -2,6 +2,7 @@
 
 from gimbal_pin.report.sections.animation import animation
 from gimbal_pin.report.sections.data import data
+from gimbal_pin.report.sections.diagnosis import diagnosis
 from gimbal_pin.report.sections.excitation import excitation
 from gimbal_pin.report.sections.margins import margins
 from gimbal_pin.report.sections.parameters import parameters
@@ -13,6 +14,7 @@ from gimbal_pin.report.sections.tracking import tracking
 __all__ = [
     "animation",
     "data",
+    "diagnosis",
     "excitation",
     "margins",
     "parameters",
