@@ -27,23 +27,48 @@ if TYPE_CHECKING:
     from gimbal_pin.tuning import Law
 
 RigName = Annotated[Positional[str], arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")]
-Logs = Annotated[Positional[tuple[str, ...]], arg(metavar="LOG", help="CSV or Parquet; LOG@PAYLOAD names its payload")]
-Payload = Annotated[str | None, arg(help="bundled payload or URDF; None: the rig's own")]
-Json = Annotated[Path | None, arg(metavar="FILE", help="write the result as JSON; - for standard output")]
+Logs = Annotated[
+    Positional[tuple[str, ...]],
+    arg(metavar="LOG …", help="CSV or Parquet; LOG@PAYLOAD names its payload", help_behavior_hint="(at least one)"),
+]
+Payload = Annotated[
+    str | None, arg(metavar="NAME", help="bundled payload or URDF", help_behavior_hint="(default: the rig's own)")
+]
+Json = Annotated[
+    Path | None, arg(metavar="FILE", help="write the result as JSON; - for standard output", help_behavior_hint="")
+]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
     arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
 ]
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]
-MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write")]
+MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]
 MaybeFolder = Annotated[
-    Path | None, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")
+    Path | None,
+    arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there", help_behavior_hint=""),
 ]
 Seed = Annotated[int, arg(help="seed of everything random")]
-Cutoff = Annotated[float | None, arg(help="low-pass on every column and on the torque, Hz; None: 4")]
-Alignment = Annotated[float | None, arg(help="the torque acts that much later than its stamp, s; None: half a sample")]
-Holdout = Annotated[str | None, arg(help="last-third, log:N or none")]
+Cutoff = Annotated[
+    float | None,
+    arg(metavar="HZ", help="low-pass on every column and on the torque", help_behavior_hint="(default: 4)"),
+]
+Alignment = Annotated[
+    float | None,
+    arg(
+        metavar="SECONDS",
+        help="the torque acts that much later than its stamp",
+        help_behavior_hint="(default: half a sample)",
+    ),
+]
+Holdout = Annotated[
+    str | None,
+    arg(
+        metavar="WHAT",
+        help="last-third, log:N or none",
+        help_behavior_hint="(default: the last third of one log, the last of several)",
+    ),
+]
 EstimatorName = Literal["weighted", "ols", "robust"]
 Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
 Damping = Annotated[float, arg(help="damping of the tracking error")]
@@ -121,7 +146,7 @@ def simulate(
     ] = None,
     seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
     bandwidth_hz: Bandwidth = 8.0,
-    delay: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     effect: Annotated[
         UseAppendAction[tuple[str, ...]],
         arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="plant a cause, e.g. cogging:yaw:amplitude=0.03,harmonic=42"),
@@ -152,7 +177,7 @@ def simulate(
         seconds=seconds,
         torque_noise=torque_noise,
         encoder_bits=encoder_bits,
-        delay=delay,
+        delay=delay_samples,
         reference=motion,
         drive=drive,
     )
@@ -168,7 +193,9 @@ def identify(
     logs: Logs,
     output: MaybeOutput = None,
     *,
-    urdf: Annotated[Path | None, arg(metavar="FILE", help="write the rig's URDF with the parameters in it")] = None,
+    urdf: Annotated[
+        Path | None, arg(metavar="FILE", help="write the rig's URDF with the parameters in it", help_behavior_hint="")
+    ] = None,
     payload: Payload = None,
     map: Map = (),
     cutoff: Cutoff = None,
@@ -228,7 +255,7 @@ def track(
     controller: Annotated[Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from tune")],
     *,
     payload: Payload = None,
-    delay: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
@@ -240,7 +267,7 @@ def track(
 
     loaded = load_rig(rig, payload or mounted(controller))
     laws = rivals(controller, loaded)
-    found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay)
+    found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
     present(text.tracking(found, "the rig as its URDF states it"), found.to_dict(), json)
 
 
@@ -279,7 +306,9 @@ def diagnose(
     *,
     payload: Payload = None,
     map: Map = (),
-    cutoff: Annotated[float | None, arg(help="highest frequency that is looked at, Hz; None: 12")] = None,
+    cutoff: Annotated[
+        float | None, arg(metavar="HZ", help="highest frequency that is looked at", help_behavior_hint="(default: 12)")
+    ] = None,
     alignment: Alignment = None,
     holdout: Holdout = None,
     seed: Seed = 0,

@@ -199,7 +199,8 @@ def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple
         return tuple(a for a, _ in halves), tuple(b for _, b in halves), "last third"
     match = re.fullmatch(r"log:(\d+)", how)
     if not match or not 1 <= int(match[1]) <= len(logs) or len(logs) < 2:
-        raise UsageError("--holdout", f"cannot be '{how}'", f"use last-third, none, or log:1 to log:{len(logs)}")
+        several = f", or log:1 to log:{len(logs)}" if len(logs) > 1 else "; log:N takes several logs"
+        raise UsageError("--holdout", f"cannot be '{how}'", f"use last-third or none{several}")
     k = int(match[1]) - 1
     return (*logs[:k], *logs[k + 1 :]), (logs[k],), f"log {k + 1} of {len(logs)}"
 

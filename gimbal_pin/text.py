@@ -71,7 +71,7 @@ def check(found: Checked) -> str:
         + ": tree, axes, limits and inertias are sound",
         table(*heads, rows=rows),
         f"camera frame  {found.camera_frame} (+x is the line of sight)",
-        f"identifiable  {found.identifiable} parameters, friction included: gimbal-pin base {found.rig}",
+        f"identifiable  {found.identifiable} parameters, friction included (gimbal-pin base names them)",
         f"a log needs   {', '.join(found.columns)}",
         f"and may hold  {', '.join(found.optional)}",
         *(f"note          {warning}" for warning in found.warnings),
@@ -81,8 +81,10 @@ def check(found: Checked) -> str:
 
 def base(found: Base) -> str:
     """Base parameters."""
+    grouped = found.parameters - len(found.terms) - len(found.unidentifiable)
     lines = [
-        f"{found.parameters} parameters, {len(found.terms)} identifiable, {len(found.unidentifiable)} without trace",
+        f"{found.parameters} parameters: {len(found.terms)} identifiable, {grouped} only in sums with these, "
+        f"{len(found.unidentifiable)} without trace",
         "identifiable",
         *(f"  {name}" for name in found.names),
         "without any trace in the torques",

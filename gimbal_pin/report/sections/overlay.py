@@ -71,7 +71,8 @@ def overlays(joints: tuple[Joint, ...], part: Part) -> Figure:
         room.remove()  # the legend's place
         scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()))
         drawn = ((above, part.measured, plots.PLAIN, 4.0), (above, part.predicted, joint.colour, 1.3))
-        for axes, values, colour, width in (*drawn, (below, scale * part.error, joint.colour, 1.0)):
+        left = np.where(part.share < JUDGED, np.nan, scale * part.error)
+        for axes, values, colour, width in (*drawn, (below, left, joint.colour, 1.0)):
             plots.curve(axes, *rounded(part.t, values[:, j]), color=colour, lw=width, alpha=0.6 if width > 2 else 1.0)
         for axes in (above, below):
             shade(axes, part.t, part.share[:, j] < JUDGED)
