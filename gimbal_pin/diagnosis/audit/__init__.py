@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from gimbal_pin.diagnosis.audit.acceleration_noise import AccelerationNoise
+from gimbal_pin.diagnosis.audit import (
+    acceleration_noise,
+    clock,
+    commanded_torque,
+    filtered_velocity,
+    outliers,
+    stuck_channel,
+)
 from gimbal_pin.diagnosis.audit.base import Check, Fault
-from gimbal_pin.diagnosis.audit.clock import Clock
-from gimbal_pin.diagnosis.audit.commanded_torque import CommandedTorque
-from gimbal_pin.diagnosis.audit.filtered_velocity import FilteredVelocity
-from gimbal_pin.diagnosis.audit.outliers import Outliers
-from gimbal_pin.diagnosis.audit.quantisation import Resolution, resolutions
-from gimbal_pin.diagnosis.audit.stuck_channel import StuckChannel
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
 
-IN_ORDER: tuple[Check, ...] = (
-    Clock(),
-    StuckChannel(),
-    Outliers(),
-    FilteredVelocity(),
-    CommandedTorque(),
-    AccelerationNoise(),
-)
+IN_ORDER = (clock, stuck_channel, outliers, filtered_velocity, commanded_torque, acceleration_noise)
 """A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes."""
 
-CHECKS: Mapping[str, Check] = MappingProxyType({check.name: check for check in IN_ORDER})
+CHECKS: Mapping[str, Check] = MappingProxyType({module.NAME: module.examine for module in IN_ORDER})
 """Every data cause of CONTRACT.md by its name there, in the order in which they are examined."""
+
+CORRUPTIONS: Mapping[str, Callable[..., Log]] = MappingProxyType({module.NAME: module.corrupt for module in IN_ORDER})
+"""Name → ``corrupt(log, rng, **size)``, which plants the fault."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +35,11 @@ class Audit:
 
     Attributes:
         log: The log to go on with: mended as far as the faults found can be.
-        faults: Findings and notes, in the order of the checks.
-        resolution: Step sizes of every joint's channels.
+        faults: What is wrong, in the order of the checks.
     """
 
     log: Log
     faults: tuple[Fault, ...]
-    resolution: tuple[Resolution, ...]
 
     @property
     def reliable(self) -> bool:
@@ -52,26 +48,25 @@ class Audit:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about what does no harm: harmless faults, coarse encoders."""
-        harmless = [fault.sentence for fault in self.faults if not fault.makes_physics_unreliable]
-        return (*harmless, *(each.sentence for each in self.resolution if each.sentence))
+        """Sentences about what does no harm."""
+        return tuple(fault.sentence for fault in self.faults if not fault.makes_physics_unreliable)
 
 
-def audit(rig: Rig, log: Log) -> Audit:
+def audit(rig: Rig, log: Log, *, filtering: Filtering | None = None) -> Audit:
     """Examine a log with every check, each on what the checks before it have mended.
 
     Args:
         rig: The rig.
         log: One trajectory with torque.
+        filtering: The filter of the fit that faults are judged by; None: the default.
     """
-    faults: list[Fault] = []
-    going = log
-    for check in IN_ORDER:
-        fault = check.examine(rig, going)
-        if fault is not None:
-            faults.append(fault)
-            going = fault.mended or going
-    return Audit(going, tuple(faults), resolutions(log))
+    faults = []
+    for check in CHECKS.values():
+        examined = check(rig, log, filtering or Filtering())
+        if examined is not None:
+            faults.append(examined.fault)
+            log = examined.log
+    return Audit(log, tuple(faults))
 
 
-__all__ = ["CHECKS", "Audit", "Check", "Fault", "Resolution", "audit", "resolutions"]
+__all__ = ["CHECKS", "CORRUPTIONS", "Audit", "Fault", "audit"]

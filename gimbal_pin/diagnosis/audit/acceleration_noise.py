@@ -1,217 +1,138 @@
-"""Noise in the regressor: parameters that walk with the filter's cutoff, and what they are in spite of it."""
+"""Noise in the regressor: accelerations drowned in the sensors' noise, and parameters in spite of it."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.audit.base import MATERIAL, Fault, stated
-from gimbal_pin.diagnosis.audit.probe import Probe, probe, rows_at
+from gimbal_pin import signals
+from gimbal_pin.diagnosis.audit.base import Examined, Fault
+from gimbal_pin.diagnosis.audit.probe import MATERIAL, Probe, probe, rows_at
+from gimbal_pin.diagnosis.audit.quantisation import angle_noise, bits, quantum
+from gimbal_pin.diagnosis.audit.samples import local_noise
 from gimbal_pin.estimators.base import Estimate
 from gimbal_pin.estimators.instrumental import instrumental, repeated
 from gimbal_pin.estimators.weighted import weighted
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Flags
+from gimbal_pin.rows import Block, Filtering, smoothed, stretches
 
-PARTS = 12
-"""Parts of the log that the jackknife leaves out in turn."""
-SIGNIFICANT = 2.5
-"""Deviations that a change must have."""
+NAME = "acceleration-noise"
+DROWNED = 0.5
+"""Noise of the smoothed acceleration, as a multiple of the motion's rms below the cutoff, that is worth telling."""
+PARTS = 24
+"""Parts of the log, the worst of which is judged."""
 NEAR, FAR = 2.0, 4.0
-"""Cutoffs of the sweep, in multiples of the default: FAR is half the smoother's bandwidth."""
-LOST = 0.2
-"""Share of the inertia that must be lost at FAR: less is what delay, lag and cogging do, too."""
-WALKED = 0.1
-"""Change of the torque that the parameters at FAR make, as a share of its rms, to be worth a note."""
-MARGIN = 2.0 * MATERIAL
-"""Change of the torque at NEAR, as a share of its rms, from which the default cutoff is not safe either."""
+"""Cutoffs of the sweep, in multiples of the given one."""
+SAFE, WALKED = 0.02, 0.1
+"""Change of the torque at NEAR and at FAR, as a share of its rms, from which the given cutoff is not safe either."""
 FOLLOWS = 0.2
 """A joint follows its reference if the difference is under this share of the reference's spread."""
 
 
-class Change(NamedTuple):
-    """What other parameters change, on the rows at the default cutoff, per joint (n,).
-
-    Attributes:
-        torque: Rms of the change in predicted torque, as a share of the torque's rms.
-        loss: Share of the inertial torque that is lost.
-        std: Standard deviation of `loss`.
-    """
-
-    torque: Array
-    loss: Array
-    std: Array
-
-    @property
-    def significant(self) -> Flags:
-        """Joints that lose inertia beyond chance, (n,)."""
-        return np.asarray(self.loss > SIGNIFICANT * self.std)
-
-
-class Jackknife(NamedTuple):
-    """Parameters from all parts, (k,), and with each part left out, (PARTS, k)."""
-
-    theta: Array
-    left_out: Array
-
-
-@dataclass(frozen=True)
-class AccelerationNoise:
+def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``A = A(true motion) + noise``: least squares then shrinks towards zero what multiplies the acceleration.
 
-    Two tests. Raising the cutoff lets more noise in: do the parameters walk, and does the inertia fall? And at the
-    default cutoff: do even and odd samples as each other's instruments (`repeated`) say something else than least
-    squares (Durbin, Wu and Hausman)? Both halves saw the same motion, so a wrong model changes both alike, and only
-    noise makes the difference.
+    The sensors' noise says whether the acceleration drowns. Whether that harms the fit, two tests say. At the given
+    cutoff: do even and odd samples as each other's instruments (`repeated`) say something else than least squares
+    (Durbin, Wu and Hausman)? Both halves saw the same motion, so a wrong model changes both alike, and only noise makes
+    the difference. And at twice the cutoff, which lets more of the noise in: do the parameters walk?
     """
-
-    name: ClassVar[str] = "acceleration-noise"
-    shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("angle", 0.02, "rad", 0.0, 1.0),
-        Parameter("rate", 1.0, "rad/s", 0.0, 100.0),
+    drowned = noise_share(log, filtering)
+    if drowned is None or drowned.max() < DROWNED:
+        return None
+    made = probe(rig, log, filtering)
+    rows = rows_at(made, filtering.cutoff)
+    if not rows or sum(block.b.size for block in rows) < 3 * len(made.names):
+        return None
+    halves = tuple(rows_at(probe(rig, log, filtering, made, twin), filtering.cutoff) for twin in (0, 1))
+    crossed = repeated(*halves)
+    middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
+    bias = change(rows, crossed, weighted(middle))
+    first = weighted(rows)
+    near, far = (change(rows, first, weighted(rows_at(made, factor * filtering.cutoff))) for factor in (NEAR, FAR))
+    figures = (
+        Parameter("noise_share", float(drowned.max()), "1"),
+        Parameter("bias", bias, "1"),
+        Parameter("walk_near", near, "1"),
+        Parameter("walk_far", far, "1"),
+        Parameter("cutoff", filtering.cutoff, "Hz"),
     )
-
-    def examine(self, rig: Rig, log: Log) -> Fault | None:
-        """Return the fault if the noise is material; `answer` holds the estimate by instrumental variables."""
-        made = probe(rig, log)
-        cutoff = Filtering().cutoff
-        rows = rows_at(made, cutoff)
-        if sum(block.b.size for block in rows) < 3 * len(made.names) or not rows:
-            return None
-        halves = probe(rig, log, made, 0), probe(rig, log, made, 1)
-        near, far = swept(made, cutoff)
-        bias, drowned = hausman(made, halves, cutoff), noise_share(halves, cutoff) > LOST
-        here = drowned | (bias.torque > MATERIAL) & bias.significant
-        walks = (far.torque > WALKED) & (far.loss > LOST) & far.significant
-        if not np.any(here | walks):
-            return None
-        worst = int(np.argmax(np.where(here | walks, far.loss, -np.inf)))
-        serious = bool(np.any(here | walks & (near.torque > MARGIN)))
-        return told(rig, made, worst, serious, (near, far, bias), answered(rig, log, made, halves))
-
-    def corrupt(self, log: Log, rng: np.random.Generator, **shape: float) -> Log:
-        """Add white noise to the angles and the rates."""
-        size = stated(self, shape)
-        q = log.q + size["angle"] * rng.standard_normal(log.q.shape)
-        v = None if log.v is None else log.v + size["rate"] * rng.standard_normal(log.q.shape)
-        return replace(log, q=q, v=v)
+    found = answer(rig, log, filtering, made, crossed)
+    return Examined(told(rig, log, int(np.argmax(drowned)), figures, found), log)
 
 
-def noise_share(halves: tuple[Probe, Probe], cutoff: float) -> Array:
-    """Return the share of the acceleration columns' power in which even and odd samples differ, per joint, (n,)."""
-    even, odd = (np.concatenate([block.A for block in rows_at(x, cutoff, inertial=True)]) for x in halves)
-    difference, mean = (np.sum(x**2, axis=(0, 2)) for x in ((even - odd) / 2, (even + odd) / 2))
-    return np.asarray(difference / np.maximum(mean, 1e-300))
+def corrupt(log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0) -> Log:
+    """Add white noise to the angles, rad, and to the rates, rad/s."""
+    q = log.q + angle * rng.standard_normal(log.q.shape)
+    v = None if log.v is None else log.v + rate * rng.standard_normal(log.q.shape)
+    return replace(log, q=q, v=v)
 
 
-def answered(rig: Rig, log: Log, made: Probe, halves: tuple[Probe, Probe]) -> Estimate:
-    """Return the estimate by instrumental variables at the default cutoff.
+def noise_share(log: Log, filtering: Filtering) -> Array | None:
+    """Noise of the smoothed acceleration in the worst part, over the motion's acceleration, (n,); None without any.
+
+    From the angle's noise or, where there is one, the rate's, by whichever says less.
+    """
+    long = [part for part in stretches(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
+    if not long or len(log) < 8 * PARTS:
+        return None
+    rate, smoothing = 1.0 / log.dt, filtering.cutoff * filtering.smoothing
+    slow = signals.lowpass(filtering.cutoff, rate)
+    a = [signals.zero_phase(smoothed(part, filtering, 0, part.length).a, slow) for part in long]
+    size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
+    sections = signals.lowpass(smoothing, rate)
+    angle = angle_noise(log, local_noise(log.t, log.q, PARTS)) * signals.noise_gain(sections, rate, 2)
+    if log.v is not None:
+        angle = np.minimum(angle, local_noise(log.t, log.v, PARTS) * signals.noise_gain(sections, rate, 1))
+    return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
+
+
+def change(rows: Sequence[Block], first: Estimate, second: Estimate) -> float:
+    """Return what the second parameters change in these rows' torque, as a share of its rms, in the worst joint."""
+    A, b = np.concatenate([block.A for block in rows]), np.concatenate([block.b for block in rows])
+    moved, power = np.mean((A @ (second.theta - first.theta)) ** 2, axis=0), np.mean(b**2, axis=0)
+    return float(np.sqrt(moved / np.where(power > 1e-6 * power.max(), power, np.inf)).max())
+
+
+def answer(rig: Rig, log: Log, filtering: Filtering, made: Probe, crossed: Estimate) -> tuple[Parameter, ...]:
+    """Return base parameters and friction by instrumental variables, at the given cutoff.
 
     The reference's own columns are the instruments where the log holds a reference and the joints follow it: it knows
-    nothing of the sensors' noise, coloured or not. Else each half of the samples is the other's.
+    nothing of the sensors' noise, coloured or not. Else each half of the samples is the other's: `crossed`.
     """
-    cutoff = Filtering().cutoff
-    if log.q_ref is not None and np.all(np.std(log.q - log.q_ref, axis=0) <= FOLLOWS * np.std(log.q_ref, axis=0)):
-        wished = probe(rig, replace(log, q=log.q_ref, v=None), made)
-        return instrumental(rows_at(made, cutoff), [block.A for block in rows_at(wished, cutoff)])
-    return repeated(*(rows_at(half, cutoff) for half in halves))
+    found = crossed
+    if log.q_ref is not None and follows(log.q, log.q_ref):
+        wished = probe(rig, replace(log, q=log.q_ref, v=None), filtering, made)
+        rows, instruments = (rows_at(each, filtering.cutoff) for each in (made, wished))
+        found = instrumental(rows, [block.A for block in instruments])
+    values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
+    return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
 
 
-def weights(rows: Sequence[Block]) -> Array:
-    """One over the power of each joint's residual, (n,)."""
-    power = weighted(rows).residual_std ** 2
-    return np.asarray(1.0 / np.maximum(power, 1e-6 * power.max() + 1e-300))
+def follows(q: Array, reference: Array) -> bool:
+    """Whether every joint follows its reference."""
+    return bool(np.all(np.std(q - reference, axis=0) <= FOLLOWS * np.std(reference, axis=0)))
 
 
-def swept(made: Probe, cutoff: float) -> tuple[Change, Change]:
-    """Return what the parameters at NEAR and at FAR times the cutoff change against those at the cutoff."""
-    rows = rows_at(made, cutoff)
-    weight = weights(rows)
-    first = jackknife([(block.A, block.A, block.b) for block in rows], weight)
-    inertial = rows_at(made, cutoff, inertial=True)
-    changes = []
-    for factor in (NEAR, FAR):
-        other = [(block.A, block.A, block.b) for block in rows_at(made, factor * cutoff)]
-        changes.append(change(rows, inertial, first, jackknife(other, weight)))
-    return changes[0], changes[1]
-
-
-def hausman(made: Probe, halves: tuple[Probe, Probe], cutoff: float) -> Change:
-    """Return what least squares changes against instrumental variables at the same cutoff."""
-    rows, even, odd = (rows_at(x, cutoff) for x in (made, *halves))
-    weight = weights(rows)
-    crossed = [(x.A, y.A, x.b) for x, y in zip(even, odd)] + [(y.A, x.A, x.b) for x, y in zip(even, odd)]
-    plain = [((x.A + y.A) / 2, (x.A + y.A) / 2, x.b) for x, y in zip(even, odd)]
-    inertial = rows_at(made, cutoff, inertial=True)
-    return change(rows, inertial, jackknife(crossed, weight), jackknife(plain, weight))
-
-
-def jackknife(rows: Sequence[tuple[Array, Array, Array]], weight: Array) -> Jackknife:
-    """Solve ``ZᵀWA theta = ZᵀWb`` for rows (Z, A, b), from all of them and with each part left out in turn."""
-    moments, targets = np.zeros((2, PARTS)).astype(object)
-    for Z, A, b in rows:
-        edges = np.linspace(0, len(b), PARTS + 1).astype(int)
-        for i, (begin, end) in enumerate(itertools.pairwise(edges)):
-            part = slice(begin, end)
-            moments[i] = moments[i] + np.einsum("tjk,j,tjl->kl", Z[part], weight, A[part], optimize=True)
-            targets[i] = targets[i] + np.einsum("tjk,j,tj->k", Z[part], weight, b[part])
-    moment, target = moments.sum(), targets.sum()
-    unit = np.sqrt(np.maximum(np.abs(np.diag(moment)), 1e-300))
-
-    def solved(lhs: Array, rhs: Array) -> Array:
-        return np.asarray(np.linalg.lstsq(lhs / np.outer(unit, unit), rhs / unit, rcond=1e-12)[0] / unit)
-
-    return Jackknife(
-        solved(moment, target), np.stack([solved(moment - m, target - g) for m, g in zip(moments, targets)])
+def told(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]) -> Fault:
+    """Return the fault, described."""
+    share, bias, near, far, cutoff = (figure.value for figure in figures)
+    joint, step = rig.joints[worst], quantum(log.q[:, worst])
+    coarse = f" (encoder steps of {1000 * step:.2g} mrad, {bits(step):.0f} bits per turn)" if step else ""
+    unreliable = bias > MATERIAL or near > SAFE or far > WALKED
+    end = (
+        f"parameters walk with the filter: {100 * near:.2g} % of the torque from {cutoff:g} to {NEAR * cutoff:g} Hz, "
+        f"{100 * far:.2g} % to {FAR * cutoff:g} Hz; this is noise in the motion, no physics"
+        if unreliable
+        else f"at {cutoff:g} Hz it does no harm"
     )
-
-
-def change(rows: Sequence[Block], inertial: Sequence[Block], first: Jackknife, second: Jackknife) -> Change:
-    """Return what the second parameters change against the first, on these rows."""
-    A, Ia, b = (np.concatenate(x) for x in zip(*((x.A, y.A, x.b) for x, y in zip(rows, inertial))))
-    width = Ia.shape[2]
-    power = np.mean(b**2, axis=0)
-    moves = power > 1e-6 * power.max()
-    torque = np.sqrt(np.mean((A @ (second.theta - first.theta)) ** 2, axis=0) / np.where(moves, power, np.inf))
-    own = Ia @ first.theta[:width]
-    size = np.maximum(np.sum(own**2, axis=0), 1e-300)
-    # (K, n): the inertial torque's projection on what it was.
-    shares = np.einsum("tj,tjk->jk", own, Ia) / size[:, None]
-    loss = -shares @ (second.theta - first.theta)[:width]
-    parts = -(second.left_out - first.left_out)[:, :width] @ shares.T
-    std = np.sqrt((PARTS - 1) / PARTS * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
-    return Change(torque, loss, std)
-
-
-def told(
-    rig: Rig, made: Probe, worst: int, serious: bool, changes: tuple[Change, Change, Change], answer: Estimate
-) -> Fault:
-    """Return the fault with its figures and what to do."""
-    near, far, bias = changes
-    cutoff, joint = Filtering().cutoff, rig.joints[worst]
-    severity = (
-        Parameter("inertia_lost", float(far.loss[worst]), "1", std=float(far.std[worst])),
-        Parameter("walk_near", float(near.torque[worst]), "1"),
-        Parameter("walk_far", float(far.torque[worst]), "1"),
-        Parameter("bias", float(bias.torque[worst]), "1"),
-        Parameter("cutoff", cutoff, "Hz"),
-    )
-    sentence = (
-        f"{joint}: the acceleration is too noisy: with the filter at {FAR * cutoff:g} Hz instead of {cutoff:g} Hz, "
-        f"{100 * far.loss[worst]:.0f} % of the inertia is lost and the torque changes by "
-        f"{100 * far.torque[worst]:.0f} %; "
-        + ("this is noise in the measured motion, no physics" if serious else f"at {cutoff:g} Hz it does no harm")
-    )
+    sentence = f"{joint}: noise is {share:.2g} times the motion's own acceleration{coarse}; {end}"
     mend = (
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"
     )
-    values = zip(made.names, answer.theta.tolist(), made.units, answer.std.tolist())
-    estimated = tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
-    return Fault(AccelerationNoise.name, joint, severity, serious, sentence, mend, answer=estimated)
+    return Fault(NAME, joint, sentence, figures, share / DROWNED, unreliable, mend, answer)

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from gimbal_pin import signals
-from gimbal_pin.diagnosis.audit.base import Fault, stated
-from gimbal_pin.diagnosis.audit.harm import Harm, harm
-from gimbal_pin.diagnosis.audit.mend import noted
+from gimbal_pin.diagnosis.audit.base import Examined, Fault
+from gimbal_pin.diagnosis.audit.harm import harm
+from gimbal_pin.diagnosis.audit.samples import noted
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, stretches
 
+NAME = "filtered-velocity"
 CORNERS = np.geomspace(0.5, 100.0, 41)
 """Corner frequencies that are tried, Hz."""
 EXACT = 0.05
 """A recursion with the angle's increments leaves less than this share of what the rate's past alone leaves."""
+PARTS, LEAST = 40, 60
+"""Parts of a log in which a recursion is looked for, and their least length in samples."""
 FLAT = 0.15
 """A corner above this share of the sampling rate is no filter."""
 BETTER = 0.5
@@ -35,21 +38,14 @@ PASSES, TRIM = 3, 4.0
 
 
 class Lag(NamedTuple):
-    """The low-pass that makes one joint's rate of its angle.
-
-    Attributes:
-        corner: Corner frequency, Hz.
-        order: 1 or 2.
-        change: Rms of what it changes after the default filter, as a share of the rate's.
-    """
+    """The low-pass that makes one joint's rate of its angle: corner, Hz, order, and its change of the rate's rms."""
 
     corner: float
     order: int
     change: float
 
 
-@dataclass(frozen=True)
-class FilteredVelocity:
+def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``v = H(s) dq/dt`` with H a low-pass of first or second order.
 
     Two tests. A drive that filters the counts that it logs leaves an exact recursion,
@@ -57,35 +53,24 @@ class FilteredVelocity:
     own. A drive that filters counts of its own leaves a lag: slow motion fits a low-pass better than any pure delay,
     which keeps the shape of the rate. Neither harms a fit that differentiates the angle: the mended log has no rate.
     """
-
-    name: ClassVar[str] = "filtered-velocity"
-    shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("corner", 8.0, "Hz", 0.5, 200.0),
-        Parameter("order", 1.0, "1", 1.0, 2.0),
-    )
-
-    def examine(self, rig: Rig, log: Log) -> Fault | None:
-        """Return the fault, a note where it does no harm, or None."""
-        if log.v is None or len(log) < 100:
-            return None
-        found = {j: lag for j in range(rig.n) if (lag := lag_of(log, j)) is not None}
-        if not found:
-            return None
-        worst = max(found, key=lambda j: found[j].change)
-        mended = noted(replace(log, v=None), "the filtered rate was left out")
-        return told(rig.joints[worst], found[worst], len(found), harm(rig, log, mended), mended)
-
-    def corrupt(self, log: Log, rng: np.random.Generator, **shape: float) -> Log:
-        """Replace the rate by the angle's differences behind a causal Butterworth low-pass."""
-        from scipy.signal import butter, sosfilt
-
-        size = stated(self, shape)
-        sections = butter(round(size["order"]), min(size["corner"], 0.45 / log.dt), fs=1.0 / log.dt, output="sos")
-        raw = np.diff(log.q, axis=0, prepend=log.q[:1]) / log.dt
-        return replace(log, v=sosfilt(sections, raw, axis=0))
+    if log.v is None or len(log) < 2 * LEAST:
+        return None
+    found = {j: lag for j in range(rig.n) if (lag := lag_of(log, j, filtering)) is not None}
+    if not found:
+        return None
+    worst = max(found, key=lambda j: found[j].change)
+    mended = noted(replace(log, v=None), "the filtered rate was left out")
+    unreliable = harm(rig, log, mended, filtering).serious
+    return Examined(told(rig.joints[worst], found[worst], len(found), unreliable), mended)
 
 
-def lag_of(log: Log, j: int) -> Lag | None:
+def corrupt(log: Log, rng: np.random.Generator, *, corner: float = 8.0, order: int = 1) -> Log:
+    """Replace the rate by the angle's differences behind a causal Butterworth low-pass."""
+    raw = np.diff(log.q, axis=0, prepend=log.q[:1]) / log.dt
+    return replace(log, v=lowpassed(raw, min(corner, 0.45 / log.dt), order, log.dt))
+
+
+def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
     """Return the low-pass in one joint's rate, or None where there is none, or none that one could see."""
     assert log.v is not None
     longest = max(stretches(log, 1.0), key=lambda stretch: stretch.length, default=None)
@@ -93,17 +78,25 @@ def lag_of(log: Log, j: int) -> Lag | None:
         return None
     dt, rows = longest.dt, longest.rows
     grid = longest.start + dt * np.arange(longest.length)
-    q, v = signals.resample(log.t[rows], np.stack([log.q[rows, j], log.v[rows, j]], axis=1), grid).T
-    sections = signals.lowpass(Filtering().cutoff, 1.0 / dt)
-    slow_q, slow_v = signals.zero_phase(np.stack([q, v], axis=1), sections).T
-    edge = min(round(signals.settling(Filtering().cutoff) / dt), len(q) // 4)
-    derived, rate = (x[edge:-edge] for x in (signals.differentiate(slow_q[:, None], dt)[:, 0], slow_v))
-    change = float(np.sqrt(np.mean((rate - derived) ** 2) / max(np.mean(derived**2), 1e-300)))
+    qv = signals.resample(log.t[rows], np.stack([log.q[rows, j], log.v[rows, j]], axis=1), grid)
+    sections = signals.lowpass(filtering.cutoff, 1.0 / dt)
+    slow = signals.zero_phase(qv, sections)
+    edge = min(round(signals.settling(filtering.cutoff) / dt), len(qv) // 4)
+    derived, rate = signals.differentiate(slow[:, :1], dt)[edge:-edge, 0], slow[edge:-edge, 1]
+    change = float(np.sqrt(np.mean((rate - derived) ** 2) / np.maximum(np.mean(derived**2), 1e-300)))
     if change < VISIBLE:
         return None
-    noise = float(signals.noise_std(q[:, None])[0]) * signals.noise_gain(sections, 1.0 / dt, 1)
-    lag = recursion(log.q[rows, j], log.v[rows, j], dt) or lagging(derived, rate, dt, noise)
+    noise = float(signals.noise_std(qv)[0]) * signals.noise_gain(sections, 1.0 / dt, 1)
+    lag = recursions(log.q[:, j], log.v[:, j], dt) or lagging(derived, rate, dt, noise, filtering.cutoff)
     return Lag(*lag, change) if lag is not None else None
+
+
+def recursions(q: Array, v: Array, dt: float) -> tuple[float, int] | None:
+    """Return corner and order of the filter that makes the rate in any part of a log, or None."""
+    count = max(1, min(PARTS, len(q) // LEAST))
+    parts = zip(np.array_split(q, count), np.array_split(v, count))
+    found = [low_pass for part in parts if (low_pass := recursion(*part, dt)) is not None]
+    return sorted(found)[len(found) // 2] if found else None
 
 
 def recursion(q: Array, v: Array, dt: float) -> tuple[float, int] | None:
@@ -113,8 +106,7 @@ def recursion(q: Array, v: Array, dt: float) -> tuple[float, int] | None:
     target = v[3:]
     _, alone = trimmed(past, target)
     for order in (1, 2):
-        columns = np.concatenate([past[:, :order], increments[:, : order + 1]], axis=1)
-        coefficients, left = trimmed(columns, target)
+        coefficients, left = trimmed(np.concatenate([past[:, :order], increments[:, : order + 1]], axis=1), target)
         if left < EXACT * alone:
             poles = np.roots(np.append(1.0, -coefficients[:order]))
             poles = poles[np.abs(poles) > 1e-6]
@@ -134,7 +126,7 @@ def trimmed(columns: Array, target: Array) -> tuple[Array, float]:
     return coefficients, size
 
 
-def lagging(derived: Array, rate: Array, dt: float, noise: float) -> tuple[float, int] | None:
+def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float) -> tuple[float, int] | None:
     """Return corner and order of the low-pass that fits slow motion better than any delay, or None.
 
     Args:
@@ -142,27 +134,27 @@ def lagging(derived: Array, rate: Array, dt: float, noise: float) -> tuple[float
         rate: The rate after the same filter, (m,).
         dt: Interval, s.
         noise: Standard deviation of the derivative's noise.
+        cutoff: Of that filter, Hz.
     """
-    step = max(1, int(0.05 / (Filtering().cutoff * dt)))
+    step = max(1, int(0.05 / (cutoff * dt)))
     d, r, dt = derived[::step], rate[::step], dt * step
     times = dt * np.arange(len(d))
     settled = slice(round(1.0 / (CORNERS[0] * dt)) // 2, None)
     delays = (signals.resample(times, d[:, None], times - 1.0 / (2.0 * np.pi * f))[:, 0] for f in CORNERS)
     apart, delayed = min((remainder(x, r, dt, settled) for x in delays), key=lambda pair: pair[0])
-    lags = [
-        (order, float(f), remainder(lowpassed(d, f, order, dt), r, dt, settled)) for order in (1, 2) for f in CORNERS
-    ]
+    shapes = [(order, float(f)) for order in (1, 2) for f in CORNERS]
+    lags = [(order, f, remainder(lowpassed(d, f, order, dt), r, dt, settled)) for order, f in shapes]
     order, corner, (left, lagged) = min(lags, key=lambda each: each[2][0])
     visible = float(np.mean((lagged - delayed) ** 2)) > SURE * noise**2
     return (corner, order) if visible and left < BETTER * apart and corner < FLAT / dt else None
 
 
 def lowpassed(signal: Array, corner: float, order: int, dt: float) -> Array:
-    """A causal Butterworth low-pass."""
-    from scipy.signal import butter, sosfilt, sosfilt_zi
+    """A causal Butterworth low-pass along the first axis, at rest at its first value."""
+    from scipy.signal import butter, sosfilt
 
     sections = butter(order, min(corner, 0.45 / dt), fs=1.0 / dt, output="sos")
-    return np.asarray(sosfilt(sections, signal, zi=sosfilt_zi(sections) * signal[0])[0])
+    return np.asarray(sosfilt(sections, signal - signal[0], axis=0) + signal[0])
 
 
 def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> tuple[float, Array]:
@@ -172,19 +164,17 @@ def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> tuple[fl
     return float(np.mean((rate[settled] - fit) ** 2)), fit
 
 
-def told(joint: str, lag: Lag, count: int, cost: Harm, mended: Log) -> Fault:
-    """Return the fault with its figures and what to do."""
-    severity = (
+def told(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
+    """Return the fault, described."""
+    figures = (
         Parameter("corner", lag.corner, "Hz"),
         Parameter("order", float(lag.order), "1"),
         Parameter("rate_changed", lag.change, "1"),
-        *cost.severity,
     )
     joints = f" (and {count - 1} more)" if count > 1 else ""
-    end = "it spoils the torque" if cost.serious else "it does little harm here"
     sentence = (
         f"{joint}{joints}: the rate is the angle behind a low-pass of {lag.corner:.2g} Hz, which changes it by "
-        f"{100 * lag.change:.2g} %; {end}"
+        f"{100 * lag.change:.2g} %; {'it spoils the torque' if unreliable else 'it does little harm here'}"
     )
     mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
-    return Fault(FilteredVelocity.name, joint, severity, cost.serious, sentence, mend, mended)
+    return Fault(NAME, joint, sentence, figures, lag.change / VISIBLE, unreliable, mend)

@@ -6,7 +6,6 @@ support with the same -6 dB point, so that a log of four seconds keeps rows at 4
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from gimbal_pin.identification import units_of
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import regressor
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import (
     STANDSTILL,
@@ -27,13 +25,14 @@ from gimbal_pin.rows import (
     Flags,
     Rows,
     Stretch,
-    columns_of,
     dilated,
     mask,
     smoothed,
     stretches,
 )
 
+MATERIAL = 0.01
+"""What moves the torque by less than this share of its rms does not matter."""
 SIGN_BAND = 2.5
 """Low-pass on the rate whose sign dry friction takes, in multiples of the cutoff."""
 TRUNCATE = 3.0
@@ -50,7 +49,6 @@ class Piece(NamedTuple):
     Attributes:
         t: Time, s, (m,).
         A: Torque per base parameter and friction coefficient, (m, n, k).
-        inertial: The part of the base columns that the acceleration makes, (m, n, b).
         b: Torque, N m, (m, n).
         v: Rate, rad/s, (m, n).
         open: The mask, in [0, 1], (m, n).
@@ -59,7 +57,6 @@ class Piece(NamedTuple):
 
     t: Array
     A: Array
-    inertial: Array
     b: Array
     v: Array
     open: Array
@@ -74,17 +71,17 @@ class Probe(NamedTuple):
     pieces: tuple[Piece, ...]
 
 
-def probe(rig: Rig, log: Log, like: Probe | None = None, twin: int | None = None) -> Probe:
+def probe(rig: Rig, log: Log, filtering: Filtering, like: Probe | None = None, twin: int | None = None) -> Probe:
     """Build the columns of a log.
 
     Args:
         rig: The rig.
         log: The log.
+        filtering: Bandwidth of the smoother, alignment of the torque.
         like: Take times, masks and torques from this probe of the same log.
         twin: 0 or 1: from the even or the odd samples of angle and rate only; two readings of one motion whose white
             noise is independent.
     """
-    filtering = Filtering()
     rows = Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), filtering)
     pieces: list[Piece] = []
     for stretch in stretches(log, filtering.cutoff):
@@ -103,20 +100,15 @@ def halved(stretch: Stretch, first: int) -> Stretch:
 
 def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
     """Return one stretch's columns at four times the smoother's bandwidth, without its `pad` samples at the ends."""
-    filtering, rig = rows.filtering, rows.rig
-    full = smoothed(stretch, filtering, 0, stretch.length)
-    band = filtering.cutoff * filtering.smoothing
+    full = smoothed(stretch, rows.filtering, 0, stretch.length)
+    band = rows.filtering.cutoff * rows.filtering.smoothing
     keep = slice(pad, stretch.length - pad, max(1, int(1.0 / (4.0 * band * stretch.dt))))
-    slow, still = sliding(full, stretch, SIGN_BAND * filtering.cutoff)
-    ch = full._replace(t=full.t[keep], q=full.q[keep], v=full.v[keep], a=full.a[keep], tau=full.tau[keep])
-    places = columns_of(rig, rows.reduction)
-    rigid, static = (regressor(rig, ch.q, ch.v, a)[:, :, places] for a in (ch.a, np.zeros_like(ch.a)))
-    A = np.concatenate([rigid, rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
-    dt = stretch.dt * keep.step
-    moving = mask(still, round(TAPER / stretch.dt))[keep] if like is None else like.open
-    torque = ch.tau * moving if like is None else like.b
-    wide = moving[:, :, None]
-    return Piece(ch.t, A * wide, (rigid - static) * wide, torque, ch.v, moving, dt)
+    slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
+    ch = Channels(full.t[keep], full.q[keep], full.v[keep], full.a[keep], full.tau[keep], full.rate_std)
+    moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
+    torque = like.b if like is not None else ch.tau * moving
+    A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
+    return Piece(ch.t, A * moving[:, :, None], torque, ch.v, moving, stretch.dt * keep.step)
 
 
 def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, Flags]:
@@ -132,40 +124,23 @@ def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, F
     return slow, dilated(still, max(1, round(REACH / stretch.dt)))
 
 
-def blurred(signal: Array, cutoff: float, dt: float) -> Array:
-    """Gaussian low-pass along the first axis, -6 dB at `cutoff` Hz, reaching `TRUNCATE` of its deviations."""
-    return np.asarray(gaussian_filter1d(signal, deviation(cutoff) / dt, axis=0, mode="nearest", truncate=TRUNCATE))
-
-
-def deviation(cutoff: float) -> float:
-    """Standard deviation of the Gaussian whose response is one half at `cutoff` Hz, s."""
-    return float(np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff))
-
-
-def kept(piece: Piece, cutoff: float) -> slice:
-    """Samples that become rows: one every half period, none that the filter's edge reaches."""
-    edge = int(np.ceil(TRUNCATE * deviation(cutoff) / piece.dt))
-    return slice(edge, len(piece.t) - edge, max(1, round(1.0 / (2.0 * cutoff * piece.dt))))
-
-
-def rows_at(made: Probe, cutoff: float, inertial: bool = False) -> tuple[Block, ...]:
-    """Return the rows at a cutoff, Hz; with `inertial`, A is only what the acceleration makes of the base columns."""
-    return tuple(filtered(made, cutoff, inertial))
-
-
-def filtered(made: Probe, cutoff: float, inertial: bool) -> Iterator[Block]:
-    """Yield one block per piece that is longer than the filter."""
+def rows_at(made: Probe, cutoff: float) -> tuple[Block, ...]:
+    """Return the rows at a cutoff, Hz, one every half period; a piece shorter than the filter gives none."""
+    blocks = []
+    deviation = np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff)  # of the Gaussian whose response is one half there, s
     for part in made.pieces:
-        keep = kept(part, cutoff)
+        edge = int(np.ceil(TRUNCATE * deviation / part.dt))
+        keep = slice(edge, len(part.t) - edge, max(1, round(1.0 / (2.0 * cutoff * part.dt))))
         if keep.start < keep.stop:
-            columns = part.inertial if inertial else part.A
-            A = np.zeros((len(range(*keep.indices(len(part.t)))), *columns.shape[1:]))
-            present = np.any(columns != 0.0, axis=0)
-            A[:, present] = blurred(columns[:, present], cutoff, part.dt)[keep]
-            b, share = (blurred(x, cutoff, part.dt)[keep] for x in (part.b, part.open))
-            yield Block(part.t[keep], A, b, part.v[keep], share)
+            wide = deviation / part.dt
+            A = np.zeros((len(range(*keep.indices(len(part.t)))), *part.A.shape[1:]))
+            present = np.any(part.A != 0.0, axis=0)
+            A[:, present] = blurred(part.A[:, present], wide)[keep]
+            b, share = (blurred(x, wide)[keep] for x in (part.b, part.open))
+            blocks.append(Block(part.t[keep], A, b, part.v[keep], share))
+    return tuple(blocks)
 
 
-def rms(parts: Sequence[Array]) -> Array:
-    """Root mean square over all rows, per joint, (n,)."""
-    return np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+def blurred(signal: Array, deviation: float) -> Array:
+    """Gaussian low-pass along the first axis, of so many samples' deviation, reaching `TRUNCATE` of them."""
+    return np.asarray(gaussian_filter1d(signal, deviation, axis=0, mode="nearest", truncate=TRUNCATE))

@@ -1,0 +1,101 @@
+"""Instrumental variables: consistent where the regressor is noisy, least squares where it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.estimators import Estimate, ols, weighted
+from gimbal_pin.estimators.instrumental import Instrumented, instrumental, repeated
+from gimbal_pin.log import Array
+from gimbal_pin.rows import Block
+
+
+def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:
+    """One block twice with independent noise in A, and theta."""
+    theta, A = rng.uniform(0.5, 2.0, 4), rng.standard_normal((rows, 2, 4))
+    b = A @ theta + 0.05 * rng.standard_normal((rows, 2))
+    t, share = np.arange(rows) / 8.0, np.ones((rows, 2))
+    twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, np.ones((rows, 2)), share) for _ in range(2)]
+    return twins[0], twins[1], theta
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_repeated_readings_do_not_care_which_comes_first(seed: int) -> None:
+    first, second, _ = regression(np.random.default_rng(seed), noise=0.3)
+    one, other = repeated([first], [second]), repeated([second], [first])
+    assert np.allclose(one.theta, other.theta) and np.allclose(one.covariance, other.covariance)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_the_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None:
+    block, _, _ = regression(np.random.default_rng(seed))
+    plain = weighted([block])
+    for found in (instrumental([block], [block.A]), Instrumented((block.A,))([block]), repeated([block], [block])):
+        assert np.allclose(found.theta, plain.theta, atol=1e-6)
+        assert np.allclose(found.std, plain.std, rtol=0.05)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_with_one_joint_the_regressor_as_instrument_is_ordinary_least_squares(seed: int) -> None:
+    block, _, _ = regression(np.random.default_rng(seed))
+    one = Block(block.t, block.A[:, :1], block.b[:, :1], block.v[:, :1], block.share[:, :1])
+    assert np.allclose(instrumental([one], [one.A]).theta, ols([one]).theta, rtol=1e-9)
+
+
+def test_the_error_falls_with_the_rows_where_that_of_least_squares_stays() -> None:
+    """Attenuation by 1 / (1 + 0.5²) for white columns, however many rows; without bias the error falls as 1/√N."""
+    errors: dict[int, tuple[float, float]] = {}
+    for rows in (400, 40_000):
+        first, second, theta = regression(np.random.default_rng(3), rows, noise=0.5)
+        plain, found = weighted([first]).theta, instrumental([first], [second.A]).theta
+        errors[rows] = float(np.abs(plain / theta - 1).max()), float(np.abs(found / theta - 1).max())
+    assert errors[40_000][0] == pytest.approx(1 - 1 / 1.25, abs=0.01)
+    assert errors[40_000][1] < 0.2 * errors[400][1] and errors[40_000][1] < 0.02
+
+
+def test_blocks_of_a_log_are_one_regression() -> None:
+    first, second, _ = regression(np.random.default_rng(8), noise=0.4)
+    parts = [slice(0, 150), slice(150, 400)]
+    cut = [Block(*(x[part] for x in first)) for part in parts]
+    whole = instrumental([first], [second.A])
+    assert np.allclose(instrumental(cut, [second.A[part] for part in parts]).theta, whole.theta)
+
+
+def test_instrumental_estimates_are_consistent_and_their_deviations_honest() -> None:
+    errors: dict[str, list[Array]] = {"plain": [], "instrumental": [], "repeated": []}
+    for seed in range(60):
+        first, second, theta = regression(np.random.default_rng(seed), noise=0.5)
+        for name, found in (
+            ("plain", weighted([first])),
+            ("instrumental", instrumental([first], [second.A])),
+            ("repeated", repeated([first], [second])),
+        ):
+            errors[name].append((found.theta - theta) / found.std)
+    scores = {name: np.array(each) for name, each in errors.items()}
+    assert np.mean(scores["plain"]) < -5
+    for name in ("instrumental", "repeated"):
+        assert abs(np.mean(scores[name])) < 0.35
+        assert 0.7 < np.std(scores[name]) < 1.3
+
+
+def test_instruments_must_fit_the_rows() -> None:
+    block, other, _ = regression(np.random.default_rng(0))
+    for wrong in ([], [other.A[:-1]]):
+        with pytest.raises(UsageError, match="instruments"):
+            instrumental([block], wrong)
+    with pytest.raises(UsageError, match="twins"):
+        repeated([block], [])
+
+
+def test_a_direction_without_instrument_has_infinite_deviation() -> None:
+    block, other, _ = regression(np.random.default_rng(0))
+    blind = block._replace(A=block.A * [1.0, 1.0, 1.0, 0.0])
+    found: Estimate = instrumental([blind], [other.A * [1.0, 1.0, 1.0, 0.0]])
+    assert np.isinf(found.std).tolist() == [False, False, False, True]
