@@ -123,8 +123,8 @@ class Diagnosis:
         rig: The rig's name.
         logs: Names of the logs.
         verdict: "named", "ambiguous", "unknown", "nothing" or "data".
-        faults: What is wrong with the logs themselves, and makes the physics unreliable.
-        notes: What is wrong with them and does no harm.
+        faults: What is wrong with the logs themselves.
+        notes: Sentences about what of it does no harm.
         findings: Causes, the strongest first.
         residual: Joint → what is left after all findings.
         immaterial: Significant and too small to matter.
@@ -155,14 +155,21 @@ class Diagnosis:
     after: Extended
     held: Evidence | None = None
 
+    @property
+    def spoiling(self) -> tuple[Fault, ...]:
+        """Faults that make the physics unreliable."""
+        return tuple(fault for fault in self.faults if fault.makes_physics_unreliable)
+
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds."""
+        """Return what JSON holds: what spoils the physics first, then the physics, then faults that do no harm."""
         return {
             "schema": 1,
             "rig": self.rig,
             "logs": list(self.logs),
             "verdict": self.verdict,
-            "findings": [fault.to_dict() for fault in self.faults] + [found.to_dict() for found in self.findings],
+            "findings": [each.to_dict() for each in self.spoiling]
+            + [each.to_dict() for each in self.findings]
+            + [each.to_dict() for each in self.faults if not each.makes_physics_unreliable],
             "notes": list(self.notes),
             "residual": {joint: asdict(left) for joint, left in self.residual.items()},
             "immaterial": [asdict(slight) for slight in self.immaterial],

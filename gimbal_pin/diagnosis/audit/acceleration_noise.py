@@ -21,7 +21,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, smoothed, stretches
 
 NAME = "acceleration-noise"
-DROWNED = 0.5
+DROWNED = 0.6
 """Noise of the smoothed acceleration, as a multiple of the motion's rms below the cutoff, that is worth telling."""
 PARTS = 24
 """Parts of the log, the worst of which is judged."""

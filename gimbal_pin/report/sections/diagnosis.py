@@ -36,7 +36,9 @@ VERDICTS = {
 def diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
     parts = [paragraph(toned(VERDICTS[found.verdict], "good" if found.verdict == "nothing" else "fair"))]
-    parts += [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.faults])] if found.faults else []
+    parts += (
+        [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
+    )
     for finding in found.findings:
         parts += described(finding)
     if found.held is not None:
