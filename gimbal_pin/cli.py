@@ -374,7 +374,7 @@ def demo(
     *,
     rig: Annotated[str, arg(help="bundled rig")] = "thesis",
     payload: Payload = None,
-    seconds: Annotated[float, arg(help="length of the simulated log, s")] = 30.0,
+    seconds: Annotated[float, arg(help="length of the simulated log, s")] = 22.0,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:

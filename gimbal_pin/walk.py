@@ -148,7 +148,7 @@ def hidden(rig: Rig) -> Term | Signal | RigEffect:
     return parse_effect(f"cogging:{rig.joints[0]}:amplitude={COGGING * limit:.3g},harmonic={teeth}", rig)
 
 
-def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: float = 30.0) -> Auto:
+def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: float = 22.0) -> Auto:
     """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
 
     The plant's bodies differ by some ten per cent and its friction by up to a third, and the first joint's motor cogs:

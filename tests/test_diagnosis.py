@@ -21,7 +21,7 @@ from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 
-SECONDS = 36.0
+SECONDS = 30.0
 
 
 @pytest.fixture(scope="module")
