@@ -10,7 +10,7 @@ import pytest
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.evidence import Evidence, gather
-from gimbal_pin.diagnosis.fit import chance
+from gimbal_pin.diagnosis.score import chance
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError

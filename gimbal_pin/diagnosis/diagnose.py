@@ -15,8 +15,8 @@ from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
-from gimbal_pin.diagnosis.fit import flipped
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
+from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import (
     Library,
     Problem,

@@ -155,14 +155,16 @@ def gather(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping
 
 def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float) -> Part | None:
     """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
-    length = stretch.length - stretch.length % 2
+    step = max(1, int(1 / (FINE * stretch.dt)))
+    # The last few samples go where that makes the Fourier transforms quick.
+    half = fft.prev_fast_len(max(stretch.length // (2 * step), 1), real=True)
+    length = 2 * step * half
     if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
         return None
     channels = smoothed(stretch, filtering, 0, length)
     gate = mask(standstill(channels, filtering), round(0.5 / filtering.cutoff / stretch.dt))
     gate *= fade(length, edge)[:, None]
-    step = max(1, int(1 / (FINE * stretch.dt)))
-    length, dt = length // (2 * step) * 2, stretch.dt * step
+    length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
     fine = channels
     channels = Channels(fine.t[rows], fine.q[rows], fine.v[rows], fine.a[rows], fine.tau[rows], fine.rate_std)
@@ -214,6 +216,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
             float(np.quantile(np.abs(v[:, j]), 0.98)),
             float(rate_std[j]),
             float(np.quantile(np.abs(tau[:, j]), 0.98)),
+            float(np.max(np.abs(tau[:, j]))),
             warm,
         )
         for j in range(rig.n)

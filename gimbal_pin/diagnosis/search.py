@@ -10,7 +10,8 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.fit import Fit, Score, fit, improves, score
+from gimbal_pin.diagnosis.fit import Fit, fit, improves
+from gimbal_pin.diagnosis.score import Score, score
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.identification import given_beta
@@ -326,7 +327,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
 def holds(base: State, cause: Cause) -> bool:
     """Whether a cause predicts parts of time that its fit has not seen; `base` is the state without it."""
     columns = build(base.problem.evidence, cause, base.rig, base.torque)
-    return improves(base.fit, columns, isinstance(cause, Signal))
+    return improves(base.fit, columns.values, isinstance(cause, Signal))
 
 
 def swapped(state: State, shelf: Library) -> State:

@@ -41,7 +41,7 @@ class DeadZone(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Widths from a hundredth of the torque to most of it."""
-        return tuple(cls(joint, width) for width in ladder(0.01 * seen.torque, 0.5 * seen.torque, 5))
+        return tuple(cls(joint, width) for width in ladder(0.01 * seen.torque, 0.5 * seen.torque, 5, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the width."""

@@ -37,6 +37,8 @@ class Harmonic(Effect):
 
     highest: ClassVar[int] = 100
     """Highest harmonic that is looked for, per turn."""
+    bends: ClassVar[tuple[str, ...]] = ()
+    """Causes that bend with the angle as a part of a turn of a harmonic does."""
 
     @abstractmethod
     def carrier(self, at: Sample) -> float | Array:
@@ -77,6 +79,12 @@ class Harmonic(Effect):
                 Parameter(f"phase{end}", phase, "rad", -pi, pi, float(std[1])),
             ]
         return tuple(out)
+
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """Less than one turn of the lowest harmonic is a bend; several closer than the travel parts draw anything."""
+        lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
+        crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
+        return self.bends if lowest * seen.travel < 2 * pi or crowded else ()
 
     @classmethod
     def limits(cls) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from math import nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -42,7 +42,7 @@ class Saturation(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks."""
-        return tuple(cls(joint, share * seen.torque) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
+        return tuple(cls(joint, limit) for limit in ladder(0.5 * seen.torque, 0.95 * seen.peak, 8, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the limit."""

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
+GONE = 1e-12
+"""Memory of a command of 1 N m that is no more felt."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,8 @@ class Signal(Cause):
 
     joint: str
 
+    linear: ClassVar[bool] = False
+    """True if it is linear and passes a constant on: its impulse response then says all of it."""
     clips: ClassVar[bool] = False
     """True if it cuts the command: what it cut cannot be told from the torque that was left."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
@@ -41,9 +46,21 @@ class Signal(Cause):
 
     def acting(self, command: Array, dt: float) -> Array:
         """Torque that acts, N m, (N,), for a command, N m, (N,), held `dt` s each; settled on the first before it."""
+        if self.linear and len(command):
+            first = float(command[0])
+            return first + fftconvolve(command - first, self.response(dt, len(command)))[: len(command)]
         values = command.tolist()
         memory, out = self.start(values[0] if values else 0.0), []
         for x in values:
             memory, y = self.step(memory, x, dt)
+            out.append(y)
+        return np.array(out)
+
+    def response(self, dt: float, longest: int) -> Array:
+        """What acts after a command of 1 N m over one interval of `dt` s, and none after it, until it has died away."""
+        memory, y = self.step(self.start(), 1.0, dt)
+        out = [y]
+        while len(out) < longest and any(abs(m) > GONE for m in memory):
+            memory, y = self.step(memory, 0.0, dt)
             out.append(y)
         return np.array(out)
