@@ -84,7 +84,7 @@ def test_whitening_is_linear(evidence: Evidence) -> None:
 def test_mixed_torque_lies_between_its_sources(evidence: Evidence) -> None:
     """Where both agree the mixture is what both say; its weights are shares."""
     for part in evidence.parts:
-        np.testing.assert_allclose(part.mixed(part.channels.tau), part.channels.tau, atol=1e-12)
+        np.testing.assert_allclose(part.mixed(part.channels.tau, part.channels.tau), part.channels.tau, atol=1e-12)
         assert np.all((part.trust >= 0) & (part.trust <= 1))
 
 

@@ -64,13 +64,13 @@ class Part(NamedTuple):
         """Time since the log began, s, (m,)."""
         return self.channels.t - self.origin
 
-    def mixed(self, model: Array) -> Array:
+    def mixed(self, model: Array, measured: Array) -> Array:
         """Best estimate of the torque that acts, N m, (m, n): the model's, and the measured one where it knows better.
 
         At each frequency the two are weighted by each other's noise. The estimate's error is then uncorrelated with
         their difference, so that a column built from it does not find its own noise in the residual.
         """
-        difference = fft.rfft(self.channels.tau - model, axis=0) * self.trust.T
+        difference = fft.rfft(measured - model, axis=0) * self.trust.T
         return model + fft.irfft(difference, len(model), axis=0)
 
     def sample(self, joint: int, tau: Array) -> Sample:

@@ -33,7 +33,7 @@ STALE = 0.02
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 SWAPS = 4
 """Most rounds of swapping."""
-ROUNDS = 5
+ROUNDS = 8
 """Rounds of refinement of the shape parameters, each with half the step."""
 
 
@@ -67,6 +67,7 @@ class State:
         fit: The fit.
         rig: The rig with the fitted inertias.
         torque: The best estimate of the torque that acts, N m, (m, n) per part.
+        acting: The measured torque after the drives' signals, N m, (m, n) per part.
     """
 
     problem: Problem
@@ -74,6 +75,11 @@ class State:
     fit: Fit
     rig: Rig
     torque: list[Array]
+    acting: list[Array]
+
+    def columns(self, cause: Cause) -> Columns:
+        """What a cause would add."""
+        return build(self.problem.evidence, cause, self.rig, self.torque, self.acting)
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
@@ -112,11 +118,11 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
             acting = acted(evidence, cause, acting)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model).values for c in effects)], axis=2)
+    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model, acting).values for c in effects)], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
     total = predicted(problem, effects, now.theta, model)
-    mixed = [part.mixed(x) for part, x in zip(evidence.parts, total)]
-    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed)
+    mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
+    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting)
 
 
 def acted(evidence: Evidence, signal: Signal, torque: list[Array]) -> list[Array]:
@@ -181,7 +187,7 @@ class Library:
         read = self.read(cause, state)
         known = self.built.get(cause)
         if known is None or not all(near(new, old) for new, old in zip(read, known[0])):
-            known = read, build(self.problem.evidence, cause, state.rig, state.torque)
+            known = read, state.columns(cause)
             self.built[cause] = known
         return known[1]
 
@@ -192,7 +198,7 @@ class Library:
         if isinstance(cause, Effect) and not cause.loaded:
             return []
         j = self.problem.evidence.rig.joint_index(cause.place)
-        return [x[:, j] for x in state.torque]
+        return [x[:, j] for x in (state.acting if isinstance(cause, Signal) else state.torque)]
 
 
 def near(new: Array, old: Array) -> bool:
@@ -222,8 +228,7 @@ def refined(state: State, cause: Cause) -> Cause:
 
 def measure(state: State, cause: Cause) -> Score:
     """Score a cause as it stands in this state; a drive's signal with the coefficient one that it has."""
-    columns = build(state.problem.evidence, cause, state.rig, state.torque)
-    return score(state.fit, columns, isinstance(cause, Signal))
+    return score(state.fit, state.columns(cause), isinstance(cause, Signal))
 
 
 def shape_names(cause: Cause) -> list[str]:
@@ -273,12 +278,15 @@ def forward(state: State, shelf: Library) -> State:
         rows = contenders(state, shelf)
         if not rows:
             return state
-        state = solved(state.problem, with_cause(state.causes, rows[0][1]), state)
+        state = polished(solved(state.problem, with_cause(state.causes, rows[0][1]), state))
     return state
 
 
 def polished(state: State) -> State:
-    """Refine the shape parameters of every cause once more, with all the others in."""
+    """Refine the shape parameters of every cause once more, with all the others in.
+
+    What a shape that is a little off leaves over would be named next.
+    """
     for cause in state.causes:
         if shape_names(cause):
             better = refined(without(state, cause), cause)
@@ -326,8 +334,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
 
 def holds(base: State, cause: Cause) -> bool:
     """Whether a cause predicts parts of time that its fit has not seen; `base` is the state without it."""
-    columns = build(base.problem.evidence, cause, base.rig, base.torque)
-    return improves(base.fit, columns.values, isinstance(cause, Signal))
+    return improves(base.fit, base.columns(cause).values, isinstance(cause, Signal))
 
 
 def swapped(state: State, shelf: Library) -> State:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import build
 from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.search import State, shape_names, without
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -42,7 +41,7 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
 def covariance(state: State, cause: Cause) -> Array:
     """Covariance of a cause's coefficients, then of its shape parameters."""
     base = without(state, cause)
-    now = build(state.problem.evidence, cause, state.rig, state.torque).values
+    now = state.columns(cause).values
     columns = [] if isinstance(cause, Signal) else [now]
     weights = state.coefficients(cause) if isinstance(cause, Effect) else np.ones(now.shape[2])
     for name in shape_names(cause):
@@ -50,7 +49,7 @@ def covariance(state: State, cause: Cause) -> Array:
         step = NUDGE * abs(value) if value else 1e-6
         shape = next(s for s in cause.shapes if s.name == name)
         other = replace(cause, **{name: value + step if value + step <= shape.upper else value - step})
-        slope = build(state.problem.evidence, other, state.rig, state.torque).values - now
+        slope = state.columns(other).values - now
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))
     stacked = base.fit.stacked(np.concatenate(columns, axis=2))
     rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)

@@ -87,7 +87,7 @@ def free(cause: Cause) -> int:
 
 def block_gain(base: State, cause: Cause) -> Array:
     """Fall of the weighted sum of squares in each block, (blocks,)."""
-    rest = project(base.fit, build(base.problem.evidence, cause, base.rig, base.torque).values)
+    rest = project(base.fit, base.columns(cause).values)
     found = measure(base, cause)
     after = base.fit.residual - rest @ (found.beta if len(found.beta) else np.zeros(rest.shape[1]))
     return base.fit.by_block((base.fit.residual**2 - after**2)[:, None])[:, 0]
@@ -95,8 +95,7 @@ def block_gain(base: State, cause: Cause) -> Array:
 
 def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
     """Largest cosine between what a cause explains and what the best cause of that name could, in [0, 1]."""
-    evidence = base.problem.evidence
-    rest = project(base.fit, build(evidence, cause, base.rig, base.torque).values)
+    rest = project(base.fit, base.columns(cause).values)
     mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
     best = 0.0
     for other in shelf.causes:
@@ -115,7 +114,7 @@ def at_rest(base: State, cause: Cause) -> tuple[Columns, ...]:
         return ()
     evidence = base.problem.evidence
     gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in (part.channels.q for part in evidence.parts)]
-    return (build(evidence, cause, base.rig, gravity),)
+    return (build(evidence, cause, base.rig, gravity, base.acting),)
 
 
 def share(state: State, found: Score) -> float:

@@ -32,8 +32,6 @@ class Signal(Cause):
 
     linear: ClassVar[bool] = False
     """True if it is linear and passes a constant on: its impulse response then says all of it."""
-    clips: ClassVar[bool] = False
-    """True if it cuts the command: what it cut cannot be told from the torque that was left."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
     @abstractmethod
