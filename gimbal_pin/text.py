@@ -157,6 +157,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]

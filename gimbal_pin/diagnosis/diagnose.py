@@ -29,6 +29,7 @@ from gimbal_pin.diagnosis.search import (
     swapped,
     without,
 )
+from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
@@ -84,7 +85,8 @@ def diagnose(
     check_moved(evidence, train[0].name)
     found = searched(Problem.of(evidence, reduce(rig)), causes, rng)
     held = gather(rig, test, filtering, origins) if test else evidence
-    return reported(found, held, audits, alignment(logs[0], filtering), rng)
+    said = reported(found, held, audits, alignment(logs[0], filtering), rng)
+    return compared(said, found.final, causes)
 
 
 class Searched(NamedTuple):

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.diagnosis.difference import Difference
+from gimbal_pin.diagnosis.given import given as stated
 from gimbal_pin.identification import Identified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
@@ -44,10 +46,17 @@ def parameters(found: Identified, evaluated: Evaluated | None = None, given: Rig
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         base_table(rigid, given is not None, evaluated is not None),
+        *([] if given is None else [paragraph(line) for line in payload_lines(found, given)]),
         heading("Friction and other effects"),
         *friction(found, every, evaluated),
     ]
     return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
+
+
+def payload_lines(found: Identified, rig: Rig) -> tuple[str, ...]:
+    """Say what the base parameters mean for the payload: where it sits and what it weighs, against its URDF."""
+    told = stated(Difference.of_identified(rig, found))
+    return () if told is None else tuple(f"Against the URDF: {line}." for line in told.lines)
 
 
 def overall(found: Identified, every: Sequence[Known]) -> str:
