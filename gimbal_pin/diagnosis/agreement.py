@@ -35,7 +35,8 @@ class Apart(NamedTuple):
 
     Attributes:
         log: Its name.
-        torque: Torque that the difference of base parameters moves on it, friction refitted, N m rms, (n,).
+        torque: Torque that the difference of base parameters moves on it, friction refitted, N m rms, (n,): its share
+            of the whitened torque, times the torque's rms.
         excess: The same over what the log's own fit leaves, (n,).
         share: The same over the log's torque, (n,).
     """
@@ -111,10 +112,10 @@ def compared(name: str, state: State, columns: Array, shared: Array) -> Apart:
     n = evidence.rig.n
     own = fit.residual.reshape(-1, n) / fit.scale
     apart_by = (columns @ (fit.theta[: len(shared)] - shared)).reshape(-1, n) / fit.scale
-    left, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (own, apart_by))
-    floor = np.array([evidence.noise_floor(j) for j in range(n)])
+    whole = fit.target.reshape(-1, n) / fit.scale
+    left, size, all_of_it = (np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-300) for x in (own, apart_by, whole))
     level = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
-    return Apart(name, size * floor, size / np.maximum(left, 1e-300), size * floor / np.maximum(level, 1e-300))
+    return Apart(name, size / all_of_it * level, size / left, size / all_of_it)
 
 
 def told(rig: Rig, rows: Sequence[Apart]) -> Fault:
