@@ -205,6 +205,7 @@ def identify(
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data."""
+    from gimbal_pin.balance import reported
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.identification import identify as run
     from gimbal_pin.io.files import atomic_write
@@ -217,7 +218,7 @@ def identify(
         write_model(found, output)
     if urdf is not None:
         atomic_write(urdf, found.to_urdf())
-    present(text.identified(found), found.to_dict(), json)
+    present(text.identified(found), reported(found), json)
 
 
 def tune(

@@ -235,8 +235,7 @@ def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]
     """Return the physical parameters nearest to the estimate, and the change in base parameters, (b,)."""
     rig, reduction = rows.rig, rows.reduction
     width = len(reduction.independent)
-    mixing = np.zeros((width, 10 * rig.n))
-    mixing[:, columns(rig)[1]] = reduction.mixing
+    mixing = over_phi(rig, reduction)
     found = nearest(rig.phi, mixing, estimate.theta[:width], estimate.covariance[:width, :width])
     return found, mixing @ found.phi - estimate.theta[:width]
 
@@ -249,6 +248,13 @@ def rms(parts: Sequence[Array]) -> Array:
 def given_beta(rig: Rig, reduction: Reduction) -> Array:
     """Base parameters of the URDF as it stands, (b,)."""
     return reduction.mixing @ rig.phi[columns(rig)[1]]
+
+
+def over_phi(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+    out = np.zeros((len(reduction.independent), 10 * rig.n))
+    out[:, columns(rig)[1]] = reduction.mixing
+    return out
 
 
 def units_of(rows: Rows) -> tuple[str, ...]:

@@ -101,7 +101,9 @@ def excitation(found: Excitation) -> str:
 
 
 def identified(found: Identified) -> str:
-    """Parameters with uncertainty, and accuracy."""
+    """Parameters with uncertainty, accuracy, and how to balance the payload."""
+    from gimbal_pin.balance import balance
+
     std = found.estimate.std
     rows = [
         (name, number(value), number(1.96 * s, 2), number(100 * abs(1.96 * s / value), 2) if value else "", unit)
@@ -111,6 +113,8 @@ def identified(found: Identified) -> str:
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
+    balanced = balance(found)
+    parts += [] if balanced is None else balanced.sentences
     return "\n".join(parts)
 
 
@@ -157,6 +161,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin import report, view
+from gimbal_pin.balance import reported
 from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
@@ -61,7 +62,7 @@ class Auto:
         """Return the verbs' JSON side by side."""
         return {
             "schema": 1,
-            "identify": self.identified.to_dict(),
+            "identify": reported(self.identified),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": self.tunings[MODEL_BASED].to_dict(),
             "track": self.tracking.to_dict(),

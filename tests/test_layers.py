@@ -16,9 +16,10 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config rig"
 MATHS = "signals regressor reduction inertia effects model plant rows estimators simulation"
-VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base checking"
+VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
+WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"
-ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()
+ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""
 
 SHARED = {

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.agreement import agreement
 from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
@@ -29,6 +30,7 @@ from gimbal_pin.diagnosis.search import (
     swapped,
     without,
 )
+from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
@@ -45,6 +47,8 @@ ERROR_RATE = 0.003
 """Chance that a log with nothing in it has anything named, over the whole library."""
 FLIPS = 1999
 Figures = Sequence[Mapping[str, Mapping[str, float]]]
+DRIVEN = 5.0
+"""Least F by which the rigid model and friction must explain a joint's torque."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -83,8 +87,12 @@ def diagnose(
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
     found = searched(Problem.of(evidence, reduce(rig)), causes, rng)
+    apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
+    if apart is not None:
+        return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     held = gather(rig, test, filtering, origins) if test else evidence
-    return reported(found, held, audits, alignment(logs[0], filtering), rng)
+    said = reported(found, held, audits, alignment(logs[0], filtering), rng)
+    return compared(said, found.final, causes)
 
 
 class Searched(NamedTuple):
@@ -112,6 +120,7 @@ class Searched(NamedTuple):
 def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
     """Compose causes, prune them, and keep those that deserve a name."""
     first = solved(problem, (), solved(problem, ()))
+    check_driven(first)
     shelf = Library(problem, library(problem, comparable(causes)))
     state = polished(swapped(forward(first, shelf), shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
@@ -196,6 +205,22 @@ def check_moved(evidence: Evidence, name: str) -> None:
         raise DataError(
             name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
         )
+
+
+def check_driven(state: State) -> None:
+    """Raise `DataError` if a joint's torque has no more to do with its motion than noise has.
+
+    ``F = (explained / parameters) / (left / rows)``: noise gives one, any rig hundreds.
+    """
+    n = len(state.fit.scale)
+    whole, left = (np.sum(x.reshape(-1, n) ** 2, axis=0) for x in (state.fit.target, state.fit.residual))
+    parameters = np.array([np.sum(np.any(state.fit.stack[j::n] != 0, axis=0)) for j in range(n)])
+    rows = state.problem.evidence.rows * state.problem.evidence.used()
+    F = (whole - left) / np.maximum(parameters, 1) / np.maximum(left / np.maximum(rows, 1.0), 1e-300)
+    dumb = tuple(joint for joint, x in zip(state.problem.evidence.rig.joints, F) if x < DRIVEN)
+    if dumb:
+        what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
+        raise DataError("the logs", what, mend, dumb)
 
 
 def doubted(left: leftover.Residual, joint: str, causes: Sequence[Cause]) -> leftover.Residual:

@@ -10,6 +10,7 @@ from typing import Any
 from gimbal_pin.diagnosis.audit import Fault
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.parameter import Parameter
 
@@ -136,6 +137,7 @@ class Diagnosis:
         before: The refitted model.
         after: The extended model.
         held: The held-out part, or None where the logs are spoilt.
+        given: What sets the payload apart from its URDF; None where the logs are spoilt or nothing is mounted.
     """
 
     rig: str
@@ -154,6 +156,7 @@ class Diagnosis:
     before: Extended
     after: Extended
     held: Evidence | None = None
+    given: Given | None = None
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
@@ -171,6 +174,7 @@ class Diagnosis:
             + [each.to_dict() for each in self.findings]
             + [each.to_dict() for each in self.faults if not each.makes_physics_unreliable],
             "notes": list(self.notes),
+            "given_model": {} if self.given is None else self.given.to_dict(),
             "residual": {joint: asdict(left) for joint, left in self.residual.items()},
             "immaterial": [asdict(slight) for slight in self.immaterial],
             "alignment_s": self.alignment,

@@ -45,6 +45,8 @@ def diagnosis(found: Diagnosis) -> Section:
         joints = joints_of(found.held.rig)
         parts.append(table(HEAD, [row(found, joint) for joint in joints], label="Torque error before and after"))
         parts.append(drawn(found, joints, found.held))
+    if found.given is not None:
+        parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
     hidden = [f"{each.cause} at {each.joint or 'the rig'}" for each in found.untestable]
     small = [f"{each.cause} at {each.joint or 'the rig'} ({100 * each.share:.2g} %)" for each in found.immaterial]
     notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]
