@@ -49,6 +49,8 @@ FLIPS = 1999
 Figures = Sequence[Mapping[str, Mapping[str, float]]]
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
+CONFIRMED = 1.01
+"""Held-out error without a cause over that with it, from which the held-out part confirms the cause."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -91,6 +93,7 @@ def diagnose(
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     held = gather(rig, test, filtering, origins) if test else evidence
+    found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     return compared(said, found.final, causes)
 
@@ -106,6 +109,8 @@ class Searched(NamedTuple):
         residual: What is left at each joint.
         slight: What is too small to matter.
         null: Smallest p over the library on flipped residuals, sorted, (flips,).
+        doubtful: What fits and deserves no trust.
+        denied: What the held-out part did not confirm.
     """
 
     shelf: Library
@@ -115,6 +120,8 @@ class Searched(NamedTuple):
     residual: tuple[leftover.Residual, ...]
     slight: tuple[Slight, ...]
     null: Array
+    doubtful: tuple[Cause, ...] = ()
+    denied: tuple[Cause, ...] = ()
 
 
 def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
@@ -126,12 +133,41 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
-    doubtful = [cause for cause in state.causes if verdict.doubtful(first, state, cause)]
-    joints = problem.evidence.rig.joints
-    residual = tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
+    doubtful = tuple(cause for cause in state.causes if verdict.doubtful(first, state, cause))
+    residual = left_over(state, doubtful, rng)
     trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]
     final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
-    return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null)
+    return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
+
+
+def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:
+    """What is left at each joint: never noise where something was found that deserves no trust."""
+    joints = state.problem.evidence.rig.joints
+    return tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
+
+
+def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
+    """Drop what the held-out part denies, the weakest first: without it the torque there is predicted as well.
+
+    Nothing is ever added or fitted there. What is left is judged again with all else that was found.
+    """
+    final, denied, joints = found.final, list[Cause](), held.rig.joints
+    while final.causes:
+        best = torque_rmse(held, extended(final))
+        rows = []
+        for i, cause in enumerate(final.causes):
+            lacking = torque_rmse(held, extended(without(final, cause)))
+            own = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
+            rows.append((max(float(lacking[j] / best[j]) for j in own), i))
+        ratio, weakest = min(rows)
+        if ratio > CONFIRMED:
+            break
+        denied.append(final.causes[weakest])
+        final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
+    if not denied:
+        return found
+    rest = solved(found.state.problem, [c for c in found.state.causes if c not in denied], found.state)
+    return found._replace(final=final, residual=left_over(rest, found.doubtful, rng), denied=tuple(denied))
 
 
 def reported(
@@ -147,7 +183,7 @@ def reported(
         logs=tuple(one.log.name for one in audits),
         verdict=verdict.overall([one.status for one in each], found.residual),
         faults=tuple(fault for one in audits for fault in one.faults),
-        notes=tuple(note for one in audits for note in one.notes),
+        notes=(*(note for one in audits for note in one.notes), *map(denial, found.denied)),
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
@@ -185,6 +221,11 @@ def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Fi
         before=given,
         after=given,
     )
+
+
+def denial(cause: Cause) -> str:
+    """Say that the held-out part did not confirm a cause."""
+    return f"{cause.place}: {cause.name} fits the part that was trained on and predicts nothing of the held-out part"
 
 
 def alignment(log: Log, filtering: Filtering) -> float:

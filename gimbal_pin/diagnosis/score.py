@@ -16,6 +16,8 @@ from scipy.stats import f as fisher
 from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.log import Array
 
+OVERDONE = 2.0
+"""Torque of a cause over all that its joints carry from which it is none."""
 FEW = 12.0
 """Blocks under which their own scatter says too little."""
 
@@ -83,9 +85,9 @@ def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
 
 
 def overdone(now: Fit, torque: Array) -> bool:
-    """Whether a cause would take more torque than there is at its joints: it only works against the rigid model."""
+    """Whether a cause would take far more torque than there is at its joints: it only works against the rigid model."""
     rows = torque != 0
-    return float(np.sum(torque**2)) > float(np.sum(now.target[rows] ** 2))
+    return float(np.sum(torque**2)) > OVERDONE**2 * float(np.sum(now.target[rows] ** 2))
 
 
 def scatter(now: Fit, rest: Array, residual: Array) -> tuple[Array, float]:

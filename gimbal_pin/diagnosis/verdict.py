@@ -10,7 +10,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.leftover import NOISY, Residual
 from gimbal_pin.diagnosis.score import HIDDEN, Score
 from gimbal_pin.diagnosis.search import Library, State, measure, rivals_of, width, without
 from gimbal_pin.effects import Cause, Effect
@@ -30,6 +30,8 @@ EXPLAINED = 0.5
 """Share of a joint's excess over noise that its findings must explain where much is left."""
 MUCH = 4.0
 """Dispersion from which much is left."""
+NEARLY_ALL = 0.88
+"""Share that they must explain where more is left than any sensor's noise."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
@@ -159,7 +161,8 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
-    return bool(np.any((after > MUCH) & (explained < EXPLAINED))) or at_bound(cause)
+    least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
+    return bool(np.any((after > MUCH) & (explained < least))) or at_bound(cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:

@@ -116,6 +116,6 @@ class Harmonic(Effect):
         """Every harmonic that the travel resolves and that the band holds at a slow rate, one at a time."""
         if seen.travel <= 0:
             return ()
-        last = min(cls.highest, 2 * pi * seen.band / max(0.3 * seen.rate, 1e-6))
+        last = min(cls.highest, 2 * pi * seen.band / max(0.12 * seen.rate, 1e-6))
         step = max(1, int(pi / (2 * seen.travel)))
         return tuple(cls(joint, (float(k),)) for k in range(1, int(last) + 1, step))

@@ -36,13 +36,17 @@ class JointFlexibility(Signal):
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", nan, "Hz", 0.5, 500.0),
-        Parameter("damping", 0.05, "1", 1e-4, 0.95),
+        Parameter("damping", 0.05, "1", 1e-3, 0.5),
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
     lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "delay", "armature")
     compensation: ClassVar[str] = "a notch at the resonance, or a bandwidth of at most a third of it"
+
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """Far under its resonance a spring is a little more inertia, a little later."""
+        return ("armature", "actuator-lag", "delay") if self.frequency > 2 * seen.band else ()
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
@@ -62,7 +66,7 @@ class JointFlexibility(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Resonances from a few hertz to several times the band."""
-        rungs = ladder(3.0, 4 * seen.band, 8, cls.shapes[0])
+        rungs = ladder(3.0, 3 * seen.band, 9, cls.shapes[0])
         return tuple(cls(joint, frequency, 0.05, share) for frequency in rungs for share in (0.0, 0.1, 0.3))
 
     def says(self, values: Sequence[float] = ()) -> str:
