@@ -193,6 +193,16 @@ def test_a_trusted_urdf_makes_findings(text: str) -> None:
     assert first.gain["rollout_rmse_after"] < first.gain["rollout_rmse_before"]
 
 
+def test_a_weight_bolted_on_is_no_shifted_camera() -> None:
+    """First moments change as if the camera had moved; the inertia tells that something was added out there."""
+    rig = Rig.load("turret")
+    log = recorded(plant(rig, "payload-mass:extra=0.12,x=0.05,y=0.03,z=0.04"), 8)
+    found = diagnosed(rig, log, "trusted")
+    assert found.findings[0].cause == "payload-mass"
+    figures = {parameter.name: parameter.value for parameter in found.findings[0].parameters}
+    assert figures["extra"] == pytest.approx(0.12, rel=0.2) and figures["x"] == pytest.approx(0.05, rel=0.2)
+
+
 def test_a_nominal_urdf_makes_none_and_says_it_all_the_same() -> None:
     rig = Rig.load("turret")
     found = diagnosed(rig, recorded(plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001"), 6), "nominal")
