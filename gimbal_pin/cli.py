@@ -22,6 +22,7 @@ from gimbal_pin.errors import GimbalPinError, UsageError
 if TYPE_CHECKING:
     from gimbal_pin.log import Log
     from gimbal_pin.model import Model
+    from gimbal_pin.payloads import Several
     from gimbal_pin.rig import Rig
     from gimbal_pin.rows import Filtering
     from gimbal_pin.tuning import Law
@@ -202,18 +203,34 @@ def identify(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
+    known: Annotated[
+        str | None,
+        arg(
+            metavar="MODEL",
+            help="a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do",
+            help_behavior_hint="",
+        ),
+    ] = None,
     json: Json = None,
 ) -> None:
-    """Model with uncertainty from logs, and its fit on held-out data."""
+    """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.balance import reported
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.identification import identify as run
     from gimbal_pin.io.files import atomic_write
     from gimbal_pin.io.model import write_model
 
+    options: Any = {"estimator": ESTIMATORS[estimator], "holdout": holdout, "filtering": filtering(cutoff, alignment)}
+    if known is not None or len(tags_of(logs)) > 1:
+        several = cameras(rig, payload, logs, map, known, options)
+        if urdf is not None:
+            raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
+        if output is not None:
+            write_model(several.first, output, several.identified)
+        present(text.several(several), several.to_dict(), json)
+        return
     loaded, read = load_logs(rig, payload, logs, map)
-    filters = filtering(cutoff, alignment)
-    found = run(loaded, read, estimator=ESTIMATORS[estimator], holdout=holdout, filtering=filters)
+    found = run(loaded, read, **options)
     if output is not None:
         write_model(found, output)
     if urdf is not None:
@@ -485,6 +502,32 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     for event in (event for log in read for event in log.events):
         print(f"gimbal-pin: note: {event}", file=sys.stderr)
     return loaded, read
+
+
+def tags_of(logs: Sequence[str]) -> list[str | None]:
+    """Return the payloads that the logs are tagged with, each once, None for those without a tag."""
+    from gimbal_pin.io import split_payload
+
+    return list(dict.fromkeys(split_payload(log)[1] for log in logs))
+
+
+def cameras(
+    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], known: str | None, options: Any
+) -> Several:
+    """Identify one gimbal with the several payloads that the logs are tagged with, or a new one on a known gimbal."""
+    from gimbal_pin.io.model import read_model
+    from gimbal_pin.payloads import identify_new, identify_several
+
+    if known is not None:
+        loaded, read = load_logs(rig, payload, logs, mapping)
+        return identify_new(loaded, read, read_model(known, load_rig(rig, mounted(known))), **options)
+    tags = [tag for tag in tags_of(logs) if tag is not None]
+    if payload is not None or None in tags_of(logs):
+        raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
+    each = {tag: [log for log in logs if log.endswith(f"@{tag}")] for tag in tags}
+    pairs = {tag: load_logs(rig, None, mine, mapping) for tag, mine in each.items()}
+    rigs, read_by = ({tag: pair[k] for tag, pair in pairs.items()} for k in (0, 1))
+    return identify_several(rigs, read_by, **options)  # type: ignore[arg-type]
 
 
 def positive(option: str, value: float) -> None:

@@ -135,10 +135,25 @@ def identify(
     blocks = kept(rows)
     enough(rows, blocks)
     estimate = estimator(blocks)
-    check_seen(rows, blocks, estimate)
-    model = to_model(rows, estimate)
-    tested = kept(replace(rows, logs=test))
-    held_out = accuracy(rig.joints, tested, estimate.theta, how) if test else None
+    check_seen(rows.logs[0].name, rows.names, blocks, estimate)
+    found = assembled(rows, blocks, estimate, kept(replace(rows, logs=test)) if test else None, how)
+    return replace(found, logs=tuple(log.name for log in logs))
+
+
+def assembled(
+    rows: Rows, blocks: Sequence[Block], estimate: Estimate, tested: Sequence[Block] | None, how: str
+) -> Identified:
+    """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
+
+    Args:
+        rows: The training rows.
+        blocks: Their blocks.
+        estimate: Parameters in the order of `rows.names`.
+        tested: Blocks that were held out, or None.
+        how: How they were parted.
+    """
+    rig, model = rows.rig, to_model(rows, estimate)
+    held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
     consistent, shift = nearest_physical(rows, estimate)
     change = rms([block.A[:, :, : len(shift)] @ shift for block in blocks])
     return Identified(
@@ -151,8 +166,8 @@ def identify(
         held_out=held_out,
         consistent=consistent,
         torque_change=dict(zip(rig.joints, change.tolist())),
-        logs=tuple(log.name for log in logs),
-        filtering=filters,
+        logs=tuple(log.name for log in rows.logs),
+        filtering=rows.filtering,
     )
 
 
@@ -174,7 +189,7 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
 
 
-def check_seen(rows: Rows, blocks: Sequence[Block], estimate: Estimate) -> None:
+def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
     """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
     power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
     torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
@@ -182,9 +197,9 @@ def check_seen(rows: Rows, blocks: Sequence[Block], estimate: Estimate) -> None:
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
     if blind.any():
-        unseen = tuple(name for name, hidden in zip(rows.names, blind) if hidden)
+        unseen = tuple(name for name, hidden in zip(names, blind) if hidden)
         what = "its motion leaves no trace of"
-        raise DataError(rows.logs[0].name, what, "move every joint, several at a time: see 'gimbal-pin excite'", unseen)
+        raise DataError(place, what, "move every joint, several at a time: see 'gimbal-pin excite'", unseen)
 
 
 def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:
@@ -260,8 +275,12 @@ def over_phi(rig: Rig, reduction: Reduction) -> Array:
 def units_of(rows: Rows) -> tuple[str, ...]:
     """SI units of theta, by the kind of each base parameter and by each coefficient."""
     leading = [rows.reduction.names[j].rsplit(".", 1)[1] for j in rows.reduction.independent]
-    rigid = tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in leading)
-    return rigid + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
+    return units(leading) + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
+
+
+def units(symbols: Sequence[str]) -> tuple[str, ...]:
+    """SI units of inertial parameters by their symbols."""
+    return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)
 
 
 def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
+    from gimbal_pin.payloads import Several
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
     from gimbal_pin.walk import Auto
@@ -116,6 +117,23 @@ def identified(found: Identified) -> str:
     balanced = balance(found)
     parts += [] if balanced is None else balanced.sentences
     return "\n".join(parts)
+
+
+def several(found: Several) -> str:
+    """Every camera's own parameters, the accuracy with it and its balance; then the gimbal's parameters."""
+    from gimbal_pin.balance import balance
+
+    parts = []
+    for name, one in found.identified.items():
+        camera, balanced = found.cameras[name], balance(one)
+        rows = [
+            (symbol, number(value), number(1.96 * s, 2), unit)
+            for symbol, value, s, unit in zip(camera.names, camera.value, camera.std, camera.units)
+        ]
+        parts += [name, table("parameter", "value", "± 95 %", "unit", rows=rows)]
+        parts += [accuracy(part) for part in (one.train, one.held_out) if part is not None]
+        parts += ["" if balanced is None else "\n".join(balanced.sentences), ""]
+    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", identified(found.first)])
 
 
 def accuracy(part: Accuracy) -> str:

@@ -25,7 +25,7 @@ RIGS = ("thesis", "handheld", "turret")
 @cache
 def found(name: str, shift: tuple[float, ...] = ()) -> Identified:
     rig = Rig.load(name)
-    log = prescribed(slid(rig, np.array(shift or (0.0, 0.0, 0.0))), 1, seconds=14.0, torque_noise=0.01, dt=0.002)
+    log = prescribed(slid(rig, np.array(shift or (0.0, 0.0, 0.0))), 1, seconds=14.0, torque_noise=0.01, dt=0.004)
     return identify(rig, [log], filtering=Filtering(alignment=0.0))
 
 
@@ -86,5 +86,5 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
     np.testing.assert_allclose(row["slide_mm"], 1e3 * told("turret").way)
     assert row["slide_mm"][1] == 0.0
     rig = Rig.load("turret", "none")
-    log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.002)
+    log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
     assert reported(identify(rig, [log], filtering=Filtering(alignment=0.0)))["balance"] is None

@@ -14,6 +14,7 @@ from gimbal_pin.diagnosis.difference import RANK, Difference
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
 from gimbal_pin.reduction import samples
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import Rig
@@ -30,6 +31,8 @@ ENTER = 1e-4
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
 PASSES = 4
+FINER = (1.8, 1.35, 1.16, 1.08)
+"""Factors by which a profiled size is refined in turn."""
 MOST = 4
 """Most causes that are composed."""
 UNEXPLAINED = 0.2
@@ -37,21 +40,32 @@ UNEXPLAINED = 0.2
 
 
 class Kind(NamedTuple):
-    """A cause without its figures: its class and its joint."""
+    """A cause without its figures: its class, its joint, and what is held fixed of it."""
 
     of: type[RigEffect]
     joint: str
+    fixed: tuple[tuple[str, float], ...] = ()
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Its shape parameters."""
-        return tuple(shape.name for shape in self.of.shapes)
+    def free(self) -> tuple[Parameter, ...]:
+        """The shape parameters that are fitted."""
+        held = dict(self.fixed)
+        return tuple(shape for shape in self.of.shapes if shape.name not in held)
+
+    @property
+    def sizes(self) -> tuple[str, ...]:
+        """Those of the fixed ones that are not zero: they are profiled."""
+        return tuple(name for name, value in self.fixed if value)
 
     def at(self, values: Sequence[float]) -> RigEffect:
         """Return the cause with these figures, as far as its bounds allow."""
-        inside = [float(np.clip(x, s.lower, s.upper)) for x, s in zip(values, self.of.shapes)]
+        inside = {s.name: float(np.clip(x, s.lower, s.upper)) for x, s in zip(values, self.free)}
         place = {"joint": self.joint} if self.of.of_joint else {}
-        return self.of(**place, **dict(zip(self.names, inside)))
+        return self.of(**place, **inside, **dict(self.fixed))
+
+    def times(self, factor: float) -> Kind:
+        """Return it with what is profiled so many times as large."""
+        return self._replace(fixed=tuple((name, factor * value) for name, value in self.fixed))
 
 
 class Slope(NamedTuple):
@@ -132,7 +146,7 @@ class Bodies:
     def computed(self, kind: Kind, rig: Rig) -> Slope | None:
         """Compute what `slope` returns."""
         columns, units = [], []
-        for k, shape in enumerate(kind.of.shapes):
+        for k, shape in enumerate(kind.free):
             found = next(self.differences(kind, k, rig, STEP * (shape.upper - shape.lower)), None)
             if found is None or found[1] > RANK:
                 return None
@@ -143,7 +157,7 @@ class Bodies:
     def differences(self, kind: Kind, k: int, rig: Rig, step: float) -> Iterator[tuple[Array, float, float]]:
         """Yield slope, inexpressible share and step for steps that a body allows."""
         for size in (step / 10.0**i for i in range(PLACES)):
-            shift = size * np.eye(len(kind.of.shapes))[k]
+            shift = size * np.eye(len(kind.free))[k]
             try:
                 (up, missed), (down, _) = (self.response(kind.at(x).apply(rig)) for x in (shift, -shift))
             except UsageError:
@@ -164,7 +178,7 @@ class Bodies:
         found = self.found
         slopes = [slope for kind in kinds if (slope := self.slope(kind)) is not None]
         gain, freedom = self.solver(slopes)
-        values: list[Array] = [np.zeros(len(kind.of.shapes)) for kind in kinds]
+        values: list[Array] = [np.zeros(len(kind.free)) for kind in kinds]
         response: Array = np.zeros(len(found.change))
         for _ in range(PASSES):
             step = np.split(gain @ (found.change - response), np.cumsum([len(x) for x in values])[:-1])
@@ -173,8 +187,24 @@ class Bodies:
                 response = self.response(altered(found.rig, kinds, values))[0]
             except UsageError:
                 return None
+        if not all(kind.at(x.tolist()).plausible(found.rig) for kind, x in zip(kinds, values)):
+            return None
+        freedom += sum(len(kind.sizes) for kind in kinds)
         cost = self.cost(found.change - response)
         return Fitted(tuple(kinds), tuple(values), gain @ found.covariance @ gain.T, response, cost, freedom)
+
+    def best(self, rest: Sequence[Kind], kinds: Sequence[Kind]) -> Fitted | None:
+        """Fit one of some forms of a cause beside others, the form that leaves least, its profiled sizes refined."""
+        found = [(one.cost, one, kind) for kind in kinds if (one := self.fitted([*rest, kind])) is not None]
+        if not found:
+            return None
+        _, fit, kind = min(found, key=lambda row: row[0])
+        for factor in FINER if kind.sizes else ():
+            for other in (kind.times(factor), kind.times(1 / factor)):
+                new = self.fitted([*rest, other])
+                if new is not None and new.cost < fit.cost:
+                    fit, kind = new, other
+        return fit
 
     def solver(self, slopes: Sequence[Slope]) -> tuple[Array, int]:
         """Weighted pseudo-inverse over the directions that are shown, (p, b), and how many there are."""
@@ -193,18 +223,22 @@ def altered(rig: Rig, kinds: Sequence[Kind], values: Sequence[Array]) -> Rig:
     return rig
 
 
-def kinds_of(rig: Rig, causes: Mapping[str, type[Cause]]) -> list[Kind]:
-    """Causes in the bodies: those of the given model at every joint, and what may be mistaken for them."""
+def kinds_of(rig: Rig, causes: Mapping[str, type[Cause]]) -> list[list[Kind]]:
+    """Causes in the bodies, each in its forms: those of the given model, and what may be mistaken for them."""
     every = [kind for kind in causes.values() if issubclass(kind, RigEffect)]
-    return [Kind(kind, joint) for kind in every for joint in (rig.joints if kind.of_joint else rig.joints[:1])]
+    places = [(kind, joint) for kind in every for joint in (rig.joints if kind.of_joint else rig.joints[:1])]
+    return [[Kind(kind, joint, tuple(held.items())) for held in kind.forms(rig)] for kind, joint in places]
 
 
-def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, list[Kind]]:
-    """Compose kinds until none is worth its parameters; return the fit, and all that could be tried."""
-    tried = [kind for kind in kinds_of(bodies.found.rig, causes) if bodies.slope(kind) is not None]
+def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, list[list[Kind]]]:
+    """Compose causes until none is worth its parameters; return the fit, and all that could be tried."""
+    shown = [[kind for kind in forms if bodies.slope(kind) is not None] for forms in kinds_of(bodies.found.rig, causes)]
+    tried = [forms for forms in shown if forms]
     none = now = bodies.nothing()
     while len(now.kinds) < MOST:
-        others = [bodies.fitted((*now.kinds, kind)) for kind in tried if kind not in now.kinds]
+        others = [
+            bodies.best(now.kinds, forms) for forms in tried if not any(same(forms[0], kind) for kind in now.kinds)
+        ]
         worth = [(net(now, one), one) for one in others if one is not None and chance(now, one) * len(tried) < ENTER]
         if not worth:
             break
@@ -212,6 +246,11 @@ def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, l
     freedom = len(bodies.found.change)
     unexplained = now.cost - freedom > UNEXPLAINED * max(none.cost - freedom, 0.0)
     return none if unexplained else now, tried
+
+
+def same(a: Kind, b: Kind) -> bool:
+    """Whether two are forms of one cause at one place."""
+    return (a.of, a.joint) == (b.of, b.joint)
 
 
 def chance(less: Fitted, more: Fitted) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.diagnosis import verdict
-from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered, chance, chosen
+from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered, chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
@@ -25,6 +25,8 @@ from gimbal_pin.rig import Rig
 
 TRUSTED = "trusted"
 """What a rig's YAML says under `inertia` if differences from its URDF are findings."""
+FAINT = 0.05
+"""Torque of a cause over that of the strongest, under which it may be what the strongest one's model gets wrong."""
 
 
 def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) -> Diagnosis:
@@ -43,7 +45,8 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     bodies = Bodies(apart)
     fitted, tried = chosen(bodies, causes)
     size = {kind: shares(state, bodies, fitted, kind) for kind in fitted.kinds}
-    material = [kind for kind in fitted.kinds if size[kind].max() > verdict.SHARE]
+    most = max((float(x.max()) for x in size.values()), default=0.0)
+    material = [kind for kind in fitted.kinds if size[kind].max() > max(verdict.SHARE, FAINT * most)]
     more = [finding(Case(state, bodies, fitted, tried, found.held), kind, size[kind]) for kind in material]
     less = [Slight(*named(kind), float(size[kind].max())) for kind in fitted.kinds if kind not in material]
     every = sorted([*found.findings, *more], key=lambda one: -one.explained_share)
@@ -65,7 +68,7 @@ class Case(NamedTuple):
     state: State
     bodies: Bodies
     fitted: Fitted
-    tried: Sequence[Kind]
+    tried: Sequence[Sequence[Kind]]
     held: Evidence
 
 
@@ -118,21 +121,23 @@ def spoken(fitted: Fitted, kind: Kind) -> RigEffect:
 
 
 def figures(fitted: Fitted, kind: Kind) -> tuple[Parameter, ...]:
-    """The cause's parameters with standard deviations."""
-    return tuple(replace(p, std=float(s)) for p, s in zip(fitted.cause(kind).shown(), fitted.std(kind)))
+    """The cause's parameters with standard deviations; none for what was profiled."""
+    std = dict(zip((shape.name for shape in kind.free), fitted.std(kind).tolist()))
+    return tuple(replace(p, std=std.get(p.name, float("nan"))) for p in fitted.cause(kind).shown())
 
 
 def rivals_of(case: Case, kind: Kind, rest: Sequence[Kind]) -> tuple[Rival, ...]:
     """Put every other cause in a kind's place: difference in log-likelihood, and its z for the two predictions."""
     best: dict[str, Rival] = {}
     whiten, noise = case.bodies.found.whitener, np.sqrt(case.bodies.found.inflation)
-    for other in case.tried:
-        rival = None if other in case.fitted.kinds or other.of is kind.of else case.bodies.fitted([*rest, other])
+    for forms in case.tried:
+        mine = forms[0].of is kind.of or any(same(forms[0], chosen_) for chosen_ in case.fitted.kinds)
+        rival = None if mine else case.bodies.best(rest, forms)
         if rival is None:
             continue
         delta = (rival.cost - case.fitted.cost) / 2 - (case.fitted.freedom - rival.freedom)
         apart = float(np.linalg.norm(whiten @ (rival.response - case.fitted.response))) / noise
-        new = Rival(other.of.name, delta, delta / max(apart, 1e-12))
+        new = Rival(forms[0].of.name, delta, delta / max(apart, 1e-12))
         best[new.cause] = min((new, best.get(new.cause, new)), key=lambda one: one.z)
     return tuple(sorted(best.values(), key=lambda one: one.z))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,15 @@ class RigEffect(Cause):
     @abstractmethod
     def apply(self, rig: Rig) -> Rig:
         """Return the rig with this cause in its Pinocchio model; the URDF text stays as it is."""
+
+    @classmethod
+    def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
+        """Return what is held fixed in each of the forms in which it may be looked for in a rig's bodies."""
+        return ({},)
+
+    def plausible(self, rig: Rig) -> bool:
+        """Whether a rig could be so."""
+        return True
 
     def told(self, rig: Rig) -> str:
         """``rig: payload-shift, slide the camera 4.2 mm back``, in directions that this rig's frames do not turn."""

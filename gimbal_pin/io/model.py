@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +19,33 @@ from gimbal_pin.rig import Rig
 KIND = "gimbal_pin model"
 
 
-def write_model(identified: Identified, path: str | Path) -> None:
-    """Write a model with its parameters' covariance, whole or not at all."""
+def write_model(identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None) -> None:
+    """Write a model with its parameters' covariance, whole or not at all.
+
+    Args:
+        identified: What `identify` returned.
+        path: The file.
+        payloads: The same gimbal with other payloads, by their names: `read_model` takes the one that is mounted.
+    """
+    content = {"kind": KIND, "schema": 1, "joints": list(identified.model.rig.joints), **body(identified, path)}
+    if payloads is not None:
+        content["payloads"] = {name: body(one, path) for name, one in payloads.items()}
+    write_yaml(content, path)
+
+
+def body(identified: Identified, path: str | Path) -> dict[str, Any]:
+    """Return the part of a file that speaks of one payload."""
     model, known = identified.model, identified.model.estimated
     if known is None:
         raise ModelError(str(path), "would hold a model that was not identified", "identify one first")
     report = identified.to_dict()
     report.pop("schema")
-    content = {
-        "kind": KIND,
-        "schema": 1,
-        "joints": list(model.rig.joints),
+    return {
         **report,
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
     }
-    write_yaml(content, path)
 
 
 def write_extended(model: Model, path: str | Path) -> None:
@@ -45,7 +56,7 @@ def write_extended(model: Model, path: str | Path) -> None:
 
 
 def read_model(path: str | Path, rig: Rig) -> Model:
-    """Read a model that `write_model` wrote, for a rig with the same joints.
+    """Read a model that `write_model` wrote, for a rig with the same joints; of several payloads the rig's own.
 
     Raises:
         ModelError: The file is of another kind, for other joints, or lacks something.
@@ -57,6 +68,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     try:
+        data = data.get("payloads", {}).get(rig.payload, data)
         terms = tuple(term_from(entry) for entry in data["terms"])
         estimated = known(data) if "covariance" in data else None
         return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, estimated)
