@@ -25,12 +25,18 @@ ENTER = 1e-4
 """A candidate whose own p is above this does not enter."""
 MOST = 8
 """Most causes that are composed."""
+STEPS = 16
+"""Most steps of the search: every harmonic of a cause is one."""
 CLOSE = 0.2
 """Share of the best gain below which a candidate is no contender on the coarse grid."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
 STALE = 0.02
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
+SETTLED = 1e-4
+"""The same from which a torque that reads itself has settled."""
+PASSES = 5
+"""Most rounds of that."""
 SWAPS = 4
 """Most rounds of swapping."""
 ROUNDS = 8
@@ -201,9 +207,9 @@ class Library:
         return [x[:, j] for x in (state.acting if isinstance(cause, Signal) else state.torque)]
 
 
-def near(new: Array, old: Array) -> bool:
-    """Whether two torques differ by less than `STALE` of their size."""
-    return float(np.linalg.norm(new - old)) <= STALE * float(np.linalg.norm(old))
+def near(new: Array, old: Array, share: float = STALE) -> bool:
+    """Whether two torques differ by less than a share of their size."""
+    return float(np.linalg.norm(new - old)) <= share * float(np.linalg.norm(old))
 
 
 def scored(state: State, columns: Sequence[Columns]) -> list[tuple[Score, Cause]]:
@@ -274,23 +280,34 @@ def net(found: Score, cause: Cause) -> float:
 
 def forward(state: State, shelf: Library) -> State:
     """Add the cause that gains most, refit, and again, until nothing enters."""
-    while len(state.causes) < MOST:
-        rows = contenders(state, shelf)
+    for _ in range(STEPS):
+        rows = contenders(state, shelf) if len(state.causes) < MOST else []
         if not rows:
-            return state
-        state = polished(solved(state.problem, with_cause(state.causes, rows[0][1]), state))
+            break
+        new = rows[0][1]
+        state = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
     return state
 
 
-def polished(state: State) -> State:
-    """Refine the shape parameters of every cause once more, with all the others in.
+def polished(state: State, only: Cause | None = None) -> State:
+    """Refine the shape parameters of every cause, or of one, once more, with all the others in.
 
     What a shape that is a little off leaves over would be named next.
     """
     for cause in state.causes:
-        if shape_names(cause):
+        if shape_names(cause) and only in (None, cause):
             better = refined(without(state, cause), cause)
             state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
+    return consistent(state)
+
+
+def consistent(state: State) -> State:
+    """Solve again until the loaded causes have read the torque that they themselves are a part of."""
+    loaded = any(isinstance(cause, Effect) and cause.loaded for cause in state.causes)
+    for _ in range(PASSES if loaded else 0):
+        before, state = state, solved(state.problem, state.causes, state)
+        if all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
+            break
     return state
 
 
