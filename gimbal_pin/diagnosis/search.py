@@ -33,6 +33,8 @@ PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
 STALE = 0.02
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
+HUSHED = 1.5
+"""Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
 SETTLED = 1e-4
 """The same from which a torque that reads itself has settled."""
 PASSES = 5
@@ -74,6 +76,7 @@ class State:
         rig: The rig with the fitted inertias.
         torque: The best estimate of the torque that acts, N m, (m, n) per part.
         acting: The measured torque after the drives' signals, N m, (m, n) per part.
+        unexplained: What of it the fit does not predict, N m, (m, n) per part.
     """
 
     problem: Problem
@@ -82,6 +85,7 @@ class State:
     rig: Rig
     torque: list[Array]
     acting: list[Array]
+    unexplained: list[Array]
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
@@ -128,7 +132,8 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
     total = predicted(problem, effects, now.theta, model)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
-    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting)
+    unexplained = [y - x for x, y in zip(total, acting)]
+    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting, unexplained)
 
 
 def acted(evidence: Evidence, signal: Signal, torque: list[Array]) -> list[Array]:
@@ -269,8 +274,19 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
             first.setdefault((cause.name, cause.place), cause)
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
-    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0]
+    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and not hushes(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def hushes(state: State, found: Score, cause: Cause) -> bool:
+    """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too."""
+    if not isinstance(cause, Signal) or not cause.linear:
+        return False
+    evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
+    left = [x[:, j] for x in state.unexplained]
+    quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
+    loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
+    return bool(found.gain < HUSHED * (loud - hushed) * state.fit.scale[j] ** 2)
 
 
 def net(found: Score, cause: Cause) -> float:
@@ -338,7 +354,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
         weak = [
             (found.gain, i)
             for i, ((found, cause), base) in enumerate(zip(rows, bases))
-            if found.p > limit or not material(base, found) or not holds(base, cause)
+            if found.p > limit or hushes(base, found, cause) or not material(base, found) or not holds(base, cause)
         ]
         if not weak:
             break
