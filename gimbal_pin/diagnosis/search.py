@@ -132,7 +132,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
     total = predicted(problem, effects, now.theta, model)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
-    unexplained = [y - x for x, y in zip(total, acting)]
+    unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting, unexplained)
 
 
