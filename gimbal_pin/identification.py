@@ -15,10 +15,11 @@ from gimbal_pin.estimators import Estimate, Estimator, weighted
 from gimbal_pin.inertia import Consistent, nearest, to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
+from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Rows, columns_of, kept, settling
+from gimbal_pin.rows import Block, Filtering, Rows, base_motion, columns_of, kept, settling
 from gimbal_pin.urdf import with_friction
 
 
@@ -94,6 +95,7 @@ class Identified:
             "estimator": self.estimate.method,
             "samples": self.estimate.rows,
             "condition_number": self.estimate.condition_number,
+            "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
@@ -114,6 +116,9 @@ def identify(
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
+    Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
+    and the parameters that only such a motion shows are estimated, too.
+
     Args:
         rig: The rig.
         logs: Trajectories; each is filtered on its own and none is joined to another.
@@ -131,11 +136,7 @@ def identify(
         within(log, filters)
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
-    rows = Rows(rig, reduce(rig), everything, train, filters)
-    blocks = kept(rows)
-    enough(rows, blocks)
-    estimate = estimator(blocks)
-    check_seen(rows, blocks, estimate)
+    rows, blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
     model = to_model(rows, estimate)
     tested = kept(replace(rows, logs=test))
     held_out = accuracy(rig.joints, tested, estimate.theta, how) if test else None
@@ -156,6 +157,37 @@ def identify(
     )
 
 
+def fitted(
+    rig: Rig,
+    effects: tuple[Effect, ...],
+    logs: tuple[Log, ...],
+    filters: Filtering,
+    estimator: Estimator,
+    base: BaseMotion,
+) -> tuple[Rows, tuple[Block, ...], Estimate]:
+    """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
+
+    Raises:
+        DataError: Too few rows, or parameters without a trace that a fixed base would show.
+    """
+    rows = Rows(rig, reduce(rig, base=base), effects, logs, filters)
+    blocks = kept(rows)
+    enough(rows, blocks)
+    estimate = estimator(blocks)
+    hidden = unseen(rows, blocks, estimate)
+    if hidden and base != "fixed":
+        return fitted(rig, effects, logs, filters, estimator, MOTIONS[MOTIONS.index(base) - 1])
+    if hidden:
+        what = "its motion leaves no trace of"
+        raise DataError(logs[0].name, what, "move every joint, several at a time: see 'gimbal-pin excite'", hidden)
+    return rows, blocks, estimate
+
+
+def moved(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
+    """Return the greatest motion of the base in some logs."""
+    return max((base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")
+
+
 def within(log: Log, filters: Filtering) -> None:
     """Raise `UsageError` if the cutoff leaves the filters nothing to remove."""
     if len(log) > 1 and filters.cutoff * log.dt > 0.2:
@@ -174,17 +206,14 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
 
 
-def check_seen(rows: Rows, blocks: Sequence[Block], estimate: Estimate) -> None:
-    """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
+def unseen(rows: Rows, blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+    """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
     power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
     torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
     reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
-    if blind.any():
-        unseen = tuple(name for name, hidden in zip(rows.names, blind) if hidden)
-        what = "its motion leaves no trace of"
-        raise DataError(rows.logs[0].name, what, "move every joint, several at a time: see 'gimbal-pin excite'", unseen)
+    return tuple(name for name, hidden in zip(rows.names, blind) if hidden)
 
 
 def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:

@@ -86,6 +86,8 @@ class Plant:
         self.n = model.rig.n
         self.pin = model.rig.model.copy()
         self.pin.armature = self.pin.armature + model.armature
+        if self.carrier is not None:
+            self.pin.gravity.linear = np.zeros(3)
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
         self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
@@ -195,9 +197,13 @@ class Plant:
 
     def slope(self, t: float, x: Floats, now: Step) -> list[float]:
         """dx/dt: rates, rad/s, then accelerations, rad/s²."""
-        if self.carrier is not None or now.contact.stuck:
+        if now.contact.stuck:
             return [*x[self.n :], *self.constrained(t, x, now, self.body(t, x))[0]]
-        self.scratch[:] = [*x, *self.net(t, x, now)]
+        if self.carrier is None:
+            self.scratch[:] = [*x, *self.net(t, x, now)]
+        else:  # without gravity and rates ABA is D^-1, and the bias comes from where the base moves
+            left = [u - b for u, b in zip(self.net(t, x, now), self.carrier.bias(t, x))]
+            self.scratch[:] = [*x[: self.n], *self.carrier.rest, *left]
         return [*x[self.n :], *aba(self.pin, self.data, self.q, self.v, self.tau).tolist()]
 
     def body(self, t: float, x: Floats) -> Body:

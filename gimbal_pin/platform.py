@@ -15,6 +15,9 @@ from gimbal_pin.rig import GRAVITY
 BaseMotion = Literal["fixed", "tilted", "rotating"]
 """What the base does, as far as it decides what the joint torques show: stands upright, leans or shifts, turns."""
 
+MOTIONS: tuple[BaseMotion, ...] = ("fixed", "tilted", "rotating")
+"""From the least to the greatest: what a lesser one shows, a greater one shows, too."""
+
 LEANS = 0.1
 """Specific force that is off what an upright base at rest feels by more than this counts as a lean, m/s² rms."""
 TURNS = 0.02

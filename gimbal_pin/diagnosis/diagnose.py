@@ -32,7 +32,7 @@ from gimbal_pin.diagnosis.search import (
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import split, within
+from gimbal_pin.identification import moved, split, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
@@ -82,7 +82,7 @@ def diagnose(
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    found = searched(Problem.of(evidence, reduce(rig)), causes, rng)
+    found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
     held = gather(rig, test, filtering, origins) if test else evidence
     return reported(found, held, audits, alignment(logs[0], filtering), rng)
 
