@@ -190,7 +190,7 @@ class Rows:
         if channels.platform is None or self.reduction.base == "rotating":
             return 0.0
         whole = rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
-        return whole - rigid @ self.rig.phi[columns_of(self.rig, self.reduction)]
+        return whole - rigid @ (self.reduction.mixing @ self.rig.phi[columns(self.rig)[1]])
 
     def effect_columns(self, channels: Channels) -> Array:
         """Columns of the effects, (m, n, e)."""
