@@ -26,7 +26,7 @@ RESONANCES = (2.0, 4.0, 6.0, 9.0)
 """Resonators that the torque is sent through, Hz."""
 SURE = 0.005
 """Chance of calling noise structured."""
-SEEN = 0.2
+SEEN = 0.3
 """Size under which structure does not matter, in units of the noise floor."""
 MUCH = 4.0
 """Dispersion from which what is left must be like noise, too, not only without pattern."""
