@@ -332,10 +332,10 @@ def diagnose(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain."""
+    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too."""
     import numpy as np
 
-    from gimbal_pin.diagnosis import BAND
+    from gimbal_pin.diagnosis import BAND, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.io.diagnosis import write_diagnosis
     from gimbal_pin.rows import Filtering
@@ -343,6 +343,8 @@ def diagnose(
     loaded, read = load_logs(rig, payload, logs, map)
     band = Filtering(BAND.cutoff if cutoff is None else cutoff, BAND.smoothing, alignment)
     found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
+    if output is not None:
+        found = planned(found, rng=np.random.default_rng(seed))
     files = {} if output is None else write_diagnosis(found, output)
     present(text.diagnosis(found, files), found.to_dict(), json)
 

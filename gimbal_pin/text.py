@@ -166,6 +166,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
             f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
         ]
         lines.append(f"  {', '.join(figures)}" if figures else "")
+    lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     rows = [
         (
             joint,
