@@ -156,7 +156,8 @@ def imagined(known: Evidence, motion: Motion, model: Model, filtering: Filtering
         model: Predicts the torque, N m, (m, n).
         filtering: As the logs were filtered.
     """
-    dt, length = float(motion.t[1] - motion.t[0]), len(motion)
+    dt, length = float(motion.t[1] - motion.t[0]), 2 * (len(motion) // 2)
+    motion = Motion(*(values[:length] for values in (motion.t, motion.q, motion.v, motion.a)))
     count = max(2 * round(length * dt * known.band), 4)
     tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
     rate_std = np.mean([part.channels.rate_std for part in known.parts], axis=0)

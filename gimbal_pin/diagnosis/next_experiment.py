@@ -26,8 +26,11 @@ from gimbal_pin.model import Model
 
 SECONDS = 20.0
 """Length of the next experiment, s."""
-SERIES = ((1, 8), (2, 8), (4, 15), (8, 25))
-"""How often a motion repeats in that time, and its harmonics: slow sweeps of the whole travel up to 10 Hz."""
+SERIES = ((1, 8), (2, 8), (4, 12), (8, 12))
+"""How often a motion repeats in that time, and its harmonics: from slow sweeps of the whole travel to 5 Hz, which the
+loop must follow."""
+USED = 0.3
+"""Share of a joint's samples that should lie away from standstill: what is left of fewer says too little."""
 DRAWS, STEPS = 60, 60
 """Random motions that are tried, and changes of the best that are tried after them."""
 FOLLOWED = 2
@@ -50,16 +53,18 @@ class Tried(NamedTuple):
         limits: The series, and the rig's limits on it.
         x: Its free coefficients.
         apart: What it parts, contest by contest.
+        used: Share of the samples that count, of the joint where that is least.
     """
 
     limits: Limits
     x: Array
     apart: tuple[Apart, ...]
+    used: float
 
     @property
     def value(self) -> float:
-        """``sum m/(1 + m)``, m each contest's margin: what is parted already gains little, what is hopeless nothing."""
-        return sum(each.margin / (1 + each.margin) for each in self.apart)
+        """Sum of each contest's worth: what is parted already gains little more, what is hopeless nothing."""
+        return min(self.used / USED, 1.0) * sum(each.worth for each in self.apart)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +83,24 @@ class Bench:
     model: Model
     seconds: float
 
-    def apart(self, motion: Motion, final: bool = False) -> tuple[Apart, ...]:
-        """What a motion would part; `final` lets the rivals' shapes follow it."""
+    def apart(self, motion: Motion, final: bool = False) -> tuple[tuple[Apart, ...], float]:
+        """What a motion would part, and what share of it counts; `final` lets the rivals' shapes follow it."""
         known = self.state.problem.evidence
         evidence, torque = imagined(known, motion, self.model, replace(BAND, cutoff=known.band))
         problem = Problem.of(evidence, self.state.problem.reduction)
-        return tuple((each.closest if final else each.expected)(problem, torque) for each in self.contests)
+        used = min(float(evidence.used()[evidence.rig.joint_index(joint)]) for joint in self.joints)
+        return tuple((each.closest if final else each.expected)(problem, torque) for each in self.contests), used
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints whose torque is to tell."""
+        places = {each.cause.place for each in self.contests if each.cause.of_joint}
+        every = self.state.problem.evidence.rig.joints
+        return tuple(joint for joint in every if not places or joint in places)
 
     def tried(self, limits: Limits, x: Array) -> Tried:
         """Try a motion."""
-        return Tried(limits, x, self.apart(self.motion(limits, x, self.coarse)))
+        return Tried(limits, x, *self.apart(self.motion(limits, x, self.coarse)))
 
     @property
     def fine(self) -> float:
@@ -102,7 +115,7 @@ class Bench:
 
     def motion(self, limits: Limits, x: Array, dt: float) -> Motion:
         """The motion over and over for as long as the experiment lasts, sampled every `dt` s."""
-        t = dt * np.arange(2 * (round(self.seconds / dt) // 2))
+        t = dt * np.arange(round(self.seconds / dt) + 1)
         return limits.series.motion(limits.coefficients(x), t)
 
 
@@ -148,7 +161,7 @@ def next_experiment(
         if repaired is None:
             raise best.limits.infeasible()
         motion = bench.motion(best.limits, repaired, dt)
-        after = bench.apart(bench.motion(best.limits, repaired, bench.fine), final=True)
+        after = bench.apart(bench.motion(best.limits, repaired, bench.fine), final=True)[0]
     partings = [parting(f, c, a if ok else None, causes) for (f, c), a, ok in zip(pairs, after, partable)]
     return NextExperiment(found.state.problem.evidence.rig.joints, motion, tuple(partings), finished)
 

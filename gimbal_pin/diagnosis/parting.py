@@ -28,9 +28,14 @@ class Apart(NamedTuple):
     share: float
 
     @property
-    def margin(self) -> float:
-        """One where a diagnosis would name the cause; it takes both the deviations and the share."""
-        return min(self.deviations / NAMED, self.share / UNLIKE)
+    def named(self) -> bool:
+        """Whether a diagnosis would name the cause: it takes both the deviations and the share."""
+        return self.deviations >= NAMED and self.share >= UNLIKE
+
+    @property
+    def worth(self) -> float:
+        """``d/(d + 4) + s/(s + 0.31)``, d deviations, s share: grows with both, ever less beyond what names a cause."""
+        return self.deviations / (self.deviations + NAMED) + self.share / (self.share + UNLIKE)
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ class Parting:
             return f"{who} are the same torque however the rig is moved: no motion parts them; try {self.instead}"
         said = f"{who} lie {self.now.deviations:.2g} standard deviations apart so far"
         said += f", {self.expected.deviations:.3g} are expected with the next experiment"
-        if self.expected.margin >= 1:
+        if self.expected.named:
             return said
         return f"{said}: too few, or they are too alike, to name one; try also {self.instead}"
 
