@@ -14,6 +14,7 @@ from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.search import State
+from gimbal_pin.log import Motion
 from gimbal_pin.parameter import Parameter
 
 
@@ -168,6 +169,11 @@ class Diagnosis:
     def spoiling(self) -> tuple[Fault, ...]:
         """Faults that make the physics unreliable."""
         return tuple(fault for fault in self.faults if fault.makes_physics_unreliable)
+
+    @property
+    def next_motion(self) -> Motion | None:
+        """The motion of the next experiment, where one was planned and there is one."""
+        return None if self.planned is None else self.planned.motion
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: what spoils the physics first, then the physics, then faults that do no harm."""

@@ -31,8 +31,8 @@ SERIES = ((1, 8), (2, 8), (4, 12), (8, 12))
 loop must follow."""
 USED = 0.3
 """Share of a joint's samples that should lie away from standstill: what is left of fewer says too little."""
-DRAWS, STEPS = 60, 60
-"""Random motions that are tried, and changes of the best that are tried after them."""
+TRIES = 120
+"""Motions that are tried: half of them at random, the others as changes of the best."""
 FOLLOWED = 2
 """How many of the random motions are followed up."""
 MARGIN = 0.05
@@ -76,12 +76,14 @@ class Bench:
         contests: Findings against rivals.
         model: The extended model, which predicts the torque.
         seconds: Length of a motion, s.
+        tries: How many are tried.
     """
 
     state: State
     contests: tuple[Contest, ...]
     model: Model
     seconds: float
+    tries: int
 
     def apart(self, motion: Motion, final: bool = False) -> tuple[tuple[Apart, ...], float]:
         """What a motion would part, and what share of it counts; `final` lets the rivals' shapes follow it."""
@@ -125,6 +127,7 @@ def next_experiment(
     *,
     rng: np.random.Generator,
     seconds: float = SECONDS,
+    tries: int = TRIES,
     dt: float = 1e-3,
 ) -> NextExperiment | None:
     """Design the motion that parts what a diagnosis leaves ambiguous: maximise the expected separation of the rivals.
@@ -138,6 +141,7 @@ def next_experiment(
         causes: The causes that it knew.
         rng: Source of the motions.
         seconds: Length of the motion, s.
+        tries: Motions that are tried, some 20 a second.
         dt: Sampling interval of the returned motion, s.
 
     Returns:
@@ -152,7 +156,7 @@ def next_experiment(
     if not pairs:
         return None
     model = extended(found.state).model
-    bench = Bench(found.state, tuple(each for _, each in pairs), model, seconds)
+    bench = Bench(found.state, tuple(each for _, each in pairs), model, seconds, tries)
     best, possible, finished = searched(bench, rng)
     partable = [largest.share > IDENTICAL for largest in possible]
     motion, after = None, possible
@@ -187,7 +191,7 @@ def searched(bench: Bench, rng: np.random.Generator) -> tuple[Tried, tuple[Apart
     """Return the best motion found, the largest share that any one reached in each contest, and whether all ran."""
     every: list[Tried] = []
     try:
-        bar = tqdm(total=DRAWS + STEPS, desc="next experiment", unit="motion", disable=None, leave=False)
+        bar = tqdm(total=bench.tries, desc="next experiment", unit="motion", disable=None, leave=False)
         with bar:
             for one in walk(bench, rng, every):
                 every.append(one)
@@ -207,7 +211,7 @@ def walk(bench: Bench, rng: np.random.Generator, every: Sequence[Tried]) -> Iter
     envelope, columns = Envelope.of(rig, MARGIN), Columns.of(rig)
     series = [Series(bench.seconds / times, harmonics) for times, harmonics in SERIES]
     family = [Limits(bench.model, each, columns, Determinant(), envelope, COARSE) for each in series]
-    for k in range(DRAWS):
+    for k in range((bench.tries + 1) // 2):
         yield bench.tried(family[k % len(family)], drawn(family[k % len(family)], rng))
     for start in sorted(every, key=lambda one: -one.value)[:FOLLOWED]:
         yield from climbed(bench, start, rng)
@@ -216,7 +220,7 @@ def walk(bench: Bench, rng: np.random.Generator, every: Sequence[Tried]) -> Iter
 def climbed(bench: Bench, best: Tried, rng: np.random.Generator) -> Iterator[Tried]:
     """Yield random changes of a motion, each of the best so far (a (1+1) evolution strategy)."""
     kick = KICK
-    for _ in range(STEPS // FOLLOWED):
+    for _ in range(bench.tries // (2 * FOLLOWED)):
         change = kick * np.sqrt(np.mean(best.x**2)) * rng.standard_normal(len(best.x))
         x = kept(best.limits, best.x + change * (rng.random(len(best.x)) < rng.uniform(0.1, 1.0)))
         now = best if x is None else bench.tried(best.limits, x)

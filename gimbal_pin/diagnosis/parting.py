@@ -63,12 +63,14 @@ class Parting:
         """All of it for a person."""
         who = f"{self.joint or 'rig'}: {self.cause} and {self.rival}"
         if self.expected is None:
-            return f"{who} are the same torque however the rig is moved: no motion parts them; try {self.instead}"
+            return f"{who} can be the same torque however the rig is moved: no motion parts them; try {self.instead}"
         said = f"{who} lie {self.now.deviations:.2g} standard deviations apart so far"
         said += f", {self.expected.deviations:.3g} are expected with the next experiment"
         if self.expected.named:
             return said
-        return f"{said}: too few, or they are too alike, to name one; try also {self.instead}"
+        if self.expected.deviations < NAMED:
+            return f"{said}: too few to name one; try also {self.instead}"
+        return f"{said}: that tells which fits better, yet the two look much alike; try also {self.instead}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
