@@ -23,7 +23,7 @@ from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 
-DT = 0.005
+DT, SECONDS = 0.005, 16.0
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def said(rig: Rig, logs: list[Log], causes: Mapping[str, type[Cause]]) -> Diagno
 
 
 def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 24) -> NextExperiment:
-    plan = next_experiment(found, causes, rng=np.random.default_rng(2), tries=tries, dt=DT)
+    plan = next_experiment(found, causes, rng=np.random.default_rng(2), seconds=SECONDS, tries=tries, dt=DT)
     assert plan is not None
     return plan
 
@@ -112,7 +112,7 @@ def plan(ambiguous: Diagnosis) -> NextExperiment:
 
 def test_it_keeps_to_the_limits_and_to_rest(rig: Rig, plan: NextExperiment) -> None:
     motion = plan.motion
-    assert motion is not None and plan.seconds == pytest.approx(20.0)
+    assert motion is not None and plan.seconds == pytest.approx(SECONDS)
     assert Envelope.of(rig, MARGIN).shares(nominal(rig), motion)[:3].max() <= 1 + 1e-9
     for end in (0, -1):
         np.testing.assert_allclose([motion.v[end], motion.a[end]], 0.0, atol=1e-9)
