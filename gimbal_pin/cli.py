@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from gimbal_pin.log import Log
     from gimbal_pin.model import Model
     from gimbal_pin.payloads import Several
+    from gimbal_pin.platform import Platform
     from gimbal_pin.rig import Rig
     from gimbal_pin.rows import Filtering
     from gimbal_pin.tuning import Law
@@ -154,6 +155,20 @@ def simulate(
     ] = (),
     torque_noise: Annotated[float, arg(help="noise on the reported torque, share of its rms")] = 0.01,
     encoder_bits: Annotated[float | None, arg(help="resolution of the encoders; None: the rig's own")] = None,
+    platform: Annotated[
+        Literal["none", "S"], arg(help="what carries the rig: nothing that moves, or profile S, seeded")
+    ] = "none",
+    platform_log: Annotated[
+        Path | None,
+        arg(
+            metavar="FILE",
+            help="motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    platform_size: Annotated[float, arg(help="profile S times this")] = 1.0,
+    map: Map = (),
+    imus: Annotated[bool, arg(help="record every IMU of the rig's YAML, not the platform's alone")] = False,
     live: Annotated[bool, arg(help="show it in a browser")] = False,
     seed: Seed = 0,
 ) -> None:
@@ -171,6 +186,13 @@ def simulate(
     law = law_of(controller, nominal(loaded), bandwidth_hz)
     plant, drive = plant_with(nominal(loaded), [parse_effect(text, loaded) for text in effect])
     motion = None if reference is None else read_motion(reference, loaded)
+    asked = seconds if motion is None else float(motion.t[-1] - motion.t[0])
+    carrier = carried(loaded, platform, platform_log, map, platform_size, asked, law.dt, seed)
+    if carrier is not None and carrier.t[-1] < asked - law.dt / 2:
+        seconds, motion = float(carrier.t[-1]), None if motion is None else motion.until(float(carrier.t[-1]))
+        print(
+            f"gimbal-pin: note: {platform_log} ends after {seconds:.3g} s, and so does the simulation", file=sys.stderr
+        )
     log = bench_run(
         plant,
         law,
@@ -181,6 +203,8 @@ def simulate(
         delay=delay_samples,
         reference=motion,
         drive=drive,
+        platform=carrier,
+        imus=loaded.config.imus if imus else (),
     )
     if output is not None:
         write_log(log, output)
@@ -546,6 +570,29 @@ def shown_somewhere(output: Path | None, live: bool) -> None:
 
     if output is None and not live:
         raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
+
+
+def carried(
+    rig: Rig, profile: str, log: Path | None, mapping: Sequence[str], size: float, seconds: float, dt: float, seed: int
+) -> Platform | None:
+    """Return the platform's motion from a profile or from a log, which may be shorter than what was asked for.
+
+    Raises:
+        UsageError: Both were given.
+    """
+    import numpy as np
+
+    from gimbal_pin.io import read_imu
+    from gimbal_pin.platform import Platform
+    from gimbal_pin.profile import profile_s
+
+    if log is None:
+        times = dt / 2 * np.arange(2 * round(seconds / dt) + 1)
+        return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
+    if profile == "S":
+        raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
+    t, imu = read_imu(log, rig, rig.base, mapping)
+    return Platform.measured(t - t[0], imu, str(log))
 
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering:

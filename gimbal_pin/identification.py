@@ -15,10 +15,11 @@ from gimbal_pin.estimators import Estimate, Estimator, weighted
 from gimbal_pin.inertia import Consistent, nearest, to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
+from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Rows, columns_of, kept, settling
+from gimbal_pin.rows import Block, Filtering, Rows, base_motion, columns_of, kept, settling
 from gimbal_pin.urdf import with_friction
 
 
@@ -94,6 +95,7 @@ class Identified:
             "estimator": self.estimate.method,
             "samples": self.estimate.rows,
             "condition_number": self.estimate.condition_number,
+            "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
@@ -114,6 +116,9 @@ def identify(
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
+    Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
+    and the parameters that only such a motion shows are estimated, too.
+
     Args:
         rig: The rig.
         logs: Trajectories; each is filtered on its own and none is joined to another.
@@ -131,11 +136,7 @@ def identify(
         within(log, filters)
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
-    rows = Rows(rig, reduce(rig), everything, train, filters)
-    blocks = kept(rows)
-    enough(rows, blocks)
-    estimate = estimator(blocks)
-    check_seen(rows.logs[0].name, rows.names, blocks, estimate)
+    rows, blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
     found = assembled(rows, blocks, estimate, kept(replace(rows, logs=test)) if test else None, how)
     return replace(found, logs=tuple(log.name for log in logs))
 
@@ -171,6 +172,34 @@ def assembled(
     )
 
 
+def fitted(
+    rig: Rig,
+    effects: tuple[Effect, ...],
+    logs: tuple[Log, ...],
+    filters: Filtering,
+    estimator: Estimator,
+    base: BaseMotion,
+) -> tuple[Rows, tuple[Block, ...], Estimate]:
+    """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
+
+    Raises:
+        DataError: Too few rows, or parameters without a trace that a fixed base would show.
+    """
+    rows = Rows(rig, reduce(rig, base=base), effects, logs, filters)
+    blocks = kept(rows)
+    enough(rows, blocks)
+    estimate = estimator(blocks)
+    if base != "fixed" and unseen(rows.names, blocks, estimate):
+        return fitted(rig, effects, logs, filters, estimator, MOTIONS[MOTIONS.index(base) - 1])
+    check_seen(logs[0].name, rows.names, blocks, estimate)
+    return rows, blocks, estimate
+
+
+def moved(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
+    """Return the greatest motion of the base in some logs."""
+    return max((base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")
+
+
 def within(log: Log, filters: Filtering) -> None:
     """Raise `UsageError` if the cutoff leaves the filters nothing to remove."""
     if len(log) > 1 and filters.cutoff * log.dt > 0.2:
@@ -191,15 +220,19 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
 
 def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
     """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
+    if hidden := unseen(names, blocks, estimate):
+        what = "its motion leaves no trace of"
+        raise DataError(place, what, "move every joint, several at a time: see 'gimbal-pin excite'", hidden)
+
+
+def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+    """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
     power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
     torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
     reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
-    if blind.any():
-        unseen = tuple(name for name, hidden in zip(names, blind) if hidden)
-        what = "its motion leaves no trace of"
-        raise DataError(place, what, "move every joint, several at a time: see 'gimbal-pin excite'", unseen)
+    return tuple(name for name, hidden in zip(names, blind) if hidden)
 
 
 def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:

@@ -11,6 +11,7 @@ import numpy as np
 from gimbal_pin.effects import Coulomb, Effect, Sample, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.log import Array
+from gimbal_pin.platform import Platform
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
 
@@ -81,6 +82,7 @@ class Model:
         slide: Array | None = None,
         t: Array | None = None,
         temperature: Array | None = None,
+        platform: Platform | None = None,
     ) -> Array:
         """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
 
@@ -91,9 +93,10 @@ class Model:
             slide: Direction of sliding in [-1, 1], (N, n); sign(v) if None.
             t: Time, s, (N,); zero if None.
             temperature: Motor temperatures, °C, (N, n); ambient if None.
+            platform: Motion of the base at the same samples; None: it stands upright.
         """
         direction = np.sign(v) if slide is None else slide
-        rigid = rnea(self.rig, q, v, a)
+        rigid = rnea(self.rig, q, v, a, platform)
 
         def total(tau: Array) -> Array:
             return rigid + self.passive(q, v, a, direction, tau, t, temperature)

@@ -91,6 +91,10 @@ def base(found: Base) -> str:
         "without any trace in the torques",
         *(f"  {name}" for name in found.unidentifiable),
     ]
+    for motion, words in (("tilted", "leans or shifts"), ("rotating", "turns")):
+        names = [entry["name"] for entry in found.to_dict()["moving_base"][motion]["adds"]]
+        lines += [f"a base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"]
+        lines += [f"  {name}" for name in names]
     return "\n".join(lines)
 
 

@@ -14,8 +14,10 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-DATA = "errors parameter reading log urdf config rig"
-MATHS = "signals regressor reduction inertia effects model plant rows estimators simulation"
+DATA = "errors parameter reading log urdf config floating rig"
+MATHS = (
+    "signals platform profile regressor imu reduction inertia effects model carrier plant rows estimators simulation"
+)
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
 WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"

@@ -48,7 +48,8 @@ class Columns:
 def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
     """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
     places = columns_of(evidence.rig, reduction)
-    full = [regressor(evidence.rig, c.q, c.v, c.a)[:, :, places] for c in (part.channels for part in evidence.parts)]
+    channels = [part.channels for part in evidence.parts]
+    full = [regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
     joints = range(evidence.rig.n)
     return np.stack([evidence.whiten([x[:, j] for x in full], j) for j in joints], axis=1), full
 
@@ -83,7 +84,8 @@ def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array
     """``(rnea(apply(rig)) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
     other = cause.apply(rig)
     change = [
-        (rnea(other, c.q, c.v, c.a) - rnea(rig, c.q, c.v, c.a)) / size for c in (p.channels for p in evidence.parts)
+        (rnea(other, c.q, c.v, c.a, c.platform) - rnea(rig, c.q, c.v, c.a, c.platform)) / size
+        for c in (part.channels for part in evidence.parts)
     ]
     return np.stack([evidence.whiten([x[:, j] for x in change], j) for j in range(evidence.rig.n)], axis=1)
 

@@ -34,7 +34,7 @@ from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import split, within
+from gimbal_pin.identification import moved, split, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
@@ -88,7 +88,7 @@ def diagnose(
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    found = searched(Problem.of(evidence, reduce(rig)), causes, rng)
+    found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
     apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)

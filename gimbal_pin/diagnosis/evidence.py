@@ -6,7 +6,7 @@ log → smoothed channels → columns at full rate → × gate → spectrum ÷ n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,9 @@ from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
+from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Channels, Filtering, Stretch, mask, settling, smoothed, standstill, stretches
+from gimbal_pin.rows import Channels, Filtering, Stretch, carrying, mask, settling, smoothed, standstill, stretches
 
 FINE = 200.0
 """Samples per second that are enough for smoothed channels, well above the band."""
@@ -63,6 +64,12 @@ class Part(NamedTuple):
     def time(self) -> Array:
         """Time since the log began, s, (m,)."""
         return self.channels.t - self.origin
+
+    @property
+    def platform(self) -> Platform | None:
+        """Motion of the base over `time`; None where it stands."""
+        moving = self.channels.platform
+        return None if moving is None else replace(moving, t=self.time)
 
     def mixed(self, model: Array, measured: Array) -> Array:
         """Best estimate of the torque that acts, N m, (m, n): the model's, and the measured one where it knows better.
@@ -161,13 +168,13 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float) -> Par
     length = 2 * step * half
     if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
         return None
-    channels = smoothed(stretch, filtering, 0, length)
+    channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
     gate = mask(standstill(channels, filtering), round(0.5 / filtering.cutoff / stretch.dt))
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
     fine = channels
-    channels = Channels(fine.t[rows], fine.q[rows], fine.v[rows], fine.a[rows], fine.tau[rows], fine.rate_std)
+    channels = fine.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)

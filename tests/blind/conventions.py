@@ -13,6 +13,11 @@ class Reading(NamedTuple):
     shift: float = 0.0
 
 
+PARTS: dict[tuple[str, str, str], Reading | None] = {
+    ("position-dependent-friction", "two-harmonics", "amplitude"): Reading("amplitude", 1.25),
+    ("cogging", "several", "amplitude"): None,
+}
+"""(cause, form, parameter) → the same for one form alone; None where the two do not compare."""
 READINGS: dict[tuple[str, str], Reading] = {
     ("asymmetric-friction", "coulomb_difference"): Reading("coulomb", 2.0),
     ("asymmetric-friction", "viscous_difference"): Reading("viscous", 2.0),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .conventions import Reading
+from .conventions import PARTS, Reading
 
 Json = Mapping[str, Any]
 VISIBLE = 3.0
@@ -118,9 +118,10 @@ def covered(case: Judged, readings: Mapping[tuple[str, str], Reading]) -> list[b
     for cause in (item for item in case.causes if item["comparable"]):
         found = next((f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)), None)
         for name, true in cause["parameters"].items() if found else ():
-            reading = readings.get((cause["cause"], name), Reading(name))
-            told = found["parameters"].get(reading.name) if found else None
-            if told is not None and told.get("std") is not None:
+            usual = readings.get((cause["cause"], name), Reading(name))
+            reading = PARTS.get((cause["cause"], cause.get("form", ""), name), usual)
+            told = found["parameters"].get(reading.name) if found and reading else None
+            if reading and told is not None and told.get("std") is not None:
                 off = reading.factor * float(told["value"]) + reading.shift - float(true)
                 hits.append(abs(off) <= 1.96 * abs(reading.factor) * float(told["std"]))
     return hits
