@@ -117,6 +117,10 @@ def excite(
     harmonics: Annotated[int, arg(help="harmonics of the Fourier series")] = 5,
     starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
     criterion: Literal["condition", "determinant"] = "condition",
+    after: Annotated[
+        tuple[str, ...], arg(metavar="LOG …", help="earlier logs: design what teaches most beyond them")
+    ] = (),
+    map: Map = (),
     margin: Annotated[float, arg(help="share of every limit that is left free")] = 0.05,
     rate: Annotated[float, arg(help="samples per second of the file, Hz")] = 1000.0,
     seed: Seed = 0,
@@ -126,13 +130,15 @@ def excite(
     import numpy as np
 
     from gimbal_pin.excitation import excite as run
+    from gimbal_pin.excitation import sequential
     from gimbal_pin.io import write_motion
 
     positive("--rate", rate)
-    loaded = load_rig(rig, payload)
+    loaded, read = load_logs(rig, payload, after, map) if after else (load_rig(rig, payload), [])
+    wished = sequential(loaded, read, seconds) if read else criterion
     rng = np.random.default_rng(seed)
     options = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "margin": margin}
-    found = run(loaded, **options, criterion=criterion, rng=rng, dt=1 / rate)  # type: ignore[arg-type]
+    found = run(loaded, **options, criterion=wished, rng=rng, dt=1 / rate)  # type: ignore[arg-type]
     write_motion(found.motion, found.joints, output)
     present(text.excitation(found), found.to_dict(), json)
 
@@ -356,10 +362,10 @@ def diagnose(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain."""
+    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too."""
     import numpy as np
 
-    from gimbal_pin.diagnosis import BAND
+    from gimbal_pin.diagnosis import BAND, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.io.diagnosis import write_diagnosis
     from gimbal_pin.rows import Filtering
@@ -367,6 +373,8 @@ def diagnose(
     loaded, read = load_logs(rig, payload, logs, map)
     band = Filtering(BAND.cutoff if cutoff is None else cutoff, BAND.smoothing, alignment)
     found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
+    if output is not None:
+        found = planned(found, rng=np.random.default_rng(seed))
     files = {} if output is None else write_diagnosis(found, output)
     present(text.diagnosis(found, files), found.to_dict(), json)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import degrees, inf
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -102,6 +103,10 @@ def excitation(found: Excitation) -> str:
     """An excitation and what it uses of the limits."""
     rows = [(joint, *(f"{100 * share:.0f}" for share in used.values())) for joint, used in found.limits_used.items()]
     head = f"condition number {found.condition_number:.1f} in {found.seconds:g} s"
+    if found.narrowed is not None:
+        middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
+        head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
+        head += f" (median of the parameters; {best:.2g} for the one that gains most)"
     return head + "\n" + table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)
 
 
@@ -170,6 +175,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
             f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
         ]
         lines.append(f"  {', '.join(figures)}" if figures else "")
+    lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     rows = [
         (
             joint,

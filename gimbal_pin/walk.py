@@ -11,14 +11,15 @@ import numpy as np
 
 from gimbal_pin import report, view
 from gimbal_pin.balance import reported
-from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
 from gimbal_pin.identification import Identified, identify
-from gimbal_pin.io import write_log
+from gimbal_pin.io import write_log, write_motion
+from gimbal_pin.io.diagnosis import NEXT
 from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
 from gimbal_pin.io.model import write_model
 from gimbal_pin.log import Log
@@ -107,22 +108,24 @@ def auto(
     law = tunings[MODEL_BASED].controller
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro, model-based")
     stood = MODEL_PLANT if plant is None else TRUE_PLANT
-    found = Auto(identified, wrong, tunings, tracking, animated, paths(rig, output_folder(folder)), stood)
+    found = Auto(identified, wrong, tunings, tracking, animated, paths(rig, output_folder(folder), wrong), stood)
     write(rig, logs, found)
     return found
 
 
 def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None) -> Diagnosis | None:
-    """Diagnose logs, if they are long enough for it."""
+    """Diagnose logs, if they are long enough for it, and plan the next experiment where they leave a choice."""
     try:
-        return diagnose(rig, logs, rng=rng, holdout=holdout)
+        found = diagnose(rig, logs, rng=rng, holdout=holdout)
     except DataError:
         return None
+    return planned(found, rng=rng)
 
 
-def paths(rig: Rig, folder: Path) -> Mapping[str, Path]:
+def paths(rig: Rig, folder: Path, wrong: Diagnosis | None) -> Mapping[str, Path]:
     """Return what `write` leaves in a folder, and where."""
     names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "motion": "motion.csv"}
+    names |= {"next experiment": NEXT} if wrong is not None and wrong.next_motion is not None else {}
     names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
     return {what: folder / name for what, name in names.items()}
 
@@ -139,6 +142,8 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     write_log(found.animated, files["motion"])
     atomic_write(files["animation"], animation)
     atomic_write(files["report"], page)
+    if found.diagnosis is not None and found.diagnosis.next_motion is not None:
+        write_motion(found.diagnosis.next_motion, rig.joints, files["next experiment"])
     write_json(found.to_dict(), files["results"])
 
 

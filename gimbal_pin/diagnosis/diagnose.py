@@ -195,6 +195,7 @@ def reported(
         before=before,
         after=after,
         held=held,
+        state=found.final,
     )
 
 

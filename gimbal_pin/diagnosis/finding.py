@@ -12,6 +12,9 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.parting import NextExperiment
+from gimbal_pin.diagnosis.search import State
+from gimbal_pin.log import Motion
 from gimbal_pin.parameter import Parameter
 
 
@@ -138,6 +141,8 @@ class Diagnosis:
         after: The extended model.
         held: The held-out part, or None where the logs are spoilt.
         given: What sets the payload apart from its URDF; None where the logs are spoilt or nothing is mounted.
+        state: What the search ended with on the training part; None where the logs are spoilt.
+        planned: The motion that parts what is ambiguous, where `next_experiment` was asked for it.
     """
 
     rig: str
@@ -157,11 +162,18 @@ class Diagnosis:
     after: Extended
     held: Evidence | None = None
     given: Given | None = None
+    state: State | None = None
+    planned: NextExperiment | None = None
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
         """Faults that make the physics unreliable."""
         return tuple(fault for fault in self.faults if fault.makes_physics_unreliable)
+
+    @property
+    def next_motion(self) -> Motion | None:
+        """The motion of the next experiment, where one was planned and there is one."""
+        return None if self.planned is None else self.planned.motion
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: what spoils the physics first, then the physics, then faults that do no harm."""
@@ -182,4 +194,5 @@ class Diagnosis:
             "detection_limit": dict(self.detection_limit),
             "baseline": {key: dict(value) for key, value in self.baseline.items()},
             "extended": {key: dict(value) for key, value in self.extended.items()},
+            "next_experiment": None if self.planned is None else self.planned.to_dict(),
         }

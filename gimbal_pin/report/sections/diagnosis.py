@@ -41,6 +41,8 @@ def diagnosis(found: Diagnosis) -> Section:
     )
     for finding in found.findings:
         parts += described(finding)
+    if found.planned is not None:
+        parts += [heading("The next experiment"), bullets(found.planned.lines)]
     if found.held is not None:
         joints = joints_of(found.held.rig)
         parts.append(table(HEAD, [row(found, joint) for joint in joints], label="Torque error before and after"))
