@@ -59,6 +59,7 @@ class Identified:
         logs: Names of the logs.
         filtering: The filter in force.
         mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
+        notes: What of the logs was not used, in sentences.
     """
 
     model: Model
@@ -73,6 +74,7 @@ class Identified:
     logs: tuple[str, ...]
     filtering: Filtering
     mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def physical(self) -> bool:
@@ -104,6 +106,7 @@ class Identified:
                 log: {link: mounting.to_dict() for link, mounting in links.items()}
                 for log, links in self.mountings.items()
             },
+            "notes": list(self.notes),
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
@@ -143,6 +146,7 @@ def identify(
     for log in logs:
         within(log, filters)
     calibrated = [rectified(rig, log) for log in logs]
+    notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
     logs = [one.log for one in calibrated]
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
@@ -165,6 +169,7 @@ def identify(
         logs=tuple(log.name for log in logs),
         filtering=filters,
         mountings={one.log.name: one.mountings for one in calibrated if one.mountings},
+        notes=notes,
     )
 
 

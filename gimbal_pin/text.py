@@ -114,6 +114,7 @@ def identified(found: Identified) -> str:
     ]
     parts = [table("parameter", "value", "± 95 %", "± % of it", "unit", rows=rows), ""]
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
+    parts += [f"note: {said}" for said in found.notes]
     parts += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")

@@ -116,6 +116,8 @@ def test_a_gyro_of_another_motion_is_left_out_and_an_event_says_so() -> None:
     found = rectified(rig, broken)
     assert set(found.log.imus) == {"head", "cradle"} and len(found.log.events) == 1
     assert found.log.events[0].startswith("log: the gyro of spine is off by")
+    told = identify(rig, [replace(broken, v=log.v)], filtering=Filtering(alignment=0.0), holdout="none")
+    assert told.notes == found.log.events and set(told.mountings["log"]) == {"head", "cradle"}
     assert found.log.v is not None
     clear = np.abs(np.cos(log.q[:, 1])) > 0.3  # with the roll at a quarter turn the cradle's gyro alone hides a rate
     assert np.abs(found.log.v - log.v)[clear].max() < 0.05
