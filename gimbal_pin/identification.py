@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from gimbal_pin.calibration import Mounting, rectified
 from gimbal_pin.effects import ALWAYS, Effect, Term
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimate, Estimator, weighted
@@ -57,6 +58,8 @@ class Identified:
         torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
         logs: Names of the logs.
         filtering: The filter in force.
+        mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
+        notes: What of the logs was not used, in sentences.
     """
 
     model: Model
@@ -70,6 +73,8 @@ class Identified:
     torque_change: Mapping[str, float]
     logs: tuple[str, ...]
     filtering: Filtering
+    mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def physical(self) -> bool:
@@ -97,6 +102,11 @@ class Identified:
             "condition_number": self.estimate.condition_number,
             "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
+            "imus": {
+                log: {link: mounting.to_dict() for link, mounting in links.items()}
+                for log, links in self.mountings.items()
+            },
+            "notes": list(self.notes),
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
@@ -117,7 +127,8 @@ def identify(
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
     Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
-    and the parameters that only such a motion shows are estimated, too.
+    and the parameters that only such a motion shows are estimated, too. Gyros on several links are first turned into
+    their links' axes, see `calibration.rectified`.
 
     Args:
         rig: The rig.
@@ -134,11 +145,15 @@ def identify(
     filters = filtering or Filtering()
     for log in logs:
         within(log, filters)
+    calibrated = [rectified(rig, log) for log in logs]
+    notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
+    logs = [one.log for one in calibrated]
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
     rows, blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
     found = assembled(rows, blocks, estimate, kept(replace(rows, logs=test)) if test else None, how)
-    return replace(found, logs=tuple(log.name for log in logs))
+    mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
+    return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes)
 
 
 def assembled(

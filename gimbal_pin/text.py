@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gimbal_pin.base import Base
+    from gimbal_pin.calibration import Mounting
     from gimbal_pin.checking import Checked
     from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.excitation import Excitation
@@ -121,6 +122,8 @@ def identified(found: Identified) -> str:
     ]
     parts = [table("parameter", "value", "± 95 %", "± % of it", "unit", rows=rows), ""]
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
+    parts += [f"note: {said}" for said in found.notes]
+    parts += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
     balanced = balance(found)
@@ -143,6 +146,14 @@ def several(found: Several) -> str:
         parts += [accuracy(part) for part in (one.train, one.held_out) if part is not None]
         parts += ["" if balanced is None else "\n".join(balanced.sentences), ""]
     return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", identified(found.first)])
+
+
+def mounting(log: str, link: str, found: Mounting) -> str:
+    """How an IMU sits on its link, in degrees."""
+    turn, bias = (degrees(sum(x * x for x in vector.tolist()) ** 0.5) for vector in (found.misalignment, found.bias))
+    gap = f", its gyro then differs from the encoders by {number(degrees(found.after), 2)}°/s rms"
+    known = gap if found.after == found.after else ""
+    return f"{log}: IMU of {link} is turned by {number(turn, 3)}°, its gyro's bias is {number(bias, 3)}°/s{known}"
 
 
 def accuracy(part: Accuracy) -> str:

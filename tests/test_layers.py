@@ -15,9 +15,8 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config floating rig"
-MATHS = (
-    "signals platform profile regressor imu reduction inertia effects model carrier plant rows estimators simulation"
-)
+SENSED = "signals platform profile calibration regressor imu"
+MATHS = f"{SENSED} reduction inertia effects model carrier plant rows estimators simulation"
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
 WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import leftover, verdict
 from gimbal_pin.diagnosis.agreement import agreement
 from gimbal_pin.diagnosis.audit import Audit, audit
@@ -81,7 +82,7 @@ def diagnose(
     """
     for log in logs:
         within(log, filtering)
-    audits = [audit(rig, log) for log in logs]
+    audits = [audit(rig, rectified(rig, log).log) for log in logs]
     if any(not found.reliable for found in audits):
         return spoilt(rig, logs, audits, filtering)
     train, test, _ = split([found.log for found in audits], holdout, filtering)
