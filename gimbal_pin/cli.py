@@ -49,6 +49,14 @@ MaybeFolder = Annotated[
     Path | None,
     arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there", help_behavior_hint=""),
 ]
+ModelFile = Annotated[
+    Path | None,
+    arg(
+        metavar="MODEL",
+        help="the plant: a model's YAML, from identify or diagnose",
+        help_behavior_hint="(default: the rig as its URDF states it)",
+    ),
+]
 Seed = Annotated[int, arg(help="seed of everything random")]
 Cutoff = Annotated[
     float | None,
@@ -141,6 +149,7 @@ def simulate(
     output: MaybeOutput = None,
     *,
     payload: Payload = None,
+    model: ModelFile = None,
     controller: Annotated[str, arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
     reference: Annotated[
         Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
@@ -163,13 +172,13 @@ def simulate(
     from gimbal_pin.effects.parse import parse_effect
     from gimbal_pin.experiment import bench_run
     from gimbal_pin.io import read_motion, write_log
-    from gimbal_pin.model import nominal
     from gimbal_pin.simulation import plant_with
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload)
-    law = law_of(controller, nominal(loaded), bandwidth_hz)
-    plant, drive = plant_with(nominal(loaded), [parse_effect(text, loaded) for text in effect])
+    loaded = load_rig(rig, payload or (mounted(str(model)) if model else None))
+    known = plant_of(model, loaded)
+    law = law_of(controller, known, bandwidth_hz)
+    plant, drive = plant_with(known, [parse_effect(text, loaded) for text in effect])
     motion = None if reference is None else read_motion(reference, loaded)
     log = bench_run(
         plant,
@@ -273,6 +282,7 @@ def track(
     controller: Annotated[Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from tune")],
     *,
     payload: Payload = None,
+    model: ModelFile = None,
     delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     seed: Seed = 0,
     json: Json = None,
@@ -280,13 +290,13 @@ def track(
     """Step tracking on all axes at once and one at a time, against a PID of the same bandwidth."""
     import numpy as np
 
-    from gimbal_pin.model import nominal
     from gimbal_pin.tracking import track as run
 
     loaded = load_rig(rig, payload or mounted(controller))
     laws = rivals(controller, loaded)
-    found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
-    present(text.tracking(found, "the rig as its URDF states it"), found.to_dict(), json)
+    found = run(plant_of(model, loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
+    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
+    present(text.tracking(found, stood), found.to_dict(), json)
 
 
 def animate(
@@ -358,15 +368,19 @@ def auto(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
+    kind: Kind = "computed-torque",
     bandwidth_hz: Bandwidth = 8.0,
+    damping: Damping = 1.0,
     delay: Delay = 0.001,
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
     live: Annotated[bool, arg(help="show the result in a browser")] = False,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """All of it: identify, tune, verify, report and animation."""
+    """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
     import numpy as np
 
+    from gimbal_pin.control.design import Wish
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.walk import auto as run
 
@@ -379,8 +393,7 @@ def auto(
         estimator=ESTIMATORS[estimator],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
-        bandwidth_hz=bandwidth_hz,
-        delay=delay,
+        wish=Wish(bandwidth_hz, damping, delay, kind=kind, robust=robust),
     )
     present(text.auto(found), found.to_dict(), json)
     if live:
@@ -567,6 +580,14 @@ def model_of(
     return run(loaded, logs, filtering=filtering(cutoff, None)).model
 
 
+def plant_of(name: Path | None, rig: Rig) -> Model:
+    """Return the model of a YAML, or the rig as its URDF states it."""
+    from gimbal_pin.io.model import read_model
+    from gimbal_pin.model import nominal
+
+    return nominal(rig) if name is None else read_model(name, rig)
+
+
 def mounted(name: str) -> str | None:
     """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
     from gimbal_pin.errors import ModelError
@@ -589,13 +610,14 @@ def read_controller(name: str, rig: Rig) -> Law:
 
 def rivals(name: str, rig: Rig) -> dict[str, Law]:
     """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.model import nominal
+    from gimbal_pin.model import model_from
     from gimbal_pin.reading import read_yaml
     from gimbal_pin.tuning import tune as run
 
     law, data = read_controller(name, rig), read_yaml(name)
     wish = {**data["wish"], "kind": "pid", "robust": False}
-    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(nominal(rig), **wish).controller}
+    known = model_from(data["model"], rig)
+    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(known, **wish).controller}
     return {data["controller"]: law, **laws}
 
 

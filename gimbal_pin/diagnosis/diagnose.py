@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
+from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
 from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import (
@@ -195,6 +196,7 @@ def reported(
         before=before,
         after=after,
         held=held,
+        tracking=followed(before, after, rng) if each else {},
     )
 
 
