@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.parameter import Parameter
 
 
@@ -140,6 +141,7 @@ class Diagnosis:
         given: What sets the payload apart from its URDF; None where the logs are spoilt or nothing is mounted.
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
             compensated, rad; empty where nothing was found.
+        likeness: For every finding, which other causes look like it on these logs.
     """
 
     rig: str
@@ -160,6 +162,7 @@ class Diagnosis:
     held: Evidence | None = None
     given: Given | None = None
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    likeness: tuple[Likeness, ...] = ()
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
@@ -189,4 +192,5 @@ class Diagnosis:
                 joint: {key: value if isfinite(value) else None for key, value in row.items()}
                 for joint, row in self.tracking.items()
             },
+            "look_alikes": [each.to_dict() for each in self.likeness],
         }
