@@ -151,8 +151,8 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     """Write every file."""
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
-    wrong = () if found.diagnosis is None else (report.sections.diagnosis(found.diagnosis),)
-    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, wrong, plant=found.plant)
+    results = identified, found.tunings, found.tracking, animation, found.diagnosis
+    page = report.full(rig, logs, *results, plant=found.plant)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
     if found.diagnosis is not None and "extended model" in files:

@@ -43,8 +43,8 @@ def alike_map(known: Likeness, colour: str) -> list[Markup]:
     where = known.joint or "the rig"
     alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
     caption = (
-        f"How alike causes at {where} are on this log: 1, and it cannot part them; from {ALIKE} on they are outlined, "
-        "and share one name."
+        f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
+        f"two, from {ALIKE} on they are outlined and share one name."
     )
     drawn = picture(plots.drawn(partial(cells, known, colour), alt), caption)
     return [folded(f"What looks like {known.causes[0]} here", drawn)]
