@@ -20,7 +20,7 @@ from gimbal_pin import text
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Log
+    from gimbal_pin.log import Array, Log
     from gimbal_pin.model import Model
     from gimbal_pin.payloads import Several
     from gimbal_pin.platform import Platform
@@ -49,6 +49,14 @@ Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the
 MaybeFolder = Annotated[
     Path | None,
     arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there", help_behavior_hint=""),
+]
+ModelFile = Annotated[
+    Path | None,
+    arg(
+        metavar="MODEL",
+        help="the plant: a model's YAML, from identify or diagnose",
+        help_behavior_hint="(default: the rig as its URDF states it)",
+    ),
 ]
 Seed = Annotated[int, arg(help="seed of everything random")]
 Cutoff = Annotated[
@@ -148,6 +156,7 @@ def simulate(
     output: MaybeOutput = None,
     *,
     payload: Payload = None,
+    model: ModelFile = None,
     controller: Annotated[str, arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
     reference: Annotated[
         Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
@@ -184,13 +193,13 @@ def simulate(
     from gimbal_pin.effects.parse import parse_effect
     from gimbal_pin.experiment import bench_run
     from gimbal_pin.io import read_motion, write_log
-    from gimbal_pin.model import nominal
     from gimbal_pin.simulation import plant_with
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload)
-    law = law_of(controller, nominal(loaded), bandwidth_hz)
-    plant, drive = plant_with(nominal(loaded), [parse_effect(text, loaded) for text in effect])
+    loaded = load_rig(rig, payload or (mounted(str(model)) if model else None))
+    known = plant_of(model, loaded)
+    law = law_of(controller, known, bandwidth_hz)
+    plant, drive = plant_with(known, [parse_effect(text, loaded) for text in effect])
     motion = None if reference is None else read_motion(reference, loaded)
     asked = seconds if motion is None else float(motion.t[-1] - motion.t[0])
     carrier = carried(loaded, platform, platform_log, map, platform_size, asked, law.dt, seed)
@@ -303,6 +312,7 @@ def track(
     controller: Annotated[Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from tune")],
     *,
     payload: Payload = None,
+    model: ModelFile = None,
     delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     seed: Seed = 0,
     json: Json = None,
@@ -310,13 +320,13 @@ def track(
     """Step tracking on all axes at once and one at a time, against a PID of the same bandwidth."""
     import numpy as np
 
-    from gimbal_pin.model import nominal
     from gimbal_pin.tracking import track as run
 
     loaded = load_rig(rig, payload or mounted(controller))
     laws = rivals(controller, loaded)
-    found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
-    present(text.tracking(found, "the rig as its URDF states it"), found.to_dict(), json)
+    found = run(plant_of(model, loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
+    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
+    present(text.tracking(found, stood), found.to_dict(), json)
 
 
 def animate(
@@ -330,6 +340,14 @@ def animate(
     fps: Annotated[float | None, arg(help="frames per second; None: what suits the format")] = None,
     ghost: Annotated[bool, arg(help="show the reference as a ghost")] = True,
     at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
+    residual: Annotated[
+        Path | None,
+        arg(
+            metavar="MODEL",
+            help="turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on",
+            help_behavior_hint="",
+        ),
+    ] = None,
     live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
@@ -337,10 +355,11 @@ def animate(
     from gimbal_pin.io import read_log, split_payload
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload or split_payload(log)[1])
-    read = read_log(log, loaded, map, need_tau=False)
+    loaded = load_rig(rig, payload or split_payload(log)[1] or (mounted(str(residual)) if residual else None))
+    read = read_log(log, loaded, map, need_tau=residual is not None)
+    colour = None if residual is None else warmth(residual, loaded, read)
     if output is not None:
-        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, at=at):
+        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at):
             print(warning, file=sys.stderr)
         print(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
     if live:
@@ -390,15 +409,19 @@ def auto(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
+    kind: Kind = "computed-torque",
     bandwidth_hz: Bandwidth = 8.0,
+    damping: Damping = 1.0,
     delay: Delay = 0.001,
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
     live: Annotated[bool, arg(help="show the result in a browser")] = False,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """All of it: identify, tune, verify, report and animation."""
+    """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
     import numpy as np
 
+    from gimbal_pin.control.design import Wish
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.walk import auto as run
 
@@ -411,8 +434,7 @@ def auto(
         estimator=ESTIMATORS[estimator],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
-        bandwidth_hz=bandwidth_hz,
-        delay=delay,
+        wish=Wish(bandwidth_hz, damping, delay, kind=kind, robust=robust),
     )
     present(text.auto(found), found.to_dict(), json)
     if live:
@@ -622,6 +644,22 @@ def model_of(
     return run(loaded, logs, filtering=filtering(cutoff, None)).model
 
 
+def warmth(name: Path, rig: Rig, log: Log) -> Array:
+    """Return what the model of a YAML leaves of a log's torques, as `view.save` colours it."""
+    from gimbal_pin.diagnosis.heat import heat
+    from gimbal_pin.io.model import read_model
+
+    return heat(read_model(name, rig), log)
+
+
+def plant_of(name: Path | None, rig: Rig) -> Model:
+    """Return the model of a YAML, or the rig as its URDF states it."""
+    from gimbal_pin.io.model import read_model
+    from gimbal_pin.model import nominal
+
+    return nominal(rig) if name is None else read_model(name, rig)
+
+
 def mounted(name: str) -> str | None:
     """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
     from gimbal_pin.errors import ModelError
@@ -644,13 +682,14 @@ def read_controller(name: str, rig: Rig) -> Law:
 
 def rivals(name: str, rig: Rig) -> dict[str, Law]:
     """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.model import nominal
+    from gimbal_pin.model import model_from
     from gimbal_pin.reading import read_yaml
     from gimbal_pin.tuning import tune as run
 
     law, data = read_controller(name, rig), read_yaml(name)
     wish = {**data["wish"], "kind": "pid", "robust": False}
-    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(nominal(rig), **wish).controller}
+    known = model_from(data["model"], rig)
+    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(known, **wish).controller}
     return {data["controller"]: law, **laws}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
@@ -106,7 +106,8 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
             rig = cause.apply(rig)
         else:
             rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
-    plant = Model(rig, model.terms + tuple(cause for cause in causes if isinstance(cause, Term)))
+    terms = model.terms + tuple(cause for cause in causes if isinstance(cause, Term))
+    plant = replace(model, rig=rig, terms=terms, estimated=None)
     check_dry(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
 
@@ -171,7 +172,7 @@ def simulate(
         rng: Source of the sensors' noise.
         sensors: The sensors; None: the rig's encoders and gyros.
         delay: Samples between measurement and torque.
-        drive: What stands between the command, which the log keeps, and the torque that acts.
+        drive: What stands between the command, which the log keeps, and the torque that acts, after the plant's own.
         start: State at the first sample; None: at rest on the reference.
         platform: Motion of the base, best sampled at half the control interval; None: it stands, which is faster.
         name: Name of the log.
@@ -193,7 +194,7 @@ def simulate(
     rate_noise = sense.rate_std * rng.standard_normal((steps, n))
     torque_noise = sense.torque_std * rng.standard_normal((steps, n))
     carried = None if platform is None else halved(platform, reference.t)
-    system, motors, memory = Plant(plant, carried), Drive(drive, plant.rig, dt), controller.start()
+    system, motors, memory = Plant(plant, carried), Drive((*plant.drive, *drive), plant.rig, dt), controller.start()
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
     pending: deque[Array] = deque([np.zeros(n)] * delay)
     limit, times, rows = plant.rig.tau_max, reference.t.tolist(), zip(reference.q, reference.v, reference.a)

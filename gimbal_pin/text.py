@@ -200,12 +200,21 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def tracking_gain(found: Diagnosis) -> list[str]:
+    """How closely a controller follows with the found causes compensated, and without, in degrees."""
+    rows = found.tracking.items()
+    cells = [(joint, *(number(degrees(row[key]), 2) for key in ("rms_before", "rms_after"))) for joint, row in rows]
+    told = ", ".join(f"{joint} {before}° → {after}°" for joint, before, after in cells)
+    return [f"tracking error in simulation, rms, without and with compensation: {told}"] if cells else []
 
 
 def tuning(found: Tuning) -> str:
@@ -249,7 +258,7 @@ def auto(found: Auto) -> str:
     parts = [
         identified(found.identified),
         *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
-        tuning(found.tunings["computed-torque"]),
+        tuning(found.tuning),
         tracking(found.tracking, found.plant),
         files,
         f"open {found.files['report']}",

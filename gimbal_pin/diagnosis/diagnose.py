@@ -17,7 +17,9 @@ from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
+from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
+from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import (
     Library,
@@ -197,6 +199,8 @@ def reported(
         after=after,
         held=held,
         state=found.final,
+        tracking=followed(before, after, rng) if each else {},
+        likeness=tuple(likeness(found.final, cause, found.shelf) for cause in found.final.causes),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.search import State
 from gimbal_pin.log import Motion
@@ -143,6 +144,9 @@ class Diagnosis:
         given: What sets the payload apart from its URDF; None where the logs are spoilt or nothing is mounted.
         state: What the search ended with on the training part; None where the logs are spoilt.
         planned: The motion that parts what is ambiguous, where `next_experiment` was asked for it.
+        tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
+            compensated, rad; empty where nothing was found.
+        likeness: For every finding, which other causes look like it on these logs.
     """
 
     rig: str
@@ -164,6 +168,8 @@ class Diagnosis:
     given: Given | None = None
     state: State | None = None
     planned: NextExperiment | None = None
+    tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    likeness: tuple[Likeness, ...] = ()
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
@@ -195,4 +201,9 @@ class Diagnosis:
             "baseline": {key: dict(value) for key, value in self.baseline.items()},
             "extended": {key: dict(value) for key, value in self.extended.items()},
             "next_experiment": None if self.planned is None else self.planned.to_dict(),
+            "tracking": {
+                joint: {key: value if isfinite(value) else None for key, value in row.items()}
+                for joint, row in self.tracking.items()
+            },
+            "look_alikes": [each.to_dict() for each in self.likeness],
         }

@@ -12,6 +12,9 @@ from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
+RAMP = 0.05
+"""Share of the width over which a compensating command crosses it."""
+
 
 @dataclass(frozen=True)
 class DeadZone(Signal):
@@ -29,6 +32,12 @@ class DeadZone(Signal):
     experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
     lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "load-dependent-friction")
     compensation: ClassVar[str] = "the width is added to the command, in its direction"
+
+    def command(self, torque: float) -> float:
+        """Add the width in the torque's direction, within `RAMP` of it in proportion: noise shall not chatter."""
+        if self.width <= 0:
+            return torque
+        return torque + self.width * min(1.0, max(-1.0, torque / (RAMP * self.width)))
 
     def start(self, level: float = 0.0) -> Memory:
         """Nothing to remember."""

@@ -30,6 +30,11 @@ class Saturation(Signal):
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "quadratic-drag", "actuator-lag")
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
 
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return self.limit
+
     def start(self, level: float = 0.0) -> Memory:
         """Nothing to remember."""
         return ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -41,6 +42,36 @@ class Signal(Cause):
     @abstractmethod
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Return the memory and the mean acting torque, N m, after `dt` s of the command `x`, N m."""
+
+    @property
+    def largest(self) -> float:
+        """Largest torque that it passes on, N m."""
+        return inf
+
+    def late(self, dt: float) -> float:
+        """``Σ k dt h_k``, s: the first moment of its impulse response, the delay that it is to slow commands.
+
+        Zero where it is not linear.
+        """
+        if not self.linear:
+            return 0.0
+        A, B, C, _ = self.matrices(dt)
+        settled = np.linalg.solve(np.eye(len(A)) - A, B)
+        return float(dt * C @ np.linalg.solve(np.eye(len(A)) - A, settled))
+
+    def matrices(self, dt: float) -> tuple[Array, Array, Array, float]:
+        """``m' = A m + B x, y = C m + D x`` of a linear signal, (m, m), (m,), (m,): what `step` does every `dt` s."""
+        memory = self.start()
+        while len(longer := self.step(memory, 0.0, dt)[0]) > len(memory):
+            memory = longer
+        still = (0.0,) * len(memory)
+        moved, D = self.step(still, 1.0, dt)
+        rows = [self.step(tuple(row), 0.0, dt) for row in np.eye(len(memory)).tolist()]
+        return np.array([after for after, _ in rows]).T, np.array(moved), np.array([y for _, y in rows]), D
+
+    def command(self, torque: float) -> float:
+        """Return what to command so that this torque acts once it has settled, N m: what a controller compensates."""
+        return torque
 
     def acting(self, command: Array, dt: float) -> Array:
         """Torque that acts, N m, (N,), for a command, N m, (N,), held `dt` s each; settled on the first before it."""

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identification import Identified
 from gimbal_pin.io.files import write_yaml
-from gimbal_pin.model import Estimated, Model
+from gimbal_pin.model import Estimated, Model, model_from, plain_model
 from gimbal_pin.reading import read_yaml
 from gimbal_pin.rig import Rig
 
@@ -49,14 +49,22 @@ def body(identified: Identified, path: str | Path) -> dict[str, Any]:
 
 
 def write_extended(model: Model, path: str | Path) -> None:
-    """Write a model without its parameters' uncertainty: rig, inertias and terms."""
+    """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
     rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
-    body = {"phi": model.rig.phi.tolist(), "terms": [term.to_dict() for term in model.terms]}
-    write_yaml({"kind": KIND, "schema": 1, **rows, **body}, path)
+    write_yaml({"kind": KIND, "schema": 1, **rows, **plain_model(model), **uncertainty(model.estimated)}, path)
+
+
+def uncertainty(estimated: Estimated | None) -> dict[str, Any]:
+    """Return the parameters' values and covariance as `known` reads them."""
+    if estimated is None:
+        return {}
+    columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
+    rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
+    return {"base_parameters": rows, "covariance": estimated.covariance.tolist()}
 
 
 def read_model(path: str | Path, rig: Rig) -> Model:
-    """Read a model that `write_model` wrote, for a rig with the same joints; of several payloads the rig's own.
+    """Read a model that `write_model` or `write_extended` wrote for a rig with its joints; of several payloads its own.
 
     Raises:
         ModelError: The file is of another kind, for other joints, or lacks something.
@@ -69,9 +77,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     try:
         data = data.get("payloads", {}).get(rig.payload, data)
-        terms = tuple(term_from(entry) for entry in data["terms"])
-        estimated = known(data) if "covariance" in data else None
-        return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, estimated)
+        return replace(model_from(data, rig), estimated=known(data) if "covariance" in data else None)
     except (KeyError, TypeError, ValueError) as error:
         raise ModelError(str(path), f"cannot be read ({error!r})", "write it with 'gimbal-pin identify'") from error
 
