@@ -234,7 +234,8 @@ def test_every_command_of_the_readme_runs(run: Run, tmp_path: Path, monkeypatch:
         assert code == 0, f"{command}: {err}"
 
 
-def test_the_python_of_the_readme_runs() -> None:
+def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
     assert code is not None
     exec(compile(code[1], "README.md", "exec"), {})
