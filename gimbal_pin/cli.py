@@ -126,7 +126,12 @@ def excite(
     starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
     criterion: Literal["condition", "determinant"] = "condition",
     after: Annotated[
-        tuple[str, ...], arg(metavar="LOG …", help="earlier logs: design what teaches most beyond them")
+        tuple[str, ...],
+        arg(
+            metavar="LOG …",
+            help="earlier logs: design what teaches most beyond them, by log det of the information",
+            help_behavior_hint="",
+        ),
     ] = (),
     map: Map = (),
     margin: Annotated[float, arg(help="share of every limit that is left free")] = 0.05,
