@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import uniform_filter1d
 
@@ -59,6 +60,11 @@ class Fit:
         power = np.abs(fft.rfft(rows, axis=0)) ** 2 / len(rows)
         return np.asarray(uniform_filter1d(power, SMOOTH, axis=0))
 
+    @cached_property
+    def starts(self) -> NDArray[np.intp]:
+        """First row of each block, (blocks,)."""
+        return np.flatnonzero(np.diff(self.block, prepend=-1))
+
     @property
     def blocks(self) -> int:
         """How many blocks there are."""
@@ -70,8 +76,7 @@ class Fit:
 
     def by_block(self, values: Array) -> Array:
         """Sum rows (rows n, c) over each block, (blocks, c)."""
-        order = np.flatnonzero(np.diff(self.block, prepend=-1))
-        return np.add.reduceat(values, order, axis=0)
+        return np.add.reduceat(values, self.starts, axis=0)
 
 
 def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = None) -> Fit:

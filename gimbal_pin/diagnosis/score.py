@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import fft
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.log import Array
@@ -65,23 +65,51 @@ HIDDEN = 1e-3
 
 def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
     """Score one candidate; `fixed`: its coefficient is one, as for a drive's signal."""
+    found = gained(now, columns, fixed)
+    if found.gain == 0.0:
+        return NOTHING._replace(visible=found.visible)
+    rest, own = found.rest, found.own
+    s = rest.T @ now.residual
+    V, blocks = scatter(now, rest, now.residual - rest @ own)
+    wald = float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
+    explained = (rest @ found.beta).reshape(len(columns.values), -1) / now.scale
+    size = np.sqrt(np.mean(explained**2, axis=0))
+    return Score(found.gain, wald, float(chance(wald, len(s), blocks)), found.beta, found.visible, size)
+
+
+class Gained(NamedTuple):
+    """What a candidate would gain, without how sure that is, which costs most of a score.
+
+    Attributes:
+        gain: Fall of the weighted sum of squares; zero where the candidate is none.
+        beta: Coefficients as applied, (c,).
+        own: Coefficients that fit best, (c,).
+        rest: Projected columns, (rows n, c).
+        visible: Share of the column's power that the base columns leave.
+    """
+
+    gain: float
+    beta: Array
+    own: Array
+    rest: Array
+    visible: float
+
+
+def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
+    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
     stacked = now.stacked(columns.values)
     rest = stacked - now.basis @ (now.basis.T @ stacked)
     whole, left = float(np.sum(stacked**2)), float(np.sum(rest**2))
+    nothing = Gained(0.0, np.zeros(0), np.zeros(0), rest, left / whole if whole > 0 else 0.0)
     if whole <= 0 or left < HIDDEN * whole:
-        return NOTHING._replace(visible=left / whole if whole > 0 else 0.0)
+        return nothing
     s, gram = rest.T @ now.residual, rest.T @ rest
-    beta = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
-    if np.any(beta < columns.lower) or np.any(beta > columns.upper) or overdone(now, stacked @ beta):
-        return NOTHING._replace(visible=left / whole)
-    applied = np.ones(1) if fixed else beta
-    after = now.residual - rest @ applied
-    gain = now.cost - float(after @ after)
-    V, blocks = scatter(now, rest, now.residual - rest @ beta)
-    wald = float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
-    explained = (rest @ applied).reshape(len(columns.values), -1) / now.scale
-    size = np.sqrt(np.mean(explained**2, axis=0))
-    return Score(gain, wald, float(chance(wald, len(s), blocks)), applied, left / whole, size)
+    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
+    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now, stacked @ own):
+        return nothing
+    beta = np.ones(1) if fixed else own
+    after = now.residual - rest @ beta
+    return Gained(now.cost - float(after @ after), beta, own, rest, left / whole)
 
 
 def overdone(now: Fit, torque: Array) -> bool:
@@ -120,16 +148,16 @@ def effective(now: Fit, rest: Array) -> float:
 
     What acts in three blocks only has a score of which only three are independent, however long the log.
     """
-    left, values, _ = np.linalg.svd(rest, full_matrices=False)
-    seen = values > 1e-8 * max(values[0], 1e-300)
-    leverage = now.by_block(np.sum(left[:, seen] ** 2, axis=1, keepdims=True))
+    values, vectors = np.linalg.eigh(rest.T @ rest)
+    seen = values > 1e-12 * max(values[-1], 1e-300)
+    leverage = now.by_block(np.sum((rest @ (vectors[:, seen] / np.sqrt(values[seen]))) ** 2, axis=1, keepdims=True))
     return float(np.sum(leverage) ** 2 / max(float(np.sum(leverage**2)), 1e-300))
 
 
 def chance(wald: Array | float, width: int, blocks: float) -> Array | float:
     """Hotelling's T² with `width` coefficients over `blocks` blocks: chance of as much or more."""
     freedom = max(blocks - width, 1.0)
-    return fisher.sf(wald * freedom / (width * max(blocks - 1, 1.0)), width, freedom)
+    return np.asarray(fdtrc(width, freedom, wald * freedom / (width * max(blocks - 1, 1.0))))
 
 
 def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator, flips: int = 499) -> Array:

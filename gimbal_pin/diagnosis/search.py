@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, pushes, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit, improves
-from gimbal_pin.diagnosis.score import Score, score
+from gimbal_pin.diagnosis.score import Score, gained, score
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.identification import given_beta
@@ -219,10 +219,10 @@ def near(new: Array, old: Array, share: float = STALE) -> bool:
     return float(np.linalg.norm(new - old)) <= share * float(np.linalg.norm(old))
 
 
-def scored(state: State, columns: Sequence[Columns]) -> list[tuple[Score, Cause]]:
-    """Scores on the coarse grid, the largest gain first."""
-    rows = [(score(state.fit, one, False), one.cause) for one in columns]
-    return sorted(rows, key=lambda row: -row[0].gain)
+def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:
+    """Gains on the coarse grid, the largest first; only those above zero."""
+    rows = [(gained(state.fit, one, False).gain, one) for one in columns]
+    return sorted((row for row in rows if row[0] > 0), key=lambda row: -row[0])
 
 
 def refined(state: State, cause: Cause) -> Cause:
@@ -268,12 +268,13 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
         place: Only causes at this joint and of the whole rig; None: of any joint, that of the best candidate.
     """
     taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
-    scores = scored(state, shelf.columns(state, place))
-    rows = [row for row in scores if row[0].gain > 0 and (row[1].name, row[1].place) not in taken]
+    gains = ranked(state, shelf.columns(state, place))
+    rows = [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken]
     first: dict[tuple[str, str], Cause] = {}
-    for found, cause in rows:
-        if found.p < ENTER and found.gain > CLOSE * rows[0][0].gain:
-            first.setdefault((cause.name, cause.place), cause)
+    for gain, one in rows:
+        key = (one.cause.name, one.cause.place)
+        if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < ENTER:
+            first[key] = one.cause
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
     passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]

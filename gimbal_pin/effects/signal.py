@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import Value
 from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
@@ -93,3 +94,24 @@ class Signal(Cause):
             memory, y = self.step(memory, 0.0, dt)
             out.append(y)
         return np.array(out)
+
+
+@dataclass(frozen=True)
+class Static(Signal):
+    """``acting = passed(command)``: what has no memory."""
+
+    @abstractmethod
+    def passed(self, x: Value) -> Value:
+        """Return the torque that acts, N m, for a command, N m."""
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Nothing to remember."""
+        return ()
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Pass the command."""
+        return memory, float(self.passed(x))
+
+    def acting(self, command: Array, dt: float) -> Array:
+        """Pass all of it at once."""
+        return np.asarray(self.passed(command))
