@@ -14,7 +14,7 @@ from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import leftover, verdict
 from gimbal_pin.diagnosis.agreement import agreement
 from gimbal_pin.diagnosis.audit import Audit, audit
-from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
 from gimbal_pin.diagnosis.followed import followed
@@ -85,9 +85,11 @@ def diagnose(
     for log in logs:
         within(log, filtering)
     audits = [audit(rig, rectified(rig, log).log) for log in logs]
+    train, test, _ = split([found.log for found in audits], holdout, filtering)
+    fitted = {log.name for log in train}
+    audits = [found if found.log.name in fitted else found.spared for found in audits]
     if any(not found.reliable for found in audits):
         return spoilt(rig, logs, audits, filtering)
-    train, test, _ = split([found.log for found in audits], holdout, filtering)
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
@@ -95,7 +97,7 @@ def diagnose(
     apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
-    held = gather(rig, test, filtering, origins) if test else evidence
+    held = judged(rig, test, filtering, origins) if test else evidence
     found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     return compared(said, found.final, causes)
