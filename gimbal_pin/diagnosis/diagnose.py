@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import leftover, verdict
-from gimbal_pin.diagnosis.agreement import agreement
+from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
@@ -93,8 +93,11 @@ def diagnose(
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
-    apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
+    each = alone(rig, [one.log for one in audits], filtering)
+    apart = outright(rig, each)
+    if apart is None:
+        found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
+        apart = agreement(rig, each, found.final.causes)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     held = judged(rig, test, filtering, origins) if test else evidence
