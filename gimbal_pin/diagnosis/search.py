@@ -366,6 +366,11 @@ def consistent(state: State) -> State:
     return state
 
 
+def spot(cause: Cause) -> str | None:
+    """Joint at which a cause's rivals sit, beside those of the whole rig; None: at any."""
+    return cause.place if cause.of_joint else None
+
+
 def with_cause(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
     """Add a cause; harmonics of one kind at one joint are one cause."""
     for i, old in enumerate(causes):
@@ -425,8 +430,11 @@ def swapped(state: State, shelf: Library) -> State:
 
 
 def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
-    """Other causes that fit what this one explains; `base` is the state without it."""
-    rows = [row for row in contenders(base, shelf, cause.place) if not same(row[1], cause)]
+    """Other causes that fit what this one explains; `base` is the state without it.
+
+    A cause of the whole rig may be mistaken for one at any of its joints.
+    """
+    rows = [row for row in contenders(base, shelf, spot(cause)) if not same(row[1], cause)]
     if isinstance(cause, Harmonic):
         alike = [type(c)(c.joint, cause.harmonic) for _, c in rows if isinstance(c, Harmonic)]
         rows += [(found, c) for c in alike if possible(base, found := measure(base, c), c)]
