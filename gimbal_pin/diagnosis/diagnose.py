@@ -54,6 +54,8 @@ DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 CONFIRMED = 1.01
 """Held-out error without a cause over that with it, from which the held-out part confirms the cause."""
+LIVELY = 1e-3
+"""Least share of a joint's samples that must be away from standstill."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -93,6 +95,11 @@ def diagnose(
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
+    held = judged(rig, test, filtering, origins) if test else evidence
+    if np.all(held.used() < LIVELY):
+        raise DataError(
+            test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
+        )
     each = alone(rig, [one.log for one in audits], filtering)
     apart = outright(rig, each)
     if apart is None:
@@ -100,7 +107,6 @@ def diagnose(
         apart = agreement(rig, each, found.final.causes)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
-    held = judged(rig, test, filtering, origins) if test else evidence
     found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     return compared(said, found.final, causes)
@@ -253,7 +259,7 @@ def check_moved(evidence: Evidence, name: str) -> None:
     """Raise `DataError` if a joint never moved."""
     joints = evidence.rig.joints
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < MOVED)
-    if still or np.any(evidence.used() < 1e-3):
+    if still or np.any(evidence.used() < LIVELY):
         raise DataError(
             name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
         )
