@@ -13,9 +13,9 @@ from scipy.stats import norm
 
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import leftover, verdict
-from gimbal_pin.diagnosis.agreement import agreement
+from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.audit import Audit, audit
-from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
 from gimbal_pin.diagnosis.followed import followed
@@ -58,6 +58,8 @@ CONFIRMED = 1.01
 """Held-out error without a cause over that with it, from which the held-out part confirms the cause."""
 STRAYED = 1.1
 """Error of the rollout with a cause over that without it, from which it makes the simulation worse."""
+LIVELY = 1e-3
+"""Least share of a joint's samples that must be away from standstill."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -89,17 +91,26 @@ def diagnose(
     for log in logs:
         within(log, filtering)
     audits = [audit(rig, rectified(rig, log).log) for log in logs]
+    train, test, _ = split([found.log for found in audits], holdout, filtering)
+    fitted = {log.name for log in train}
+    audits = [found if found.log.name in fitted else found.spared for found in audits]
     if any(not found.reliable for found in audits):
         return spoilt(rig, logs, audits, filtering)
-    train, test, _ = split([found.log for found in audits], holdout, filtering)
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
-    apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
+    held = judged(rig, test, filtering, origins) if test else evidence
+    if np.all(held.used() < LIVELY):
+        raise DataError(
+            test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
+        )
+    each = alone(rig, [one.log for one in audits], filtering)
+    apart = outright(rig, each)
+    if apart is None:
+        found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
+        apart = agreement(rig, each, found.final.causes)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
-    held = gather(rig, test, filtering, origins) if test else evidence
     found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     return compared(said, found.final, causes)
@@ -266,7 +277,7 @@ def check_moved(evidence: Evidence, name: str) -> None:
     """Raise `DataError` if a joint never moved."""
     joints = evidence.rig.joints
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < MOVED)
-    if still or np.any(evidence.used() < 1e-3):
+    if still or np.any(evidence.used() < LIVELY):
         raise DataError(
             name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
         )

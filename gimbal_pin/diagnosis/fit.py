@@ -89,9 +89,10 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     stacked = (A * weight[:, None]).reshape(-1, k)
     target = (b * weight).ravel()
     theta = np.linalg.lstsq(stacked, target, rcond=1e-10)[0]
-    left, values, right = np.linalg.svd(stacked / np.maximum(norms(stacked), 1e-300), full_matrices=False)
+    size = norms(stacked)
+    unit = np.where(size > 0.0, size, 1.0)
+    left, values, right = np.linalg.svd(stacked / unit, full_matrices=False)
     seen = values > 1e-10 * values[0]
-    unit = np.maximum(norms(stacked), 1e-300)
     information = (right[seen].T / values[seen] ** 2) @ right[seen] / np.outer(unit, unit)
     residual = target - stacked @ theta
     return Fit(theta, stacked, target, left[:, seen], residual, weight, information, np.repeat(block, n))

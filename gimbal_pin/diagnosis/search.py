@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, pushes, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit, improves
 from gimbal_pin.diagnosis.score import Score, gained, score
@@ -32,6 +32,8 @@ CLOSE = 0.2
 """Share of the best gain below which a candidate is no contender on the coarse grid."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
+FURTHER = 2.0
+"""Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
 STALE = 0.02
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 HUSHED = 1.5
@@ -276,8 +278,30 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
             first[key] = one.cause
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
-    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and not hushes(state, *row)]
+    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def possible(state: State, found: Score, cause: Cause) -> bool:
+    """Whether what a cause would do is what such a cause can do."""
+    return not hushes(state, found, cause) and not drives(state, found, cause)
+
+
+def drives(state: State, found: Score, cause: Cause) -> bool:
+    """Whether dry friction at the cause's joint would have to push, all else refitted."""
+    if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
+        return False
+    added = state.fit.stacked(state.columns(cause).values) @ found.beta
+    theta = state.fit.theta - state.fit.information @ (state.fit.stack.T @ added)
+    effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
+    ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
+    always = len(state.problem.friction)
+    brakes = [
+        (effect, theta[begin:end])
+        for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
+        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or effect.dry)
+    ]
+    return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
 
 
 def hushes(state: State, found: Score, cause: Cause) -> bool:
@@ -302,24 +326,28 @@ def free(cause: Cause) -> int:
 
 
 def forward(state: State, shelf: Library) -> State:
-    """Add the cause that gains most, refit, and again, until nothing enters.
-
-    Where another form of a cause that is in gains as much as a further cause, it takes its place.
-    """
+    """Add the cause that gains most, refit, and again, until nothing enters."""
     for _ in range(STEPS):
         rows = contenders(state, shelf) if len(state.causes) < MOST else []
         if not rows:
             break
-        gain, new, causes = net(*rows[0]), rows[0][1], with_cause(state.causes, rows[0][1])
-        for old in state.causes:
-            base = without(state, old)
-            own = net(measure(base, old), old)
-            for found, other in variants(base, old, shelf):
-                if net(found, other) - own >= gain:
-                    gain, new = net(found, other) - own, other
-                    causes = tuple(other if c is old else c for c in state.causes)
-        state = polished(solved(state.problem, causes, state), only=new)
+        new = foremost(state, rows)
+        state = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
     return state
+
+
+def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:
+    """The contender that gains most; a further harmonic of a cause that stands claims less than a new cause.
+
+    What some harmonics leave is periodic, but not in time, and a drive's limit or a gap can look like that until the
+    others are in.
+    """
+
+    def worth(row: tuple[Score, Cause]) -> float:
+        further = isinstance(row[1], Harmonic) and any(same(row[1], cause) for cause in state.causes)
+        return net(*row) * (FURTHER if further else 1.0)
+
+    return max(rows, key=worth)[1]
 
 
 def polished(state: State, only: Cause | None = None) -> State:
@@ -342,6 +370,11 @@ def consistent(state: State) -> State:
         if all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
             break
     return state
+
+
+def spot(cause: Cause) -> str | None:
+    """Joint at which a cause's rivals sit, beside those of the whole rig; None: at any."""
+    return cause.place if cause.of_joint else None
 
 
 def with_cause(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
@@ -413,17 +446,20 @@ def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | 
         rows = [*rivals_of(base, group[0], shelf), *variants(base, group[0], shelf)]
         own += PENALTY
     else:
-        rows = contenders(base, shelf, group[0].place)
+        rows = contenders(base, shelf, spot(group[0]))
     best = max(rows, key=lambda row: net(*row), default=None)
     return solved(state.problem, with_cause(others, best[1]), state) if best and net(*best) > own else None
 
 
 def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
-    """Other causes that fit what this one explains; `base` is the state without it."""
-    rows = [row for row in contenders(base, shelf, cause.place) if not same(row[1], cause)]
+    """Other causes that fit what this one explains; `base` is the state without it.
+
+    A cause of the whole rig may be mistaken for one at any of its joints.
+    """
+    rows = [row for row in contenders(base, shelf, spot(cause)) if not same(row[1], cause)]
     if isinstance(cause, Harmonic):
         alike = [type(c)(c.joint, cause.harmonic) for _, c in rows if isinstance(c, Harmonic)]
-        rows += [(measure(base, c), c) for c in alike]
+        rows += [(found, c) for c in alike if possible(base, found := measure(base, c), c)]
     return sorted(rows, key=lambda row: -net(*row))
 
 

@@ -98,7 +98,7 @@ def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
     gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in positions]
     best = 0.0
     for other in shelf.causes:
-        if other.name != name or (other.of_joint and other.place != cause.place):
+        if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
             continue
         for columns in (shelf.of(other, base), *at_rest(base, other, gravity)):
             span = project(base.fit, columns.values)
