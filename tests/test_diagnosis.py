@@ -21,7 +21,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
-from tests.bench_logs import prescribed
+from tests.bench_logs import fourier, prescribed
 
 SECONDS = 30.0
 
@@ -154,6 +154,19 @@ def test_bias_and_asymmetric_friction_are_one_class(rig: Rig, motion: Motion) ->
     assert found.verdict == "ambiguous"
     assert {"torque-bias", "asymmetric-friction"} <= set(found.findings[0].alike)
     assert found.findings[0].next_experiment
+
+
+def test_a_lean_of_the_base_is_compared_with_causes_at_the_joints(rig: Rig) -> None:
+    """Within a third of a radian gravity of a leaning base is as good as constant: neither may be named alone."""
+    motion = fourier(rig, 0, 15.0, 0.002)
+    middle = motion.q.mean(axis=0)
+    size = 0.3 / np.abs(motion.q - middle).max(axis=0)
+    small = Motion(motion.t, (motion.q - middle) * size, motion.v * size, motion.a * size)
+    log = recorded(rig, small, ("torque-bias:pan:bias=0.03",), seed=0)
+    few = {name: CAUSES[name] for name in ("base-tilt", "torque-bias", "cable-spring")}
+    found = diagnose(rig, [log], few, rng=np.random.default_rng(1))
+    assert found.verdict == "ambiguous"
+    assert {"torque-bias", "base-tilt"} <= set(found.findings[0].alike)
 
 
 def test_foreign_torque_is_unknown(rig: Rig, motion: Motion) -> None:
