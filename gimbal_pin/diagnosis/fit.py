@@ -7,16 +7,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
-from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Flags
 
 PASSES = 4
 FOLDS = 4
-SMOOTH = 25
-"""Frequencies over which the residual's spectrum is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +48,6 @@ class Fit:
     def cost(self) -> float:
         """Weighted sum of squares."""
         return float(self.residual @ self.residual)
-
-    @cached_property
-    def spectrum(self) -> Array:
-        """Smoothed power of the weighted residual at each frequency of its rows, (f, n)."""
-        rows = self.residual.reshape(-1, len(self.scale))
-        power = np.abs(fft.rfft(rows, axis=0)) ** 2 / len(rows)
-        return np.asarray(uniform_filter1d(power, SMOOTH, axis=0))
 
     @cached_property
     def starts(self) -> NDArray[np.intp]:

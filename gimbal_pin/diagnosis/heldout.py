@@ -57,14 +57,19 @@ def torque_error(part: Part, model: Extended) -> Array:
 
 
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
-    """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,)."""
+    """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,).
+
+    What friction remembers at a start comes from the measured way to it.
+    """
     errors = []
     for part in evidence.parts:
         plant = Plant(model.model, part.platform)
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part.channels.tau, part.dt)
+        memory = plant.friction.remembered(part.channels.q)
         for start in starts(part, horizon):
-            end = rolled(plant, part, tau, start, horizon)
+            state = State(part.channels.q[start], part.channels.v[start], tuple(memory[start].tolist()))
+            end = rolled(plant, part, tau, start, state, horizon)
             errors.append(end - part.channels.q[start + horizon])
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)
 
@@ -79,10 +84,8 @@ def starts(part: Part, horizon: int) -> Sequence[int]:
     return [] if not len(free) else free[np.linspace(0, len(free) - 1, STARTS).astype(int)].tolist()
 
 
-def rolled(plant: Plant, part: Part, tau: Array, start: int, horizon: int) -> Array:
-    """Angles after a rollout, rad, (n,)."""
-    c = part.channels
-    state = State(c.q[start], c.v[start])
+def rolled(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
+    """Angles after a rollout from a state at sample `start`, rad, (n,)."""
     steps = max(1, round(part.dt / FINE))
     for k in range(start, start + horizon):
         torque = (tau[k] + tau[k + 1]) / 2

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import fft
+from scipy.ndimage import uniform_filter1d
 from scipy.special import fdtrc
 
 from gimbal_pin.diagnosis.fit import Fit, project
@@ -18,6 +19,8 @@ from gimbal_pin.log import Array
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
+SMOOTH = 25
+"""Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
 """Blocks under which their own scatter says too little."""
 
@@ -125,21 +128,24 @@ def scatter(now: Fit, rest: Array, residual: Array) -> tuple[Array, float]:
     """
     blocks = effective(now, rest)
     if blocks < FEW:
-        return stationary(now, rest), float(now.blocks)
+        return stationary(now, rest, residual), float(now.blocks)
     sums = now.by_block(rest * residual[:, None])
     return sums.T @ sums, blocks
 
 
-def stationary(now: Fit, rest: Array) -> Array:
-    """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr`` for stationary noise r of the residual's spectrum S, (c, c)."""
-    joints = len(now.scale)
-    columns = rest.reshape(-1, joints, rest.shape[1])
-    spectrum = fft.rfft(columns, axis=0)
+def stationary(now: Fit, rest: Array, residual: Array) -> Array:
+    """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr``, (c, c), for stationary noise r of a residual's spectrum S.
+
+    The spectrum is smoothed, and larger by the share of its band that the columns themselves have taken out of it.
+    """
+    columns, rows = (x.reshape(-1, len(now.scale), x.shape[1]) for x in (rest, residual[:, None]))
+    spectrum, power = fft.rfft(columns, axis=0), np.abs(fft.rfft(rows[:, :, 0], axis=0)) ** 2 / len(rows)
     twice = np.full(len(spectrum), 2.0)
     twice[0] = 1.0
     if len(columns) % 2 == 0:
         twice[-1] = 1.0
-    weighted = spectrum * (now.spectrum * twice[:, None] / len(columns))[:, :, None]
+    smooth = uniform_filter1d(power, SMOOTH, axis=0) * (1.0 + rest.shape[1] / SMOOTH)
+    weighted = spectrum * (smooth * twice[:, None] / len(columns))[:, :, None]
     return np.asarray(np.einsum("fjc,fjd->cd", spectrum.conj(), weighted).real)
 
 
@@ -180,7 +186,7 @@ def flipped_chance(now: Fit, rest: Array, signs: Array) -> Array:
     sums, blocks = now.by_block(rest * now.residual[:, None]), effective(now, rest)
     if blocks < FEW:
         s = signs @ sums
-        wald = np.sum(s * np.linalg.lstsq(stationary(now, rest), s.T, rcond=1e-12)[0].T, axis=1)
+        wald = np.sum(s * np.linalg.lstsq(stationary(now, rest, now.residual), s.T, rcond=1e-12)[0].T, axis=1)
         return np.asarray(chance(wald, s.shape[1], float(now.blocks)))
     return np.asarray(chance(flipped_wald(signs, sums, grams(now, rest)), sums.shape[1], blocks))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -316,7 +317,12 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
 
 def net(found: Score, cause: Cause) -> float:
     """Gain less what as many free parameters gain by luck."""
-    return found.gain - PENALTY * (width(cause) + len(shape_names(cause)))
+    return found.gain - PENALTY * free(cause)
+
+
+def free(cause: Cause) -> int:
+    """Coefficients and continuous shape parameters of a cause."""
+    return width(cause) + len(shape_names(cause))
 
 
 def forward(state: State, shelf: Library) -> State:
@@ -415,18 +421,34 @@ def holds(base: State, cause: Cause) -> bool:
 
 
 def swapped(state: State, shelf: Library) -> State:
-    """Replace each cause by another at its joint that fits better with all the rest refitted, until none does."""
+    """Replace a cause, or two at one joint, by one that fits better with all the rest refitted, until none does."""
     for _ in range(SWAPS):
-        for cause in state.causes:
-            base = without(state, cause)
-            rivals = rivals_of(base, cause, shelf)
-            if rivals and net(*rivals[0]) > net(measure(base, cause), cause) + PENALTY:
-                others = tuple(c for c in state.causes if c is not cause)
-                state = solved(state.problem, with_cause(others, rivals[0][1]), state)
-                break
-        else:
+        better = (found for group in groups(state.causes) if (found := replaced(state, group, shelf)) is not None)
+        new = next(better, None)
+        if new is None:
             return state
+        state = new
     return state
+
+
+def groups(causes: Sequence[Cause]) -> list[tuple[Cause, ...]]:
+    """Each cause, and each two at one joint: one cause may have been taken for two others before it was seen whole."""
+    pairs = [pair for pair in combinations(causes, 2) if pair[0].of_joint and pair[0].place == pair[1].place]
+    return [*((cause,) for cause in causes), *pairs]
+
+
+def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | None:
+    """The state with the best other cause in a group's place, or None if the group fits as well."""
+    others = tuple(c for c in state.causes if c not in group)
+    base = solved(state.problem, others, state, keep=True)
+    own = base.fit.cost - state.fit.cost - PENALTY * sum(free(cause) for cause in group)
+    if len(group) == 1:
+        rows = [*rivals_of(base, group[0], shelf), *variants(base, group[0], shelf)]
+        own += PENALTY
+    else:
+        rows = contenders(base, shelf, spot(group[0]))
+    best = max(rows, key=lambda row: net(*row), default=None)
+    return solved(state.problem, with_cause(others, best[1]), state) if best and net(*best) > own else None
 
 
 def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
@@ -439,3 +461,20 @@ def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Ca
         alike = [type(c)(c.joint, cause.harmonic) for _, c in rows if isinstance(c, Harmonic)]
         rows += [(found, c) for c in alike if possible(base, found := measure(base, c), c)]
     return sorted(rows, key=lambda row: -net(*row))
+
+
+def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
+    """Other forms of a cause, the best of each refined: what was chosen while another was missing may not stand."""
+    if isinstance(cause, Harmonic):
+        return []
+    others = [shelf.of(c, base) for c in shelf.causes if same(c, cause) and form(c) != form(cause)]
+    best: dict[tuple[object, ...], Cause] = {}
+    for _, one in ranked(base, others):
+        best.setdefault(form(one.cause), one.cause)
+    found = [refined(base, other) for other in best.values()]
+    return [(measure(base, other), other) for other in found]
+
+
+def form(cause: Cause) -> tuple[object, ...]:
+    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a temperature."""
+    return tuple(x for x in (getattr(cause, f.name) for f in fields(cause)) if not isinstance(x, float))

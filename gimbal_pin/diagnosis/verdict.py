@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
 from gimbal_pin.diagnosis.score import HIDDEN, Score
-from gimbal_pin.diagnosis.search import Library, State, measure, rivals_of, width, without
+from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
@@ -80,11 +80,6 @@ def judged(state: State, cause: Cause, shelf: Library, rng: np.random.Generator)
     wins = np.all([np.sum(apart[draws], axis=1) > 0 for _, apart in found.values()] or [np.ones(BOOTSTRAPS)], axis=0)
     rivals = tuple(sorted((rival for rival, _ in found.values()), key=lambda rival: rival.z))
     return Judged(cause, own, rivals, (cause.name, *alike), float(np.mean(wins)))
-
-
-def free(cause: Cause) -> int:
-    """Free parameters of a cause."""
-    return width(cause) + len([s for s in cause.shapes if isinstance(getattr(cause, s.name, None), float)])
 
 
 def block_gain(base: State, cause: Cause) -> Array:
