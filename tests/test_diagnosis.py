@@ -11,6 +11,8 @@ import pytest
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.score import chance
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parse import parse_effect
@@ -103,6 +105,13 @@ def test_chance_is_uniform_under_noise(width: int, blocks: int) -> None:
     )
     assert np.mean(p) == pytest.approx(0.5, abs=0.01)
     assert np.mean(p < 0.01) == pytest.approx(0.01, abs=0.003)
+
+
+def test_inertias_that_no_body_has_are_not_simulated(rig: Rig, evidence: Evidence) -> None:
+    """What slow motion makes of an inertia that it does not show may be negative: that denies no cause."""
+    sound, absurd = (Extended(nominal(rig.with_phi(size * rig.phi))) for size in (1.0, -0.2))
+    assert np.all(np.isfinite(rollout_rmse(evidence, sound)))
+    assert np.all(np.isnan(rollout_rmse(evidence, absurd))) and np.all(np.isfinite(torque_rmse(evidence, absurd)))
 
 
 # the verdict
