@@ -72,12 +72,10 @@ def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
     if found.gain == 0.0:
         return NOTHING._replace(visible=found.visible)
     rest, own = found.rest, found.own
-    s = rest.T @ now.residual
-    V, blocks = scatter(now, rest, now.residual - rest @ own)
-    wald = float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
+    wald, blocks = strength(now, rest, now.residual - rest @ own)
     explained = (rest @ found.beta).reshape(len(columns.values), -1) / now.scale
     size = np.sqrt(np.mean(explained**2, axis=0))
-    return Score(found.gain, wald, float(chance(wald, len(s), blocks)), found.beta, found.visible, size)
+    return Score(found.gain, wald, float(chance(wald, len(own), blocks)), found.beta, found.visible, size)
 
 
 class Gained(NamedTuple):
@@ -121,16 +119,22 @@ def overdone(now: Fit, torque: Array) -> bool:
     return float(np.sum(torque**2)) > OVERDONE**2 * float(np.sum(now.target[rows] ** 2))
 
 
-def scatter(now: Fit, rest: Array, residual: Array) -> tuple[Array, float]:
-    """Covariance of the score of projected columns (rows n, c), (c, c), and how many blocks it rests on.
+def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
+    """``sᵀ V⁻¹ s`` of projected columns (rows n, c), and how many blocks V rests on; `after`: the residual with them.
 
-    Its own scatter over blocks, or, for columns that act in few of them, what noise with the residual's spectrum has.
+    V is the score's own scatter over blocks. Columns that act in few blocks say too little of it: they must stand
+    against stationary noise of the residual's spectrum as well.
     """
-    blocks = effective(now, rest)
+    s, sums, blocks = rest.T @ now.residual, now.by_block(rest * after[:, None]), effective(now, rest)
+    wald = against(sums.T @ sums, s)
     if blocks < FEW:
-        return stationary(now, rest, residual), float(now.blocks)
-    sums = now.by_block(rest * residual[:, None])
-    return sums.T @ sums, blocks
+        return min(wald, against(stationary(now, rest, after), s)), float(now.blocks)
+    return wald, blocks
+
+
+def against(V: Array, s: Array) -> float:
+    """``sᵀ V⁻¹ s``."""
+    return float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
 
 
 def stationary(now: Fit, rest: Array, residual: Array) -> Array:
@@ -184,11 +188,12 @@ def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator,
 def flipped_chance(now: Fit, rest: Array, signs: Array) -> Array:
     """P as in `score` for each row of signs of the residual's blocks, (flips,)."""
     sums, blocks = now.by_block(rest * now.residual[:, None]), effective(now, rest)
+    wald = flipped_wald(signs, sums, grams(now, rest))
     if blocks < FEW:
-        s = signs @ sums
-        wald = np.sum(s * np.linalg.lstsq(stationary(now, rest, now.residual), s.T, rcond=1e-12)[0].T, axis=1)
-        return np.asarray(chance(wald, s.shape[1], float(now.blocks)))
-    return np.asarray(chance(flipped_wald(signs, sums, grams(now, rest)), sums.shape[1], blocks))
+        s, V = signs @ sums, stationary(now, rest, now.residual)
+        wald = np.minimum(wald, np.sum(s * np.linalg.lstsq(V, s.T, rcond=1e-12)[0].T, axis=1))
+        blocks = float(now.blocks)
+    return np.asarray(chance(wald, sums.shape[1], blocks))
 
 
 def grams(now: Fit, rest: Array) -> Array:
