@@ -151,4 +151,5 @@ def stretched(imu: Imu, t: Array, times: Array) -> Imu:
 
 def inside(closed: Array, t: Array) -> NDArray[np.bool_]:
     """Whether times lie in one of the holes (k, 2), in order and apart from each other, ends left out."""
-    return np.asarray(np.searchsorted(closed.ravel(), t) % 2 == 1)
+    begun, ended = np.searchsorted(closed[:, 0], t, side="left"), np.searchsorted(closed[:, 1], t, side="right")
+    return np.asarray(begun > ended)

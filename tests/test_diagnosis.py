@@ -11,6 +11,8 @@ import pytest
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.score import chance
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parse import parse_effect
@@ -21,7 +23,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
-from tests.bench_logs import prescribed
+from tests.bench_logs import fourier, prescribed
 
 SECONDS = 30.0
 
@@ -105,6 +107,13 @@ def test_chance_is_uniform_under_noise(width: int, blocks: int) -> None:
     assert np.mean(p < 0.01) == pytest.approx(0.01, abs=0.003)
 
 
+def test_inertias_that_no_body_has_are_not_simulated(rig: Rig, evidence: Evidence) -> None:
+    """What slow motion makes of an inertia that it does not show may be negative: that denies no cause."""
+    sound, absurd = (Extended(nominal(rig.with_phi(size * rig.phi))) for size in (1.0, -0.2))
+    assert np.all(np.isfinite(rollout_rmse(evidence, sound)))
+    assert np.all(np.isnan(rollout_rmse(evidence, absurd))) and np.all(np.isfinite(torque_rmse(evidence, absurd)))
+
+
 # the verdict
 
 
@@ -154,6 +163,19 @@ def test_bias_and_asymmetric_friction_are_one_class(rig: Rig, motion: Motion) ->
     assert found.verdict == "ambiguous"
     assert {"torque-bias", "asymmetric-friction"} <= set(found.findings[0].alike)
     assert found.findings[0].next_experiment
+
+
+def test_a_lean_of_the_base_is_compared_with_causes_at_the_joints(rig: Rig) -> None:
+    """Within a third of a radian gravity of a leaning base is as good as constant: neither may be named alone."""
+    motion = fourier(rig, 0, 15.0, 0.002)
+    middle = motion.q.mean(axis=0)
+    size = 0.3 / np.abs(motion.q - middle).max(axis=0)
+    small = Motion(motion.t, (motion.q - middle) * size, motion.v * size, motion.a * size)
+    log = recorded(rig, small, ("torque-bias:pan:bias=0.03",), seed=0)
+    few = {name: CAUSES[name] for name in ("base-tilt", "torque-bias", "cable-spring")}
+    found = diagnose(rig, [log], few, rng=np.random.default_rng(1))
+    assert found.verdict == "ambiguous"
+    assert {"torque-bias", "base-tilt"} <= set(found.findings[0].alike)
 
 
 def test_foreign_torque_is_unknown(rig: Rig, motion: Motion) -> None:

@@ -31,6 +31,8 @@ SHORTEST = 0.7
 """Shortest such block, s."""
 TAPER = 0.5
 """Width over which the gate opens, in periods of the band: sharp edges fold what is above the band into it."""
+SHARP = 0.05
+"""The same where nothing is fitted."""
 COVERED = 0.5
 """Share of the time that stretches without holes must cover, under which lone samples are judged."""
 
@@ -168,7 +170,7 @@ def judged(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping
         found = gather(rig, logs, filtering, origins)
         if found.seconds >= COVERED * whole:
             return found
-    return gather(rig, logs, filtering, origins, settling(filtering), TAPER / filtering.smoothing)
+    return gather(rig, logs, filtering, origins, settling(filtering), SHARP)
 
 
 def gather(

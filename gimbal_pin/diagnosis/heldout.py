@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin import signals
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.log import Array
 from gimbal_pin.plant import Plant, State
+from gimbal_pin.rig import Rig
 
 HORIZON = 0.2
 """Length of a rollout, s."""
 STARTS = 24
 """Most rollouts."""
+POSES = 16
+"""Poses at which a model's mass matrix is looked at."""
 FINE = 2e-3
 """Longest step of a rollout, s."""
 
@@ -59,9 +63,13 @@ def torque_error(part: Part, model: Extended) -> Array:
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,).
 
-    What friction remembers at a start comes from the measured way to it.
+    What friction remembers at a start comes from the measured way to it. nan where no stretch is long enough, or where
+    the fitted inertias are none that a body can have, as on slow motion that does not show them: such a model cannot be
+    simulated, and that it cannot says nothing about its other torques.
     """
     errors = []
+    if not all(massive(model.model.rig, part.channels.q) for part in evidence.parts):
+        return np.full(evidence.rig.n, np.nan)
     for part in evidence.parts:
         plant = Plant(model.model, part.platform)
         horizon = max(1, round(HORIZON / part.dt))
@@ -72,6 +80,14 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
             end = rolled(plant, part, tau, start, state, horizon)
             errors.append(end - part.channels.q[start + horizon])
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)
+
+
+def massive(rig: Rig, q: Array) -> bool:
+    """Whether the mass matrix is positive definite at some of the angles q, (m, n)."""
+    data = rig.model.createData()
+    some = q[:: max(1, len(q) // POSES)]
+    least = [np.linalg.eigvalsh(pin.crba(rig.model, data, angles), UPLO="U")[0] for angles in some]
+    return min(least) > 0.0
 
 
 def starts(part: Part, horizon: int) -> Sequence[int]:

@@ -212,9 +212,21 @@ def flipped_wald(signs: Array, scatter: Array, gram: Array) -> Array:
     """
     s = signs @ scatter
     beta = s @ np.linalg.pinv(gram.sum(axis=0), rcond=1e-8)
-    crossed = np.einsum("bi,bjk->bijk", scatter, gram)
-    cross = np.einsum("fijk,fk->fij", np.tensordot(signs, crossed, 1), beta)
-    squared = np.einsum("bik,bjl->ijkl", gram, gram)
-    V = scatter.T @ scatter - cross - np.swapaxes(cross, 1, 2) + np.einsum("ijkl,fk,fl->fij", squared, beta, beta)
-    V += 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(s.shape[1])
+    flips, c = s.shape
+    crossed = (signs @ np.einsum("bi,bjk->bijk", scatter, gram).reshape(len(gram), -1)).reshape(flips, c, c, c)
+    cross = sum((crossed[:, :, :, k] * beta[:, None, None, k] for k in range(c)), np.zeros((flips, c, c)))
+    squared = np.einsum("bik,bjl->klij", gram, gram).reshape(c * c, c * c)
+    both = ((beta[:, :, None] * beta[:, None, :]).reshape(flips, -1) @ squared).reshape(flips, c, c)
+    V = scatter.T @ scatter - cross - np.swapaxes(cross, 1, 2) + both
+    V += 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(c)
+    return over(V, s)
+
+
+def over(V: Array, s: Array) -> Array:
+    """``sᵀ V⁻¹ s`` of many symmetric V, (f, c, c), and s, (f, c): (f,); without a solver's call for each small one."""
+    if s.shape[1] == 1:
+        return np.asarray(s[:, 0] ** 2 / V[:, 0, 0])
+    if s.shape[1] == 2:
+        (x, y), (a, b, d) = s.T, (V[:, 0, 0], V[:, 0, 1], V[:, 1, 1])
+        return np.asarray((x * x * d - 2 * x * y * b + y * y * a) / (a * d - b * b))
     return np.asarray(np.sum(s * np.linalg.solve(V, s[:, :, None])[:, :, 0], axis=1))

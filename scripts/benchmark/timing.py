@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
-from time import perf_counter
+from time import perf_counter, process_time
 
 from tqdm import tqdm
 
@@ -34,3 +34,13 @@ def alternating(ways: Mapping[str, Callable[[], object]], rounds: int, what: str
         ways[name]()
         taken[name].append(perf_counter() - begin)
     return Times(taken)
+
+
+def wall_and_cpu(work: Callable[[], object], rounds: int, what: str) -> tuple[float, float]:
+    """Median time and median processor time of some rounds of one piece of work, s: apart where a machine is busy."""
+    taken = []
+    for _ in tqdm(range(rounds), what, disable=None, leave=False):
+        wall, cpu = perf_counter(), process_time()
+        work()
+        taken.append((perf_counter() - wall, process_time() - cpu))
+    return median(wall for wall, _ in taken), median(cpu for _, cpu in taken)

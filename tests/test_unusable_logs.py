@@ -1,0 +1,92 @@
+"""Logs that cannot answer, through the command line: a clear verdict or exit code 3, never a name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gimbal_pin.cli import main
+from gimbal_pin.io import write_log
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from tests.bench_logs import fourier
+
+DT = 4e-3
+PAYLOADS = {"turret": ("infrared", "none"), "thesis": ("cinema", "zoom-lens")}
+
+
+def recorded(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
+    """A held torque, taken half a sample after the angles, with the noise of a bench."""
+    motion, rng = fourier(rig, seed, seconds, DT / 2), np.random.default_rng(seed)
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a)[1::2]
+    q, v, t = (x[::2][: len(tau)] for x in (motion.q, motion.v, motion.t))
+    tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    step = 2 * np.pi / 2**16
+    return Log(f"{seed}", rig.joints, t, step * np.round(q / step), v + 1e-3 * rng.standard_normal(v.shape), tau)
+
+
+def noise(like: Array, size: float) -> Array:
+    return size * np.random.default_rng(7).standard_normal(like.shape)
+
+
+def held(log: Log, joints: slice) -> Log:
+    """Some joints stand still, their sensors' noise goes on."""
+    q, v = np.array(log.q), np.zeros(log.q.shape) + np.asarray(log.v)
+    q[:, joints], v[:, joints] = q[0, joints], 0.0
+    return replace(log, q=q + noise(q, 1e-5), v=v + noise(v, 1e-4))
+
+
+def coloured(log: Log) -> Log:
+    return replace(log, tau=np.cumsum(noise(log.q, 0.01), axis=0))
+
+
+KINDS: dict[str, Callable[[Rig], list[Log]]] = {
+    "one second": lambda rig: [recorded(rig, 1, 1.0)],
+    "only the first joint moves": lambda rig: [held(recorded(rig, 1), slice(1, None))],
+    "only the last joint moves": lambda rig: [held(recorded(rig, 1), slice(0, -1))],
+    "noise everywhere": lambda rig: [
+        replace(log, q=noise(log.q, 0.5), v=noise(log.q, 1.0), tau=noise(log.q, 1.0)) for log in [recorded(rig, 1)]
+    ],
+    "the torque is coloured noise": lambda rig: [coloured(recorded(rig, 1))],
+    "a rig that never moved": lambda rig: [held(recorded(rig, 1), slice(None))],
+    "a second log that never moved": lambda rig: [recorded(rig, 1), held(recorded(rig, 2), slice(None))],
+    "a second log of one second": lambda rig: [recorded(rig, 1), recorded(rig, 2, 1.0)],
+    "two payloads": lambda rig: [
+        recorded(Rig.load(rig.name, payload), k) for k, payload in enumerate(PAYLOADS[rig.name])
+    ],
+}
+SPOILT = {"two payloads": "logs-disagree"}
+"""Kinds that the verdict `data` must tell, and by which name."""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", PAYLOADS)
+def test_what_cannot_be_answered_is_never_named(
+    name: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Refused with one line that names a log or the logs, or the verdict is data; no finding of physics."""
+    files = [tmp_path / f"{k}.csv" for k in range(2)]
+    logs = KINDS[kind](Rig.load(name))
+    for log, file in zip(logs, files):
+        write_log(log, file)
+    code, out = 0, tmp_path / "said.json"
+    try:
+        main(["diagnose", name, *map(str, files[: len(logs)]), "--json", str(out)])
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    if code:
+        told = capsys.readouterr().err.strip().splitlines()
+        assert code == 3 and not out.exists() and kind not in SPOILT
+        assert len(told) == 1 and (".csv" in told[0] or "the logs" in told[0])
+        return
+    said = json.loads(out.read_text())
+    assert said["verdict"] == "data" and said["findings"]
+    assert all(finding["status"] == "data" for finding in said["findings"])
+    assert SPOILT.get(kind, said["findings"][0]["cause"]) == said["findings"][0]["cause"]
+    assert said["residual"] == {} and all(finding["sentence"] for finding in said["findings"])
