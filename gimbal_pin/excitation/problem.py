@@ -28,6 +28,9 @@ POSES = 200
 SHRINKS = 14
 """Bisections of the amplitude, where the torque exceeds its limit."""
 
+INSET, INSETS = 0.95, 60
+"""Share of the amplitude that is left by each step to the inside of the limits, and the most steps."""
+
 ROUNDING = 1e-9
 """Share by which amplitudes stay below a limit, so that rounding cannot carry them over."""
 
@@ -84,10 +87,14 @@ class Problem:
 
     def gradient(self, x: Array) -> Array:
         """Exact gradient of `objective`: through the columns' factors to q, v, a, and through the basis to x."""
+        return self.both(x)[1]
+
+    def both(self, x: Array) -> tuple[float, Array]:
+        """`objective` and its gradient."""
         motion = self.motion(x, self.coarse)
-        left, right = self.criterion.factors(self.columns.unit(motion, sliding(motion, self.step)))
-        slopes = self.columns.gradient(motion, self.step, left, right)
-        return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
+        seen = self.columns.unit(motion, sliding(motion, self.step))
+        slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
+        return self.criterion.value(seen), np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
 
     @cached_property
     def stated(self) -> Array:
@@ -124,9 +131,9 @@ class Problem:
         each = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(self.model.rig.n), 1 / limits)
         return each[self.stated].reshape(-1, each.shape[3] * each.shape[4])
 
-    def holds(self, x: Array) -> bool:
-        """Whether every limit holds on the dense grid."""
-        return bool(self.envelope.shares(self.model, self.motion(x, self.dense)).max() <= 1)
+    def holds(self, x: Array, grid: tuple[Array, Array]) -> bool:
+        """Whether every limit holds on a grid."""
+        return bool(self.envelope.shares(self.model, self.motion(x, grid)).max() <= 1)
 
     def scaled(self, x: Array, factor: float | Array) -> Array:
         """X with its amplitudes times `factor` (one, or one per joint), about the same middle."""
@@ -134,30 +141,44 @@ class Problem:
         coefficients[1:] *= factor
         return (self.series.rest.T @ coefficients).ravel()
 
+    def inside(self, x: Array) -> Array:
+        """X with its amplitudes scaled down until there is room left of every limit on the coarse grid.
+
+        Raises:
+            UsageError: There is none at however small an amplitude.
+        """
+        for _ in range(INSETS):
+            x = self.scaled(x, INSET)
+            if self.room(x).min() > 0:
+                return x
+        raise self.infeasible()
+
     def coefficients(self, x: Array) -> Array:
         """The series' coefficients (2 L + 1, n) of x."""
         return self.series.rest @ x.reshape(-1, self.model.rig.n)
 
-    def repaired(self, x: Array) -> Array | None:
+    def repaired(self, x: Array, rough: bool = False) -> Array | None:
         """X with its amplitudes scaled down until every limit holds on the dense grid; None if no motion is left.
 
-        Angle, rate and acceleration by joint, which is exact; then the torque for all joints together, by bisection.
+        Angle, rate and acceleration by joint, which is exact; then the torque for all joints together, by bisection:
+        if `rough`, on the coarse grid, which is enough for a start.
         """
+        grid = self.coarse if rough else self.dense
         pose = self.coefficients(x)[0]
         middle = (pose - self.envelope.centre) / self.envelope.half
         if not np.abs(middle).max() < 1 or self.holding(pose).max() > 1:
             return None
         x = self.scaled(x, np.minimum(self.widest(x, middle), 1.0))
-        if self.holds(x):
+        if self.holds(x, grid):
             return x
         low, high = 0.0, 1.0
         for _ in range(SHRINKS):
             factor = (low + high) / 2
-            low, high = (factor, high) if self.holds(self.scaled(x, factor)) else (low, factor)
+            low, high = (factor, high) if self.holds(self.scaled(x, factor), grid) else (low, factor)
         return self.scaled(x, low) if low > 0 else None
 
     def start(self, rng: np.random.Generator) -> Array:
-        """A random motion within the limits, about a pose that the motors can hold.
+        """A random motion within the limits on the coarse grid, about a pose that the motors can hold.
 
         Raises:
             UsageError: No such pose was found.
@@ -169,7 +190,7 @@ class Problem:
             if self.holding(coefficients[0]).max() > 1:
                 continue
             x = (self.series.rest.T @ coefficients).ravel()
-            repaired = self.repaired(self.scaled(x, self.widest(x, middle)))
+            repaired = self.repaired(self.scaled(x, self.widest(x, middle)), rough=True)
             if repaired is not None:
                 return repaired
         raise self.infeasible()
