@@ -13,7 +13,7 @@ from tqdm import tqdm
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.columns import Columns, condition_number
-from gimbal_pin.excitation.criteria import Criterion, Sequential, named
+from gimbal_pin.excitation.criteria import Criterion, Sequential, named, softened
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope
@@ -195,10 +195,11 @@ def searched(problem: Problem, halves: Sequence[int], rng: np.random.Generator, 
     Yields after every part; `tried` holds where each one is by then, and in the end the finest as well.
     """
     tried.extend(problem.inside(problem.start(rng)) for _ in range(halves[0] - 1))
-    runs = [descent(problem, x, TOLERANCE) for x in tried]
+    soft = replace(problem, criterion=softened(problem.criterion))
+    runs = [descent(soft, x, TOLERANCE) for x in tried]
     left = list(range(len(tried)))
     for count in halves:
-        left = sorted(left, key=lambda k: problem.objective(tried[k]))[:count] if count < len(left) else left
+        left = sorted(left, key=lambda k: soft.objective(tried[k]))[:count] if count < len(left) else left
         for k in left:
             for x in islice(runs[k], STEPS if count > 1 else MOST):
                 tried[k] = x

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from gimbal_pin.log import Array
 
-FIRST_GAP, LAST_GAP, SHRINK = 6.0, 0.02, 0.7
+FIRST_GAP, LAST_GAP, SHRINK = 6.0, 0.005, 0.65
 """Barrier's weight, all limits together, at first, at last, and from step to step; in units of ``|f'| |x|``. It starts
 high: far inside the limits a criterion has fewer poor minima."""
 CURVATURE = 0.02
@@ -27,8 +27,8 @@ PATIENCE = 2
 class Program(Protocol):
     """Minimise a value of x subject to ``room(x) >= 0``."""
 
-    def both(self, x: Array) -> tuple[float, Array]:
-        """Return the value and its gradient (k,)."""
+    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
+        """Return the value, and what returns its gradient (k,)."""
 
     def room(self, x: Array) -> Array:
         """Return what is left of every limit (m,)."""
@@ -58,7 +58,8 @@ def descent(program: Program, start: Array, tolerance: float) -> Iterator[Array]
         start: x with ``room(x) > 0``, (k,).
         tolerance: Gain of a step that is too little.
     """
-    at = Point(start, *program.both(start), program.room(start), program.room_slopes(start))
+    f, gradient = program.at(start)
+    at = Point(start, f, gradient(), program.room(start), program.room_slopes(start))
     size = float(np.linalg.norm(at.g) * np.linalg.norm(start))
     mu, last = FIRST_GAP * size / len(at.s), LAST_GAP * size / len(at.s)
     z, B, idle = mu / at.s, CURVATURE * size / float(start @ start) * np.eye(len(start)), 0
@@ -87,9 +88,9 @@ def stepped(program: Program, at: Point, dx: Array, mu: float) -> Point | None:
         x = at.x + share * dx
         s = program.room(x)
         if s.min() > 0:
-            f, g = program.both(x)
+            f, gradient = program.at(x)
             if f - at.f - mu * float(np.sum(np.log(s / at.s))) <= DESCENT * share * slope:
-                return Point(x, f, g, s, program.room_slopes(x))
+                return Point(x, f, gradient(), s, program.room_slopes(x))
         share *= BACK
     return None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -82,19 +83,22 @@ class Problem:
 
     def objective(self, x: Array) -> float:
         """The criterion on the coarse grid."""
-        motion = self.motion(x, self.coarse)
-        return self.criterion.value(self.columns.unit(motion, sliding(motion, self.step)))
+        return self.at(x)[0]
 
     def gradient(self, x: Array) -> Array:
-        """Exact gradient of `objective`: through the columns' factors to q, v, a, and through the basis to x."""
-        return self.both(x)[1]
+        """Exact gradient of `objective`."""
+        return self.at(x)[1]()
 
-    def both(self, x: Array) -> tuple[float, Array]:
-        """`objective` and its gradient."""
+    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
+        """`objective`, and what returns its gradient: through the columns' factors to q, v, a, and the basis to x."""
         motion = self.motion(x, self.coarse)
         seen = self.columns.unit(motion, sliding(motion, self.step))
-        slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
-        return self.criterion.value(seen), np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
+
+        def gradient() -> Array:
+            slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
+            return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
+
+        return self.criterion.value(seen), gradient
 
     @cached_property
     def stated(self) -> Array:
