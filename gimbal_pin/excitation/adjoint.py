@@ -70,11 +70,11 @@ def links(model: pin.Model) -> tuple[Link, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Motions of all bodies in their own frames, as columns: A less gravity, V, and W_r of every set of joint rates.
+    """Motions in the frames of all bodies, as columns: A less gravity, V, and each joint's J (0 if it moves not the body).
 
     Attributes:
-        columns: (n, 6, 2 + r, N).
-        arrived: The parent's columns as they arrive in each frame, (n, 6, 2 + r, N).
+        columns: (n, 6, 2 + n, N).
+        arrived: The parent's columns as they arrive in each frame, (n, 6, 2 + n, N).
         passages: X, (n, 6, 6, N).
     """
 
@@ -83,58 +83,58 @@ class Frames:
     passages: Array
 
     @staticmethod
-    def of(tree: tuple[Link, ...], gravity: Array, motion: Motion, left: Array) -> Frames:
-        """``V = X V' + S v``, ``W = X W' + S w``, ``A = X A' + S a + V x S v`` from base to tips; w is (n, r, N)."""
-        n, sets, count = left.shape
-        rates = np.concatenate([motion.v.T[:, None], left], axis=1)
+    def of(tree: tuple[Link, ...], gravity: Array, motion: Motion) -> Frames:
+        """``V = X V' + S v``, ``A = X A' + S a + V x S v``, ``J = X J'`` from base to tips; gravity (3,), m/s²."""
+        n, count = len(tree), len(motion)
+        v, a = motion.v.T, motion.a.T
         passages = np.stack([link.parts for link in tree]) @ waves(tree, motion.q.T)
-        columns, arrived = np.empty((2, n, 6, 2 + sets, count))
-        base = np.zeros((6, 2 + sets, count))
+        columns, arrived = np.empty((2, n, 6, 2 + n, count))
+        base = np.zeros((6, 2 + n, count))
         base[:3, 0] = -gravity[:, None]
         for i, link in enumerate(tree):
             np.einsum("abt,bkt->akt", passages[i], columns[link.parent] if link.parent >= 0 else base, out=arrived[i])
             own, along = columns[i], link.axis[:, None]
-            own[:, 1:] = arrived[i][:, 1:] + along[:, None] * rates[i]
-            own[:, 0] = arrived[i][:, 0] + along * motion.a[:, i] - link.cross @ own[:, 1] * motion.v[:, i]
+            own[...] = arrived[i]
+            own[:, 1] += along * v[i]
+            own[:, 0] += along * a[i] - link.cross @ own[:, 1] * v[i]
+            own[:, 2 + i] = along
         return Frames(columns, arrived, passages)
 
-    def bars(self, right: Array) -> Array:
-        """Adjoints of the columns in ``sum_ir W_r' (I_r A + V x* I_r V)``, I_r of the parameters right (r, n, 10)."""
-        n, _, both, count = self.columns.shape
-        inertia = np.moveaxis(right @ INERTIA.reshape(36, 10).T, 0, 1).reshape(n, both - 2, 6, 6)
-        A, V, W = self.columns[:, :, 0], self.columns[:, :, 1], self.columns[:, :, 2:]
-        tall, wide = inertia.reshape(n, -1, 6), np.moveaxis(inertia, 1, 2).reshape(n, 6, -1)
+    def bars(self, weights: Array) -> Array:
+        """Adjoints of the columns in ``sum_ij J_j' (I_ij A + V x* I_ij V)``, I_ij of the parameters (n, 10, n, N)."""
+        n, _, _, count = self.columns.shape
+        inertia = (INERTIA.reshape(36, 10) @ weights.reshape(n, 10, -1)).reshape(n, 6, 6, n, count)
+        A, V, J = self.columns[:, :, 0], np.ascontiguousarray(self.columns[:, :, 1]), self.columns[:, :, 2:]
         turning = (CROSS.reshape(36, 6) @ V).reshape(n, 6, 6, count)
-        momenta = (tall @ V).reshape(n, both - 2, 6, count)
+        momenta = np.einsum("iabjt,ibt->iajt", inertia, V)
+        turned = np.einsum("iabt,ibjt->iajt", turning, J)
+        products = np.einsum("iajt,ibjt->iabt", momenta, J).reshape(n, 36, count)
         bars = np.empty_like(self.columns)
-        forces = (tall @ A).reshape(momenta.shape) - np.einsum("iabt,irat->irbt", turning, momenta)
-        bars[:, :, 2:] = np.swapaxes(forces, 1, 2)
-        virtual = np.ascontiguousarray(np.swapaxes(W, 1, 2))
-        bars[:, :, 0] = wide @ virtual.reshape(n, -1, count)
-        turned = np.einsum("iabt,irbt->irat", turning, virtual)
-        products = np.einsum("irat,irbt->iabt", momenta, virtual)
-        bars[:, :, 1] = -CROSS.reshape(36, 6).T @ products.reshape(n, 36, count) - wide @ turned.reshape(n, -1, count)
+        bars[:, :, 0] = np.einsum("iabjt,ibjt->iat", inertia, J)
+        bars[:, :, 1] = -CROSS.reshape(36, 6).T @ products - np.einsum("iabjt,ibjt->iat", inertia, turned)
+        bars[:, :, 2:] = np.einsum("iabjt,ibt->iajt", inertia, A) - np.einsum("iabt,iajt->ibjt", turning, momenta)
         return bars
 
 
-def power_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, left: Array, right: Array) -> Array:
-    """Gradient of ``sum_r w_r' Y(q, v, a) phi_r`` to q, v, a, exact, (3, N, n).
+def regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, weights: Array) -> Array:
+    """Gradient of ``sum weights * Y(q, v, a)`` to q, v, a, exact, (3, N, n).
 
-    It is the power of the torques with parameters phi_r at joint rates w_r, ``sum_i W_i' (I_i A_i + V_i x* I_i V_i)``
-    over the bodies: adjoints of A, V and W pass from the tips to the base (Featherstone's recursion, backwards).
+    The sum is ``sum_ij J_j' (I_ij A_i + V_i x* I_ij V_i)`` over the bodies i and the joints j that move them, I_ij the
+    inertia matrix of row j's weights on body i: adjoints of A, V and J pass from the tips to the base (Featherstone's
+    recursion, backwards), once for all parameters.
 
     Args:
         tree: `links` of the model.
         gravity: Acceleration of gravity in the base frame, m/s², (3,).
         motion: The motion, N samples.
-        left: w_r, (n, r, N).
-        right: phi_r by body, (r, n, 10).
+        weights: One per entry of Y, by body, its parameter, row and sample, (n, 10, n, N).
     """
-    frames = Frames.of(tree, gravity, motion, left)
-    bars = frames.bars(right)
+    frames = Frames.of(tree, gravity, motion)
+    bars = frames.bars(weights)
     out = np.empty((3, len(tree), len(motion)))
     for i, link in reversed(list(enumerate(tree))):
         bar, v = bars[i], motion.v[:, i]
+        bar[:, 2 + i :] = 0.0  # the own axis is fixed, and later ones do not move this body
         turned = link.cross.T @ bar[:, 0]
         out[1, i] = -np.einsum("at,at->t", turned, frames.columns[i, :, 1])
         bar[:, 1] -= turned * v

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from gimbal_pin.effects import Effect, Sample
-from gimbal_pin.excitation.adjoint import Link, links, power_gradient
+from gimbal_pin.excitation.adjoint import Link, links, regressor_gradient
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log import Array, Motion
@@ -120,17 +120,18 @@ class Columns:
             left: Weights of the rows, (N n, r).
             right: Weights of the columns, (r, p).
         """
-        weights = left.reshape(len(motion), self.rig.n, -1)
         per_unit = right / self.scale
-        phi = np.zeros((len(right), 10 * self.rig.n))
-        phi[:, self.places] = per_unit[:, : len(self.places)]
-        gravity, rates = self.rig.model.gravity.linear, weights.transpose(1, 2, 0)
-        out = power_gradient(self.links, gravity, motion, rates, phi.reshape(len(right), -1, 10))
-        return out + self.effects_gradient(motion, step, weights @ per_unit[:, len(self.places) :])
+        weights = left @ per_unit
+        count, n, bases = len(motion), self.rig.n, len(self.places)
+        rigid = np.zeros((10 * n, n, count))
+        rigid[self.places] = weights[:, :bases].reshape(count, n, bases).T
+        gravity = self.rig.model.gravity.linear
+        out = regressor_gradient(self.links, gravity, motion, rigid.reshape(n, 10, n, count))
+        return out + self.effects_gradient(motion, step, weights[:, bases:].reshape(count, n, -1))
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
-        """The rig's tree for `power_gradient`."""
+        """The rig's tree for `regressor_gradient`."""
         return links(self.rig.model)
 
     def sweep(self, motion: Motion, phi: Array, weights: Array) -> Array:

@@ -25,7 +25,7 @@ from gimbal_pin.rig import Rig
 TOLERANCE = 3e-4
 """Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""
 
-HEATS, STEPS = 4, 8
+HEATS, STEPS = 3, 8
 """Random motions for every start; steps after which the worse half of those that are left is given up."""
 
 MOST = 80
@@ -197,17 +197,17 @@ def searched(problem: Problem, halves: Sequence[int], rng: np.random.Generator, 
     tried.extend(problem.inside(problem.start(rng)) for _ in range(halves[0] - 1))
     soft = replace(problem, criterion=softened(problem.criterion))
     runs = [descent(soft, x, TOLERANCE) for x in tried]
-    left = list(range(len(tried)))
+    values, left = np.full(len(tried), np.inf), list(range(len(tried)))
     for count in halves:
-        left = sorted(left, key=lambda k: soft.objective(tried[k]))[:count] if count < len(left) else left
+        left = sorted(left, key=lambda k: float(values[k]))[:count]
         for k in left:
-            for x in islice(runs[k], STEPS if count > 1 else MOST):
-                tried[k] = x
+            for point in islice(runs[k], STEPS if count > 1 else MOST):
+                tried[k], values[k] = point.x, point.f
             yield
     fine = replace(problem, per_period=FINE)
-    tried.append(fine.inside(best(problem, tried)))
-    for x in islice(descent(fine, tried[-1], TOLERANCE), MOST):
-        tried[-1] = x
+    tried.append(fine.inside(tried[int(np.argmin(values))]))
+    for point in islice(descent(fine, tried[-1], TOLERANCE), MOST):
+        tried[-1] = point.x
     yield
 
 

@@ -47,8 +47,8 @@ class Point(NamedTuple):
     A: Array
 
 
-def descent(program: Program, start: Array, tolerance: float) -> Iterator[Array]:
-    """Yield ever better x, all strictly within the limits, from a start that is; ends where it gains too little.
+def descent(program: Program, start: Array, tolerance: float) -> Iterator[Point]:
+    """Yield ever better points, all strictly within the limits, from a start that is; ends where it gains too little.
 
     ``(B + A' Z/S A) dx = -f' + mu A'/s`` with multipliers z, s = room(x), B from damped BFGS, and mu shrinking from
     step to step (Nocedal and Wright 2006, ch. 19; feasible throughout, so that it can be stopped anywhere).
@@ -64,7 +64,8 @@ def descent(program: Program, start: Array, tolerance: float) -> Iterator[Array]
     mu, last = FIRST_GAP * size / len(at.s), LAST_GAP * size / len(at.s)
     z, B, idle = mu / at.s, CURVATURE * size / float(start @ start) * np.eye(len(start)), 0
     while idle < PATIENCE:
-        dx = np.linalg.solve(B + (at.A.T * (z / at.s)) @ at.A, at.A.T @ (mu / at.s) - at.g)
+        walls = np.sqrt(z / at.s)[:, None] * at.A
+        dx = np.linalg.solve(B + walls.T @ walls, at.A.T @ (mu / at.s) - at.g)
         dz = mu / at.s - z - z / at.s * (at.A @ dx)
         new = stepped(program, at, dx, mu)
         if new is None:
@@ -73,7 +74,7 @@ def descent(program: Program, start: Array, tolerance: float) -> Iterator[Array]
         B = updated(B, new.x - at.x, new.g - at.g - (new.A - at.A).T @ z)
         idle = idle + 1 if mu == last and at.f - new.f < tolerance else 0
         mu, at = max(last, SHRINK * mu), new
-        yield at.x
+        yield at
 
 
 def reach(values: Array, change: Array) -> float:
