@@ -53,7 +53,9 @@ class Link:
 def waves(tree: tuple[Link, ...], q: Array) -> Array:
     """1, s and c of every joint at angles or travels q (n, N), (n, 1, 3, N)."""
     turns = np.array([link.turns for link in tree])[:, None]
-    return np.stack([np.ones_like(q), np.where(turns, np.sin(q), q), np.where(turns, 1 - np.cos(q), 0.0)], axis=1)[:, None]
+    return np.stack([np.ones_like(q), np.where(turns, np.sin(q), q), np.where(turns, 1 - np.cos(q), 0.0)], axis=1)[
+        :, None
+    ]
 
 
 def links(model: pin.Model) -> tuple[Link, ...]:
@@ -70,7 +72,7 @@ def links(model: pin.Model) -> tuple[Link, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Motions in the frames of all bodies, as columns: A less gravity, V, and each joint's J (0 if it moves not the body).
+    """Motions in the frames of all bodies, as columns: A less gravity, V, and J of each joint that moves the body.
 
     Attributes:
         columns: (n, 6, 2 + n, N).

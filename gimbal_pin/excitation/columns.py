@@ -98,8 +98,8 @@ class Columns:
         out = np.zeros((3, self.rig.n, self.spans[-1][1].stop))
         for j, place, effect in self.spans:
             if effect.affine:
-                still, sliding, moving = (effect.basis(Sample(0.0, 0.0, v, 0.0, s, 0.0)) for v, s in AFFINE)
-                out[:, j, place] = [still, np.subtract(sliding, still), np.subtract(moving, still)]
+                still, slides, moves = (np.array(effect.basis(Sample(0, 0, v, 0, s, 0)), float) for v, s in AFFINE)
+                out[:, j, place] = still, slides - still, moves - still
         return out
 
     def load(self, motion: Motion) -> Array:

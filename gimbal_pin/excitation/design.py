@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation.clearance import Clearance, Gap
 from gimbal_pin.excitation.columns import Columns, condition_number
 from gimbal_pin.excitation.criteria import Criterion, Sequential, named, softened
 from gimbal_pin.excitation.fourier import Series
@@ -34,6 +35,9 @@ MOST = 80
 COARSE, FINE = 12, 24
 """Samples per period of the highest harmonic: for all of them, and for the best one in the end."""
 
+CLEARANCE = 0.005
+"""Distance that parts keep which can hit each other, m."""
+
 SHORTEST = 0.5
 """Shortest motion, s."""
 
@@ -53,6 +57,8 @@ class Excitation:
         condition_number: Of the columns in unit torque (see `condition_number`).
         limits_used: Joint → q, dq, ddq, tau → the largest share of the limit that is used; 0 where there is none.
         finished: False if it was interrupted; it is then the best found until that moment.
+        clearance: The smallest distance between parts that can hit each other; None: there are none.
+        unchecked: Links whose collision mesh is not there, so that nobody knows what they hit.
         narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
             alone, (p,); None where no earlier logs were given.
     """
@@ -68,6 +74,8 @@ class Excitation:
     limits_used: Mapping[str, Mapping[str, float]]
     finished: bool = True
     narrowed: Array | None = None
+    clearance: Gap | None = None
+    unchecked: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -86,6 +94,8 @@ class Excitation:
             "harmonics": self.series.harmonics,
             "finished": self.finished,
             "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
+            "clearance": None if self.clearance is None else self.clearance._asdict(),
+            "unchecked": list(self.unchecked),
             "limits_used": {joint: dict(shares) for joint, shares in self.limits_used.items()},
         }
 
@@ -100,6 +110,7 @@ def excite(
     criterion: str | Criterion = "condition",
     effects: Sequence[Effect] = (),
     margin: float = 0.05,
+    clearance: float = CLEARANCE,
     torque_model: Model | None = None,
     dt: float = 1e-3,
 ) -> Excitation:
@@ -120,6 +131,7 @@ def excite(
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
         margin: Share of every limit that is left free.
+        clearance: Distance that parts keep which can hit each other, by the URDF's collision geometry, m.
         torque_model: Model that the torque limits are checked with; None: the rig's nominal model.
         dt: Sampling interval of the returned motion, s; the period is a whole number of it.
 
@@ -137,12 +149,40 @@ def excite(
     if starts < 1:
         raise UsageError("starts", f"is {starts}", "give one or more")
     model = nominal(rig) if torque_model is None else torque_model
+    if not clearance >= 0:
+        raise UsageError("clearance", f"is {clearance:g}", "give a distance in metres, zero or more")
+    envelope = Envelope.of(rig, margin)
     problem = Problem(
-        model, Series(seconds, harmonics), Columns.of(rig, effects), named(criterion), Envelope.of(rig, margin), COARSE
+        model,
+        Series(seconds, harmonics),
+        Columns.of(rig, effects),
+        named(criterion),
+        envelope,
+        COARSE,
+        Clearance.of(rig, clearance, envelope),
     )
     x, finished = optimised(problem, starts, rng)
+    x, gap = cleared(problem, x)
     motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))
-    return described(problem, x, motion, finished)
+    return replace(described(problem, x, motion, finished), clearance=gap)
+
+
+def cleared(problem: Problem, x: Array) -> tuple[Array, Gap | None]:
+    """Return x and its smallest clearance; scaled down where parts come too near each other that nobody watched."""
+    if problem.clearance is None:
+        return x, None
+    q = problem.motion(x, problem.dense).q
+    gap = problem.clearance.smallest(q)
+    if gap is None or gap.distance >= problem.clearance.required:
+        return x, gap
+    clearance = problem.clearance.watching(q)
+    if clearance.watched == problem.clearance.watched:
+        return x, gap  # they keep it but for rounding
+    watching = replace(problem, clearance=clearance)
+    repaired = watching.repaired(x)
+    if repaired is None:
+        raise watching.infeasible()
+    return cleared(watching, repaired)
 
 
 def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Excitation:
@@ -162,6 +202,7 @@ def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exc
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
         finished=finished,
         narrowed=narrowed(problem, dense),
+        unchecked=() if problem.clearance is None else problem.clearance.unchecked,
     )
 
 

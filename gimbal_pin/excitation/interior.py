@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.log import Array
 
-FIRST_GAP, LAST_GAP, SHRINK = 6.0, 0.005, 0.65
+FIRST_GAP, LAST_GAP, SHRINK = 6.0, 0.002, 0.65
 """Barrier's weight, all limits together, at first, at last, and from step to step; in units of ``|f'| |x|``. It starts
 high: far inside the limits a criterion has fewer poor minima."""
 CURVATURE = 0.02
@@ -62,7 +62,9 @@ def descent(program: Program, start: Array, tolerance: float) -> Iterator[Point]
     at = Point(start, f, gradient(), program.room(start), program.room_slopes(start))
     size = float(np.linalg.norm(at.g) * np.linalg.norm(start))
     mu, last = FIRST_GAP * size / len(at.s), LAST_GAP * size / len(at.s)
-    z, B, idle = mu / at.s, CURVATURE * size / float(start @ start) * np.eye(len(start)), 0
+    z: Array = mu / at.s
+    B: Array = CURVATURE * size / float(start @ start) * np.eye(len(start))
+    idle = 0
     while idle < PATIENCE:
         walls = np.sqrt(z / at.s)[:, None] * at.A
         dx = np.linalg.solve(B + walls.T @ walls, at.A.T @ (mu / at.s) - at.g)
