@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from gimbal_pin.effects import Effect, Sample
+from gimbal_pin.excitation.adjoint import Link, links, regressor_gradient
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log import Array, Motion
@@ -19,6 +20,9 @@ from gimbal_pin.rig import Rig
 
 TINY = 1e-12
 """Rate, rad/s, under which a joint counts as still."""
+
+AFFINE = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0))
+"""Rates and directions of sliding that tell the three numbers of an affine effect."""
 
 
 def sliding(motion: Motion, step: float) -> Array:
@@ -65,17 +69,38 @@ class Columns:
 
     def at(self, motion: Motion, slide: Array) -> Array:
         """``W`` along a motion, (N, n, p); `slide` is the direction of sliding (N, n)."""
-        rigid = regressor(self.rig, motion.q, motion.v, motion.a)[:, :, self.places]
+        constant, per_slide, per_rate = self.affine
+        out = np.empty((len(motion), self.rig.n, len(self.places) + constant.shape[1]))
+        out[:, :, : len(self.places)] = regressor(self.rig, motion.q, motion.v, motion.a)[:, :, self.places]
+        out[:, :, len(self.places) :] = constant + per_slide * slide[..., None] + per_rate * motion.v[..., None]
         tau = self.load(motion)
-        blocks = [rigid]
-        for effect in self.effects:
-            j = self.rig.joint_index(effect.joint)
+        for j, span, effect in self.others:
             at = Sample(motion.t, *(array[:, j] for array in (motion.q, motion.v, motion.a, slide, tau)))
-            basis = effect.basis(at)
-            blocks.append(np.zeros((len(motion), self.rig.n, len(basis))))
-            for k, column in enumerate(basis):
-                blocks[-1][:, j, k] = column
-        return np.concatenate(blocks, axis=2)
+            for column, basis in zip(range(len(self.places) + span.start, out.shape[2]), effect.basis(at)):
+                out[:, j, column] = basis
+        return out
+
+    @cached_property
+    def spans(self) -> tuple[tuple[int, slice, Effect], ...]:
+        """Joint and coefficients' places of every effect."""
+        ends = np.cumsum([0, *(len(effect.coefficients) for effect in self.effects)]).tolist()
+        places = (slice(*ends[k : k + 2]) for k in range(len(self.effects)))
+        return tuple((self.rig.joint_index(e.joint), place, e) for e, place in zip(self.effects, places))
+
+    @cached_property
+    def others(self) -> tuple[tuple[int, slice, Effect], ...]:
+        """Those of `spans` whose effects are not affine."""
+        return tuple(span for span in self.spans if not span[2].affine)
+
+    @cached_property
+    def affine(self) -> Array:
+        """``c0, c1, c2`` of the affine effects' bases ``c0 + c1 slide + c2 v``, (3, n, coefficients)."""
+        out = np.zeros((3, self.rig.n, self.spans[-1][1].stop))
+        for j, place, effect in self.spans:
+            if effect.affine:
+                still, slides, moves = (np.array(effect.basis(Sample(0, 0, v, 0, s, 0)), float) for v, s in AFFINE)
+                out[:, j, place] = still, slides - still, moves - still
+        return out
 
     def load(self, motion: Motion) -> Array:
         """The rigid torque that load-dependent effects see, N m, (N, n); zero where there is no such effect."""
@@ -89,33 +114,25 @@ class Columns:
     def gradient(self, motion: Motion, step: float, left: Array, right: Array) -> Array:
         """Gradient of ``sum_r left_r' W right_r`` to each q, v, a of the motion, W in unit torque, (3, N, n).
 
-        ``Y phi`` is RNEA with the parameters phi, so that each pair costs one sweep of RNEA's derivatives.
-
         Args:
             motion: The motion, N samples.
             step: What `sliding` was given, s.
             left: Weights of the rows, (N n, r).
             right: Weights of the columns, (r, p).
         """
-        weights = left.reshape(len(motion), self.rig.n, -1)
         per_unit = right / self.scale
-        bases = len(self.places)
-        out = self.rigid_gradient(motion, weights, per_unit[:, :bases])
-        return out + self.effects_gradient(motion, step, weights @ per_unit[:, bases:])
+        weights = left @ per_unit
+        count, n, bases = len(motion), self.rig.n, len(self.places)
+        rigid = np.zeros((10 * n, n, count))
+        rigid[self.places] = weights[:, :bases].reshape(count, n, bases).T
+        gravity = self.rig.model.gravity.linear
+        out = regressor_gradient(self.links, gravity, motion, rigid.reshape(n, 10, n, count))
+        return out + self.effects_gradient(motion, step, weights[:, bases:].reshape(count, n, -1))
 
-    def rigid_gradient(self, motion: Motion, weights: Array, base: Array) -> Array:
-        """The base regressor's part of `gradient`; weights (N, n, r), base (r, b).
-
-        Pinocchio's inertias divide by the mass, which phi may have none of: a unit mass at each joint's origin is
-        added to every sweep, and its own contribution taken off again.
-        """
-        points = np.tile(np.eye(10)[0], self.rig.n)
-        out = -self.sweep(motion, points, weights.sum(axis=2))
-        for r, parameters in enumerate(base):
-            phi = points.copy()
-            phi[self.places] += parameters
-            out += self.sweep(motion, phi, weights[:, :, r])
-        return out
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """The rig's tree for `regressor_gradient`."""
+        return links(self.rig.model)
 
     def sweep(self, motion: Motion, phi: Array, weights: Array) -> Array:
         """Gradient of ``sum weights * rnea(q, v, a; phi)``, (3, N, n)."""
@@ -125,11 +142,9 @@ class Columns:
         """The effects' part of `gradient`; weights (N, n, coefficients)."""
         arrays = (motion.q, motion.v, motion.a, sliding(motion, step), self.load(motion))
         bars = np.zeros((len(arrays), *motion.q.shape))
-        column = 0
-        for effect in self.effects:
-            j, width = self.rig.joint_index(effect.joint), len(effect.coefficients)
-            weight = weights[:, j, column : column + width].T
-            column += width
+        bars[3], bars[1] = (np.einsum("tjc,jc->tj", weights, per) for per in self.affine[1:])
+        for j, place, effect in self.others:
+            weight = weights[:, j, place].T
 
             def total(*at: Array, effect: Effect = effect, weight: Array = weight) -> Array:
                 return sum((w * b for w, b in zip(weight, effect.basis(Sample(motion.t, *at)))), np.zeros(len(motion)))

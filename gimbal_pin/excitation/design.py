@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from tqdm import tqdm
 
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation.clearance import Clearance, Gap
 from gimbal_pin.excitation.columns import Columns, condition_number
-from gimbal_pin.excitation.criteria import Criterion, Sequential, named
+from gimbal_pin.excitation.criteria import Criterion, Sequential, named, softened
 from gimbal_pin.excitation.fourier import Series
+from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log import Array, Motion
@@ -21,16 +24,20 @@ from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
 
 TOLERANCE = 3e-4
-"""Change of the criterion at which the optimiser stops; the log of a condition number need not be known better."""
+"""Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""
 
-HEATS, BRIEF, FULL = 3, 10, 150
-"""Random motions for every start; the optimiser's iterations on each of them, and on those that are followed up."""
+HEATS, STEPS = 3, 8
+"""Random motions for every start; steps after which the worse half of those that are left is given up."""
+
+MOST = 80
+"""Most steps of the last one, and again on the finer grid."""
 
 COARSE, FINE = 12, 24
-"""Samples per period of the highest harmonic: from the random motions, and from changes of the best."""
+"""Samples per period of the highest harmonic: for all of them, and for the best one in the end."""
 
-KICK = 0.15
-"""Random change of the best motion's coefficients before it is optimised again, as a share of their mean size."""
+CLEARANCE = 0.005
+"""Distance that parts keep which can hit each other, m."""
+
 SHORTEST = 0.5
 """Shortest motion, s."""
 
@@ -50,6 +57,8 @@ class Excitation:
         condition_number: Of the columns in unit torque (see `condition_number`).
         limits_used: Joint → q, dq, ddq, tau → the largest share of the limit that is used; 0 where there is none.
         finished: False if it was interrupted; it is then the best found until that moment.
+        clearance: The smallest distance between parts that can hit each other; None: there are none.
+        unchecked: Links whose collision mesh is not there, so that nobody knows what they hit.
         narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
             alone, (p,); None where no earlier logs were given.
     """
@@ -65,6 +74,8 @@ class Excitation:
     limits_used: Mapping[str, Mapping[str, float]]
     finished: bool = True
     narrowed: Array | None = None
+    clearance: Gap | None = None
+    unchecked: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -83,6 +94,8 @@ class Excitation:
             "harmonics": self.series.harmonics,
             "finished": self.finished,
             "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
+            "clearance": None if self.clearance is None else self.clearance._asdict(),
+            "unchecked": list(self.unchecked),
             "limits_used": {joint: dict(shares) for joint, shares in self.limits_used.items()},
         }
 
@@ -97,26 +110,28 @@ def excite(
     criterion: str | Criterion = "condition",
     effects: Sequence[Effect] = (),
     margin: float = 0.05,
+    clearance: float = CLEARANCE,
     torque_model: Model | None = None,
     dt: float = 1e-3,
 ) -> Excitation:
     """Design the finite Fourier series that shows a rig's base parameters and friction best, within its limits.
 
-    SLSQP with exact gradients: briefly from a few random motions for each of the `starts`, then to the end from as
-    many of the best as there are starts, then on a finer grid from as many random changes of the best. Limits are
-    kept on the optimisation's grid, and checked on one ten times denser; amplitudes are scaled down until they hold
-    there. Interrupted (Ctrl-C), it returns the best so far.
+    Descent within the limits (`interior.descent`) with exact gradients, from a few random motions for each of the
+    `starts`; the worse half is given up every few steps, and the last one is finished on a finer grid. Limits are kept
+    on the optimisation's grid, and checked on one ten times denser; amplitudes are scaled down until they hold there.
+    Interrupted (Ctrl-C), it returns the best so far.
 
     Args:
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
             way; rate, acceleration and torque are free where the rig states no limit.
         seconds: Length, s.
         harmonics: Harmonics of 1/seconds, two or more.
-        starts: How many of the motions tried are followed up, one or more.
+        starts: How much is tried, one or more: four random motions for each.
         rng: Source of the starts.
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
         margin: Share of every limit that is left free.
+        clearance: Distance that parts keep which can hit each other, by the URDF's collision geometry, m.
         torque_model: Model that the torque limits are checked with; None: the rig's nominal model.
         dt: Sampling interval of the returned motion, s; the period is a whole number of it.
 
@@ -134,12 +149,40 @@ def excite(
     if starts < 1:
         raise UsageError("starts", f"is {starts}", "give one or more")
     model = nominal(rig) if torque_model is None else torque_model
+    if not clearance >= 0:
+        raise UsageError("clearance", f"is {clearance:g}", "give a distance in metres, zero or more")
+    envelope = Envelope.of(rig, margin)
     problem = Problem(
-        model, Series(seconds, harmonics), Columns.of(rig, effects), named(criterion), Envelope.of(rig, margin), COARSE
+        model,
+        Series(seconds, harmonics),
+        Columns.of(rig, effects),
+        named(criterion),
+        envelope,
+        COARSE,
+        Clearance.of(rig, clearance, envelope),
     )
     x, finished = optimised(problem, starts, rng)
+    x, gap = cleared(problem, x)
     motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))
-    return described(problem, x, motion, finished)
+    return replace(described(problem, x, motion, finished), clearance=gap)
+
+
+def cleared(problem: Problem, x: Array) -> tuple[Array, Gap | None]:
+    """Return x and its smallest clearance; scaled down where parts come too near each other that nobody watched."""
+    if problem.clearance is None:
+        return x, None
+    q = problem.motion(x, problem.dense).q
+    gap = problem.clearance.smallest(q)
+    if gap is None or gap.distance >= problem.clearance.required:
+        return x, gap
+    clearance = problem.clearance.watching(q)
+    if clearance.watched == problem.clearance.watched:
+        return x, gap  # they keep it but for rounding
+    watching = replace(problem, clearance=clearance)
+    repaired = watching.repaired(x)
+    if repaired is None:
+        raise watching.infeasible()
+    return cleared(watching, repaired)
 
 
 def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Excitation:
@@ -159,6 +202,7 @@ def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exc
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
         finished=finished,
         narrowed=narrowed(problem, dense),
+        unchecked=() if problem.clearance is None else problem.clearance.unchecked,
     )
 
 
@@ -171,63 +215,48 @@ def narrowed(problem: Problem, dense: Motion) -> Array | None:
 
 def optimised(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
     """Return the best motion found, and whether the search came to its end."""
-    found = [problem.start(rng)]
-    bar = tqdm(
-        searches(problem, starts, rng, found),
-        total=(HEATS + 2) * starts,
-        desc="excitation",
-        unit="search",
-        disable=None,
-        leave=False,
-    )
+    tried = [problem.inside(problem.start(rng))]
+    halves = [HEATS * starts]
+    while halves[-1] > 1:
+        halves.append(halves[-1] // 2)
+    bar = tqdm(total=sum(halves) + 1, desc="excitation", unit="descent", disable=None, leave=False)
     finished = True
-    try:
-        for at, first, iterations in bar:
-            x, finished = descended(at, first, iterations)
-            repaired = problem.repaired(x)
-            if repaired is not None:
-                found.append(repaired)
-            if not finished:
-                break
-    except KeyboardInterrupt:
-        finished = False
-    return min(found, key=replace(problem, per_period=FINE).objective), finished
+    with bar:
+        try:
+            for _ in searched(problem, halves, rng, tried):
+                bar.update()
+        except KeyboardInterrupt:
+            finished = False
+    return best(problem, tried), finished
 
 
-def searches(
-    problem: Problem, starts: int, rng: np.random.Generator, found: list[Array]
-) -> Iterator[tuple[Problem, Array, int]]:
-    """Yield what to descend on, from where, and for how many iterations; `found` grows meanwhile.
+def searched(problem: Problem, halves: Sequence[int], rng: np.random.Generator, tried: list[Array]) -> Iterator[None]:
+    """Descend from as many random motions as the first of `halves` says, from fewer and fewer of them, then finely.
 
-    A heat of random motions, the best `starts` of them to the end, then as many random changes of the best.
+    Yields after every part; `tried` holds where each one is by then, and in the end the finest as well.
     """
-    for _ in range(HEATS * starts):
-        yield problem, problem.start(rng), BRIEF
-    for x in sorted(found, key=problem.objective)[:starts]:
-        yield problem, x, FULL
+    tried.extend(problem.inside(problem.start(rng)) for _ in range(halves[0] - 1))
+    soft = replace(problem, criterion=softened(problem.criterion))
+    runs = [descent(soft, x, TOLERANCE) for x in tried]
+    values, left = np.full(len(tried), np.inf), list(range(len(tried)))
+    for count in halves:
+        left = sorted(left, key=lambda k: float(values[k]))[:count]
+        for k in left:
+            for point in islice(runs[k], STEPS if count > 1 else MOST):
+                tried[k], values[k] = point.x, point.f
+            yield
     fine = replace(problem, per_period=FINE)
-    for _ in range(starts):
-        best = min(found, key=fine.objective)
-        yield fine, best + KICK * np.mean(np.abs(best)) * rng.standard_normal(len(best)), FULL
+    tried.append(fine.inside(tried[int(np.argmin(values))]))
+    for point in islice(descent(fine, tried[-1], TOLERANCE), MOST):
+        tried[-1] = point.x
+    yield
 
 
-def descended(problem: Problem, x: Array, iterations: int) -> tuple[Array, bool]:
-    """Return what SLSQP makes of x, or where it was when it was interrupted, and whether it was not."""
-    from scipy.optimize import minimize
-
-    path = [x]
-    room = {"type": "ineq", "fun": problem.room, "jac": problem.room_slopes}
-    options = {"maxiter": iterations, "ftol": TOLERANCE}
-    try:
-        minimize(
-            problem.objective,
-            x,
-            jac=problem.gradient,
-            method="SLSQP",
-            constraints=[room],
-            options=options,
-            callback=lambda at: path.append(at.copy()),
-        )
-    except KeyboardInterrupt:
-        return path[-1], False
-    return path[-1], True
+def best(problem: Problem, tried: Sequence[Array]) -> Array:
+    """The better of the two best motions once they are repaired to hold on the dense grid."""
+    fine = replace(problem, per_period=FINE)
+    repaired = (problem.repaired(x) for x in sorted(tried, key=fine.objective))
+    kept = list(islice((x for x in repaired if x is not None), 2))
+    if not kept:
+        raise problem.infeasible()
+    return min(kept, key=fine.objective)

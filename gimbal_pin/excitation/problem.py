@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from gimbal_pin.errors import UsageError
+from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns, sliding
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.fourier import Series
@@ -28,6 +30,9 @@ POSES = 200
 SHRINKS = 14
 """Bisections of the amplitude, where the torque exceeds its limit."""
 
+INSET, INSETS = 0.95, 60
+"""Share of the amplitude that is left by each step to the inside of the limits, and the most steps."""
+
 ROUNDING = 1e-9
 """Share by which amplitudes stay below a limit, so that rounding cannot carry them over."""
 
@@ -43,6 +48,7 @@ class Problem:
         criterion: What is to be minimised.
         envelope: What is to be kept to.
         per_period: Samples per period of the highest harmonic while optimising.
+        clearance: Parts to be kept apart; None: nothing is kept from hitting anything.
     """
 
     model: Model
@@ -51,6 +57,7 @@ class Problem:
     criterion: Criterion
     envelope: Envelope
     per_period: int
+    clearance: Clearance | None = None
 
     @cached_property
     def step(self) -> float:
@@ -79,15 +86,22 @@ class Problem:
 
     def objective(self, x: Array) -> float:
         """The criterion on the coarse grid."""
-        motion = self.motion(x, self.coarse)
-        return self.criterion.value(self.columns.unit(motion, sliding(motion, self.step)))
+        return self.at(x)[0]
 
     def gradient(self, x: Array) -> Array:
-        """Exact gradient of `objective`: through the columns' factors to q, v, a, and through the basis to x."""
+        """Exact gradient of `objective`."""
+        return self.at(x)[1]()
+
+    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
+        """`objective`, and what returns its gradient: through the columns' factors to q, v, a, and the basis to x."""
         motion = self.motion(x, self.coarse)
-        left, right = self.criterion.factors(self.columns.unit(motion, sliding(motion, self.step)))
-        slopes = self.columns.gradient(motion, self.step, left, right)
-        return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
+        seen = self.columns.unit(motion, sliding(motion, self.step))
+
+        def gradient() -> Array:
+            slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
+            return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
+
+        return self.criterion.value(seen), gradient
 
     @cached_property
     def stated(self) -> Array:
@@ -107,6 +121,8 @@ class Problem:
         parts = [1 - used, 1 + used]
         if self.driven.any():
             parts.append(1 - self.envelope.torques(self.model, motion)[:, :, self.driven].ravel())
+        if self.apart is not None:
+            parts.append(self.apart.room(motion.q).ravel())
         return np.concatenate(parts)
 
     def room_slopes(self, x: Array) -> Array:
@@ -115,7 +131,15 @@ class Problem:
         if self.driven.any():
             slopes = self.envelope.torque_slopes(self.model, self.motion(x, self.coarse))[:, :, :, self.driven]
             parts.append(-np.einsum("sctji,ctk->stjki", slopes, self.coarse[1]).reshape(-1, len(x)))
+        if self.apart is not None:
+            nearing = self.apart.room_slopes(self.motion(x, self.coarse).q)
+            parts.append(np.einsum("tpi,tk->tpki", nearing, self.coarse[1][0]).reshape(-1, len(x)))
         return np.vstack(parts)
+
+    @cached_property
+    def apart(self) -> Clearance | None:
+        """The clearance, if there are pairs to be watched."""
+        return self.clearance if self.clearance is not None and self.clearance.watched else None
 
     @cached_property
     def kinematic_slopes(self) -> Array:
@@ -124,9 +148,11 @@ class Problem:
         each = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(self.model.rig.n), 1 / limits)
         return each[self.stated].reshape(-1, each.shape[3] * each.shape[4])
 
-    def holds(self, x: Array) -> bool:
-        """Whether every limit holds on the dense grid."""
-        return bool(self.envelope.shares(self.model, self.motion(x, self.dense)).max() <= 1)
+    def holds(self, x: Array, grid: tuple[Array, Array]) -> bool:
+        """Whether every limit holds on a grid."""
+        motion = self.motion(x, grid)
+        clear = self.apart is None or self.apart.room(motion.q).min() >= 0
+        return bool(clear and self.envelope.shares(self.model, motion).max() <= 1)
 
     def scaled(self, x: Array, factor: float | Array) -> Array:
         """X with its amplitudes times `factor` (one, or one per joint), about the same middle."""
@@ -134,30 +160,44 @@ class Problem:
         coefficients[1:] *= factor
         return (self.series.rest.T @ coefficients).ravel()
 
+    def inside(self, x: Array) -> Array:
+        """X with its amplitudes scaled down until there is room left of every limit on the coarse grid.
+
+        Raises:
+            UsageError: There is none at however small an amplitude.
+        """
+        for _ in range(INSETS):
+            x = self.scaled(x, INSET)
+            if self.room(x).min() > 0:
+                return x
+        raise self.infeasible()
+
     def coefficients(self, x: Array) -> Array:
         """The series' coefficients (2 L + 1, n) of x."""
         return self.series.rest @ x.reshape(-1, self.model.rig.n)
 
-    def repaired(self, x: Array) -> Array | None:
+    def repaired(self, x: Array, rough: bool = False) -> Array | None:
         """X with its amplitudes scaled down until every limit holds on the dense grid; None if no motion is left.
 
-        Angle, rate and acceleration by joint, which is exact; then the torque for all joints together, by bisection.
+        Angle, rate and acceleration by joint, which is exact; then the torque and the distances for all joints
+        together, by bisection: if `rough`, on the coarse grid, which is enough for a start.
         """
+        grid = self.coarse if rough else self.dense
         pose = self.coefficients(x)[0]
         middle = (pose - self.envelope.centre) / self.envelope.half
-        if not np.abs(middle).max() < 1 or self.holding(pose).max() > 1:
+        if not np.abs(middle).max() < 1 or not self.possible(pose):
             return None
         x = self.scaled(x, np.minimum(self.widest(x, middle), 1.0))
-        if self.holds(x):
+        if self.holds(x, grid):
             return x
         low, high = 0.0, 1.0
         for _ in range(SHRINKS):
             factor = (low + high) / 2
-            low, high = (factor, high) if self.holds(self.scaled(x, factor)) else (low, factor)
+            low, high = (factor, high) if self.holds(self.scaled(x, factor), grid) else (low, factor)
         return self.scaled(x, low) if low > 0 else None
 
     def start(self, rng: np.random.Generator) -> Array:
-        """A random motion within the limits, about a pose that the motors can hold.
+        """A random motion within the limits on the coarse grid, about a pose that is possible.
 
         Raises:
             UsageError: No such pose was found.
@@ -166,10 +206,10 @@ class Problem:
             coefficients = self.coefficients(rng.standard_normal(self.series.rest.shape[1] * self.model.rig.n))
             middle = rng.uniform(-0.5, 0.5, self.model.rig.n)
             coefficients[0] = self.envelope.centre + middle * self.envelope.half
-            if self.holding(coefficients[0]).max() > 1:
+            if not self.possible(coefficients[0]):
                 continue
             x = (self.series.rest.T @ coefficients).ravel()
-            repaired = self.repaired(self.scaled(x, self.widest(x, middle)))
+            repaired = self.repaired(self.scaled(x, self.widest(x, middle)), rough=True)
             if repaired is not None:
                 return repaired
         raise self.infeasible()
@@ -181,14 +221,26 @@ class Problem:
         peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
         return (1 - ROUNDING) / np.maximum.reduce(peaks)
 
+    def possible(self, pose: Array) -> bool:
+        """Whether the motors can hold the rig in a pose, rad, and no parts are too near each other there."""
+        return bool(self.holding(pose).max() <= 1 and (self.apart is None or self.apart.room(pose[None]).min() > 0))
+
     def holding(self, pose: Array) -> Array:
         """Share of each torque limit that standing still in a pose (rad) takes, with dry friction against it, (n,)."""
         still = Motion(np.zeros(1), pose[None], np.zeros((1, len(pose))), np.zeros((1, len(pose))))
         return self.envelope.torques(self.model, still).max(axis=(0, 1))
 
     def infeasible(self) -> UsageError:
-        """The error that says which joint cannot be held still."""
+        """The error that says which joint cannot be held still, or what is in the way."""
         rig, still = self.model.rig, self.holding(self.envelope.centre)
+        if self.apart is not None and still.max() <= 1:
+            gap = self.apart.smallest(self.envelope.centre[None])
+            between, distance = (gap.between, gap.distance) if gap else (("", ""), 0.0)
+            what = f"no pose was found in which all parts keep {self.apart.required:g} m from each other"
+            what += f": at mid-range {' and '.join(between)} are {distance:.3g} m apart"
+            return UsageError(
+                f"rig {rig.name}", what, "narrow its limits to where nothing hits, or ask for less clearance"
+            )
         worst = int(np.argmax(still))
         need, have = still[worst] * self.envelope.torque[worst], self.envelope.torque[worst]
         return UsageError(

@@ -9,6 +9,7 @@ import numpy as np
 
 from gimbal_pin import urdf
 from gimbal_pin.log import Array
+from gimbal_pin.reading import mesh_file
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import three
 from gimbal_pin.view.solid import Solid, box, cylinder, sphere
@@ -78,19 +79,6 @@ def from_mesh(
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     geometry = three.buffer(vertices, faces)
     return Solid(link, geometry, pose, rgba, (high - low) / 2, (high + low) / 2, facets=True), None
-
-
-def mesh_file(name: str, folder: Path) -> Path | None:
-    """Return the file that a URDF's mesh name means, seen from the URDF's folder; None if there is none.
-
-    ``package://pkg/rest`` is sought as ``pkg/rest`` and ``rest`` in the folder and in those above it.
-    """
-    if not name.startswith("package://"):
-        file = folder / name.removeprefix("file://")
-        return file if file.is_file() else None
-    inside = name.removeprefix("package://")
-    candidates = (above / tail for above in (folder, *folder.parents) for tail in (inside, inside.partition("/")[2]))
-    return next((file for file in candidates if file.is_file()), None)
 
 
 def read_mesh(file: Path) -> tuple[Array, Any] | None:

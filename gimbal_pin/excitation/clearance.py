@@ -1,0 +1,206 @@
+"""How far a rig's parts stay from each other: its URDF's collision geometry through Pinocchio and coal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from gimbal_pin import urdf
+from gimbal_pin.errors import RigError
+from gimbal_pin.excitation.limits import Envelope
+from gimbal_pin.log import Array
+from gimbal_pin.reading import mesh_file
+from gimbal_pin.rig import Rig
+
+STATES = 100
+"""States spread over the limits on which it is seen which pairs can come near each other."""
+
+NEAR = 0.02
+"""Distance beyond the required one, m, within which a pair must come on one of them to be watched while optimising;
+the finished motion is checked for all pairs anyway."""
+
+UNIT = 0.1
+"""Distance, m, that counts as one share of a limit does."""
+
+STRIDE = 8
+"""Samples of a dense motion between two on which all pairs are measured; between them where need be."""
+
+
+class Gap(NamedTuple):
+    """The smallest distance, m, and the links between which it is."""
+
+    distance: float
+    between: tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """``distance >= required`` between all parts that can hit each other.
+
+    Parts that one joint moves together, and links that a joint connects, are left out, and pairs that are nearer than
+    required in every pose: they are built that way.
+
+    Attributes:
+        rig: The rig.
+        geometry: Its collision geometry with the pairs.
+        required: Distance to be kept, m.
+        watched: Indices of the pairs to be kept apart while optimising.
+        unchecked: Links with a mesh that is not there.
+    """
+
+    rig: Rig
+    geometry: pin.GeometryModel
+    required: float
+    watched: tuple[int, ...] = ()
+    unchecked: tuple[str, ...] = ()
+
+    @staticmethod
+    def of(rig: Rig, required: float, envelope: Envelope) -> Clearance:
+        """The rig's parts, those pairs watched that can come near each other within the envelope.
+
+        Raises:
+            RigError: A mesh cannot be read.
+        """
+        geometry, unchecked = parts(rig)
+        every = Clearance(rig, geometry, required, (), unchecked)
+        found = every.distances(envelope.spread().q[:STATES], range(len(geometry.collisionPairs)))
+        built = set(np.flatnonzero(found.max(axis=0) < required).tolist()) if found.size else set()
+        pairs = list(geometry.collisionPairs)
+        geometry.removeAllCollisionPairs()
+        for k, pair in enumerate(pairs):
+            if k not in built:
+                geometry.addCollisionPair(pair)
+        near = np.delete(found, list(built), axis=1).min(axis=0, initial=np.inf) < required + NEAR
+        return replace(every, watched=tuple(np.flatnonzero(near).tolist()))
+
+    def distances(self, q: Array, pairs: range | tuple[int, ...]) -> Array:
+        """Distance of each pair at angles q (N, n), m, (N, pairs); less than zero where they are inside each other."""
+        model, geometry, measure = self.rig.model, self.geometry, pin.computeDistance
+        data, at = model.createData(), geometry.createData()
+        out = np.empty((len(q), len(pairs)))
+        for row, angles in zip(out, q):
+            pin.updateGeometryPlacements(model, data, geometry, at, angles)
+            row[...] = [measure(geometry, at, k).min_distance for k in pairs]
+        return out
+
+    def room(self, q: Array) -> Array:
+        """What the watched pairs have left, in units of `UNIT`, (N, pairs)."""
+        return (self.distances(q, self.watched) - self.required) / UNIT
+
+    def room_slopes(self, q: Array) -> Array:
+        """Derivative of `room` to the angles, (N, pairs, n).
+
+        ``n' (J_2(p_2) - J_1(p_1))``: nearest points p_1, p_2, normal n from first to second, J(p) the motion of p.
+        """
+        model, geometry = self.rig.model, self.geometry
+        data, at = model.createData(), geometry.createData()
+        axes, near = np.empty((len(q), 6, self.rig.n)), np.empty((len(q), len(self.watched), 3, 3))
+        for screw, rows, angles in zip(axes, near, q):
+            screw[...] = pin.computeJointJacobians(model, data, angles)
+            pin.updateGeometryPlacements(model, data, geometry, at)
+            for row, k in zip(rows, self.watched):
+                found = pin.computeDistance(geometry, at, k)
+                row[...] = found.normal, found.getNearestPoint1(), found.getNearestPoint2()
+        normal, points = near[:, :, :1], near[:, :, 1:]
+        along = (
+            np.concatenate([np.broadcast_to(normal, points.shape), np.cross(points, normal)], axis=3) @ axes[:, None]
+        )
+        moved = along * self.moved[list(self.watched)]
+        return (moved[:, :, 1] - moved[:, :, 0]) / UNIT
+
+    @cached_property
+    def moved(self) -> Array:
+        """1 where a joint moves a pair's first and second part, (pairs, 2, n)."""
+        model, objects = self.rig.model, self.geometry.geometryObjects
+        out = np.zeros((len(self.geometry.collisionPairs), 2, self.rig.n))
+        for row, pair in zip(out, self.geometry.collisionPairs):
+            for side, part in zip(row, (pair.first, pair.second)):
+                side[[joint - 1 for joint in model.supports[objects[part].parentJoint] if joint]] = 1.0
+        return out
+
+    def smallest(self, q: Array) -> Gap | None:
+        """The smallest distance of any pair at any of the consecutive angles q (N, n); None where there is no pair.
+
+        All pairs are measured at every `STRIDE`th sample, and at those between only where a pair can have come nearer
+        than the nearest so far: by no more than ``sum_j reach_j |dq_j|``.
+        """
+        pairs = range(len(self.geometry.collisionPairs))
+        if not pairs:
+            return None
+        measured = np.minimum(STRIDE // 2 + STRIDE * np.arange(-(-len(q) // STRIDE)), len(q) - 1)
+        rough = self.distances(q[measured], pairs)
+        place = np.unravel_index(np.argmin(rough), rough.shape)
+        best, pair = float(rough[place]), int(place[1])
+        own = np.minimum(np.arange(len(q)) // STRIDE, len(measured) - 1)
+        slack = np.abs(q - q[measured[own]]) @ self.reach(q)
+        for k in np.flatnonzero(rough.min(axis=0) - slack.max() < best).tolist():
+            open_samples = np.flatnonzero(rough[own, k] - slack < best)
+            nearer = float(self.distances(q[open_samples], (k,)).min(initial=np.inf))
+            best, pair = (nearer, k) if nearer < best else (best, pair)
+        return Gap(best, self.names(pair))
+
+    def reach(self, q: Array) -> Array:
+        """Most that any part's points move per unit of each joint, (n,), m/rad: the tree's lengths added up."""
+        model = self.rig.model
+        slides = np.array([joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]])
+        out = np.where(slides, 1.0, 0.0)
+        for part in self.geometry.geometryObjects:
+            part.geometry.computeLocalAABB()
+            size = np.linalg.norm(part.placement.act(part.geometry.aabb_center)) + part.geometry.aabb_radius
+            for joint in reversed([j for j in model.supports[part.parentJoint] if j]):
+                travel = np.abs(q[:, joint - 1]).max() if slides[joint - 1] else 0.0
+                out[joint - 1] = max(out[joint - 1], size)
+                size += float(np.linalg.norm(model.jointPlacements[joint].translation)) + travel
+        return out
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """The links of a pair."""
+        both = self.geometry.collisionPairs[pair]
+        objects, frames = self.geometry.geometryObjects, self.rig.model.frames
+        first, second = (frames[objects[part].parentFrame].name for part in (both.first, both.second))
+        return first, second
+
+    def watching(self, q: Array) -> Clearance:
+        """The same, every pair watched that is too near at one of the angles q (N, n)."""
+        near = self.distances(q, range(len(self.geometry.collisionPairs))).min(axis=0, initial=np.inf) < self.required
+        return replace(self, watched=tuple(sorted({*self.watched, *np.flatnonzero(near).tolist()})))
+
+
+def parts(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+    """Return the collision geometry with all pairs that can hit each other, and the links whose mesh is not there."""
+    robot = urdf.parse(rig.urdf, str(rig.path))
+    unchecked = resolved(robot, rig)
+    try:
+        geometry = pin.buildGeomFromUrdfString(rig.model, urdf.to_text(robot), pin.GeometryType.COLLISION)
+    except ValueError as error:
+        raise RigError(str(rig.path), f"has a collision mesh that cannot be read ({error})", "mend the mesh") from error
+    joined = {
+        frozenset(joint.find(end).get("link") for end in ("parent", "child"))
+        for joint in robot.xpath("joint[@type!='fixed']")
+    }
+    objects = list(geometry.geometryObjects)
+    links = [rig.model.frames[part.parentFrame].name for part in objects]
+    for i, part in enumerate(objects):
+        for k, other in enumerate(objects[:i]):
+            if part.parentJoint != other.parentJoint and frozenset((links[i], links[k])) not in joined:
+                geometry.addCollisionPair(pin.CollisionPair(k, i))
+    return geometry, unchecked
+
+
+def resolved(robot: etree._Element, rig: Rig) -> tuple[str, ...]:
+    """Name every collision mesh by its file, in place, and drop those that are not there: return their links."""
+    missing = []
+    for shape in robot.xpath("link/collision[geometry/mesh]"):
+        mesh = shape.find("geometry/mesh")
+        file = mesh_file(mesh.get("filename", ""), rig.path.parent)
+        if file is None:
+            missing.append(shape.getparent().get("name"))
+            shape.getparent().remove(shape)
+        else:
+            mesh.set("filename", str(file.resolve()))
+    return tuple(dict.fromkeys(missing))

@@ -1,0 +1,175 @@
+"""Excitation design against plain SLSQP, CMA-ES and splines: one yardstick, the same limits, starts and termination."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from statistics import median
+from time import process_time
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmark.figure import Figure
+from gimbal_pin.excitation import Columns, Condition, Envelope, Series, condition_number, excite
+from gimbal_pin.excitation.design import COARSE, FINE, TOLERANCE
+from gimbal_pin.excitation.problem import Problem
+from gimbal_pin.log import Array
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+
+SEEDS, STARTS, SECONDS, HARMONICS, MARGIN = 3, 5, 10.0, 5, 0.05
+RIGS = ("thesis", "handheld")
+"""The reference problem, and a rig with axes that miss each other."""
+DENSER = 10
+"""How much denser the grid is on which all are judged."""
+ITERATIONS, EVALUATIONS = 150, 40_000
+"""Most iterations of SLSQP and evaluations of CMA-ES per start; both end before by the tolerance."""
+STEP = 0.3
+"""CMA-ES's first deviation as a share of the coefficients' mean size."""
+PENALTY = 100.0
+"""What exceeding a limit by its own size costs CMA-ES, for the worst and for the mean over the grid."""
+
+
+@dataclass(frozen=True)
+class Splines(Series):
+    """Cubic splines through as many knots as a Fourier series has free coefficients, from rest to rest.
+
+    FIGAROH's parametrisation (its optimiser, IPOPT, aside); every joint's free coefficients are its inner angles.
+    """
+
+    def basis(self, t: Array) -> Array:
+        """Angle, rate and acceleration per unit of each knot's angle, (3, T, 2 L + 1)."""
+        from scipy.interpolate import CubicSpline
+
+        count = 2 * self.harmonics + 1
+        curve = CubicSpline(np.linspace(0.0, self.seconds, count), np.eye(count), bc_type="clamped")
+        return np.stack([curve(t, order) for order in range(3)])
+
+    @cached_property
+    def rest(self) -> Array:
+        """Basis of the knots that start and end without acceleration, (2 L + 1, 2 L - 1)."""
+        ends = self.basis(np.array([0.0, self.seconds]))[2]
+        return np.linalg.qr(ends.T, mode="complete")[0][:, 2:]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a way achieved: condition number, largest share of the rig's limits, CPU time, s."""
+
+    condition: float
+    share: float
+    seconds: float
+
+
+def measure() -> Iterator[Figure]:
+    """Yield condition numbers and times on both rigs, CMA-ES and splines on the reference problem only."""
+    ways = {"slsqp": slsqp, "ours": ours}
+    others = {"cma": cma_es} if find_spec("cma") else {}
+    total = len(RIGS) * SEEDS * len(ways) + len(others) + 1
+    with tqdm(total=total, desc="excitation", unit="design", disable=None, leave=False) as bar:
+        for name in RIGS:
+            rig, first = Rig.load(name), name == RIGS[0]
+            at: dict[str, list[Entry]] = {way: [] for way in ways}
+            for seed in range(SEEDS):
+                for way, run in ways.items():
+                    at[way].append(run(rig, seed))
+                    bar.update()
+            extra: dict[str, Entry | None] = {"cma": None}
+            for way, run in ({**others, "splines": splines} if first else {}).items():
+                extra[way] = run(rig, 0)
+                bar.update()
+            yield from compared(name, at, extra if first else {})
+
+
+def compared(name: str, at: dict[str, list[Entry]], extra: dict[str, Entry | None]) -> Iterator[Figure]:
+    """Yield the figures of a rig."""
+    of = f"excitation of {name}, {STARTS} starts: "
+    labels = {"slsqp": "plain SLSQP", "cma": "CMA-ES", "splines": "splines by SLSQP", "ours": "ours"}
+    for way, label in labels.items():
+        if way in at:
+            yield Figure(f"{of}{label}, condition number", median(one.condition for one in at[way]))
+            yield Figure(f"{of}{label}, CPU time", median(one.seconds for one in at[way]), "s")
+        elif way in extra:
+            one = extra[way]
+            yield Figure(f"{of}{label}, condition number", None if one is None else one.condition)
+            yield Figure(f"{of}{label}, CPU time", None if one is None else one.seconds, "s")
+    if extra and not find_spec("cyipopt"):
+        yield Figure(f"{of}FIGAROH's own splines (IPOPT)", None)
+    rest = [one.condition for one in extra.values() if one is not None]
+    worst = max(mine.condition / min([plain.condition, *rest]) for mine, plain in zip(at["ours"], at["slsqp"]))
+    yield Figure(f"{of}condition of ours / best other's, worst seed", worst, at_most=1.0)
+    ratio = median(mine.seconds / plain.seconds for mine, plain in zip(at["ours"], at["slsqp"]))
+    yield Figure(f"{of}CPU time of ours / plain SLSQP's", ratio, at_most=1 / 3)
+    share = max(one.share for one in at["ours"])
+    yield Figure(f"{of}ours, largest share of a limit, dense grid", share, at_most=1.0)
+
+
+def problem(rig: Rig, series: Series) -> Problem:
+    """What all of them minimise, and the limits on the grid that all of them see."""
+    return Problem(nominal(rig), series, Columns.of(rig), Condition(), Envelope.of(rig, MARGIN), COARSE)
+
+
+def judged(rig: Rig, series: Series, coefficients: Array, seconds: float) -> Entry:
+    """Judge a motion on a grid that no optimiser saw, between the samples of a ten times denser one."""
+    count = DENSER * FINE * HARMONICS
+    motion = series.motion(coefficients, (np.arange(count) + 0.5) * SECONDS / count)
+    return Entry(condition_number(rig, motion), float(Envelope.of(rig).shares(nominal(rig), motion).max()), seconds)
+
+
+def ours(rig: Rig, seed: int) -> Entry:
+    """Ours, everything included that is done once for a rig."""
+    begin = process_time()
+    rng = np.random.default_rng(seed)
+    found = excite(rig, seconds=SECONDS, harmonics=HARMONICS, starts=STARTS, rng=rng, margin=MARGIN)
+    return judged(rig, found.series, found.coefficients, process_time() - begin)
+
+
+def slsqp(rig: Rig, seed: int) -> Entry:
+    """SciPy's SLSQP with finite differences, to its end from every start."""
+    return by_slsqp(rig, problem(rig, Series(SECONDS, HARMONICS)), seed)
+
+
+def splines(rig: Rig, seed: int) -> Entry:
+    """Splines, optimised in the same way."""
+    return by_slsqp(rig, problem(rig, Splines(SECONDS, HARMONICS)), seed)
+
+
+def by_slsqp(rig: Rig, at: Problem, seed: int) -> Entry:
+    """The best of SLSQP's ends."""
+    from scipy.optimize import minimize
+
+    def end(x: Array) -> Array:
+        room = {"type": "ineq", "fun": at.room}
+        options = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
+        found: Array = minimize(at.objective, x, method="SLSQP", constraints=[room], options=options).x
+        return found
+
+    return best(rig, at, seed, end)
+
+
+def cma_es(rig: Rig, seed: int) -> Entry:
+    """Hansen's CMA-ES from every start, what exceeds a limit penalised."""
+    import cma
+
+    at = problem(rig, Series(SECONDS, HARMONICS))
+
+    def penalised(x: Array) -> float:
+        beyond = np.maximum(-at.room(x), 0.0)
+        return at.objective(x) + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
+
+    def end(x: Array) -> Array:
+        options = {"seed": seed + 1, "verbose": -9, "tolfun": TOLERANCE, "maxfevals": EVALUATIONS}
+        found: Array = cma.fmin2(penalised, x, STEP * float(np.mean(np.abs(x))), options)[0]
+        return found
+
+    return best(rig, at, seed, end)
+
+
+def best(rig: Rig, at: Problem, seed: int, end: Callable[[Array], Array]) -> Entry:
+    """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
+    begin, rng = process_time(), np.random.default_rng(seed)
+    x = min((end(at.start(rng)) for _ in range(STARTS)), key=at.objective)
+    return judged(rig, at.series, at.coefficients(x), process_time() - begin)
