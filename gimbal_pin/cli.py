@@ -69,7 +69,7 @@ Holdout = Annotated[
         help_behavior_hint="(default: the last third of one log, the last of several)",
     ),
 ]
-EstimatorName = Literal["weighted", "ols", "robust"]
+EstimatorName = Literal["weighted", "ols", "robust", "physical"]
 Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
 Damping = Annotated[float, arg(help="damping of the tracking error")]
 Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]

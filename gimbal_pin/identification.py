@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.effects import ALWAYS, Effect, Term
+from gimbal_pin.consistency import Consistent, nearest
+from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimate, Estimator, weighted
-from gimbal_pin.inertia import Consistent, nearest, to_urdf
+from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
 from gimbal_pin.reduction import Reduction, reduce
@@ -214,31 +215,25 @@ def thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
 def to_model(rows: Rows, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
-    The reduction's independent columns take the change; the others stay as the URDF has them. No other split is
-    more right, as no torque can tell them apart; `inertia.consistent` looks for a physical one.
+    Bodies that were fitted are taken as they are. Else the reduction's independent columns take the change; the others
+    stay as the URDF has them. No other split is more right, as no torque can tell them apart; `consistency.nearest`
+    looks for a physical one.
     """
-    rig, reduction = rows.rig, rows.reduction
-    width = len(reduction.independent)
-    given = given_beta(rig, reduction)
-    phi = rig.phi.copy()
-    phi[columns_of(rig, reduction)] += estimate.theta[:width] - given
-    terms, at = [], width
-    for effect in rows.effects:
-        size = len(effect.coefficients)
-        terms.append(Term(effect, tuple(float(x) for x in estimate.theta[at : at + size])))
-        at += size
+    rig, width = rows.rig, len(rows.reduction.independent)
+    phi = rig.phi.copy() if estimate.phi is None else estimate.phi.copy()
+    if estimate.phi is None:
+        phi[columns_of(rig, rows.reduction)] += estimate.theta[:width] - given_beta(rig, rows.reduction)
     known = Estimated(rows.names, units_of(rows), estimate.theta, estimate.covariance)
-    return Model(rig.with_phi(phi), tuple(terms), known)
+    return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
 
 
 def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]:
     """Return the physical parameters nearest to the estimate, and the change in base parameters, (b,)."""
-    rig, reduction = rows.rig, rows.reduction
-    width = len(reduction.independent)
-    mixing = np.zeros((width, 10 * rig.n))
-    mixing[:, columns(rig)[1]] = reduction.mixing
-    found = nearest(rig.phi, mixing, estimate.theta[:width], estimate.covariance[:width, :width])
-    return found, mixing @ found.phi - estimate.theta[:width]
+    width = len(rows.reduction.independent)
+    if estimate.phi is not None:
+        return Consistent(estimate.phi, 0.0), np.zeros(width)
+    found = nearest(rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width])
+    return found, rows.mixing @ found.phi - estimate.theta[:width]
 
 
 def rms(parts: Sequence[Array]) -> Array:

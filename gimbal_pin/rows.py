@@ -6,16 +6,16 @@ log → uniform grid → smoothed q, v, a → columns at full rate → low-pass 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin import signals
-from gimbal_pin.effects import Effect, Sample
+from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.reduction import Reduction
@@ -118,6 +118,22 @@ class Rows:
         return self.reduction.base_names + tuple(
             f"{effect.joint}.{coefficient.name}" for effect in self.effects for coefficient in effect.coefficients
         )
+
+    @property
+    def mixing(self) -> Array:
+        """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+        out = np.zeros((len(self.reduction.independent), 10 * self.rig.n))
+        out[:, columns(self.rig)[1]] = self.reduction.mixing
+        return out
+
+    def terms(self, theta: Array) -> tuple[Term, ...]:
+        """Return the effects with their coefficients out of theta, (k,)."""
+        out, at = [], len(self.reduction.independent)
+        for effect in self.effects:
+            size = len(effect.coefficients)
+            out.append(Term(effect, tuple(float(x) for x in theta[at : at + size])))
+            at += size
+        return tuple(out)
 
     def __iter__(self) -> Iterator[Block]:
         """Yield the blocks of every trajectory in time order."""
@@ -284,6 +300,33 @@ def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) 
     return out, rate_std
 
 
-def kept(rows: Rows) -> tuple[Block, ...]:
+@dataclass(frozen=True, eq=False)
+class Regression(Sequence[Block]):
+    """Blocks, computed once, and the rows that they are: for estimators that must know what the columns stand for.
+
+    Attributes:
+        rows: What they were computed from.
+        blocks: The blocks.
+    """
+
+    rows: Rows
+    blocks: tuple[Block, ...]
+
+    @overload
+    def __getitem__(self, at: int) -> Block: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> tuple[Block, ...]: ...
+
+    def __getitem__(self, at: int | slice) -> Block | tuple[Block, ...]:
+        """Return a block, or some."""
+        return self.blocks[at]
+
+    def __len__(self) -> int:
+        """Number of blocks."""
+        return len(self.blocks)
+
+
+def kept(rows: Rows) -> Regression:
     """Compute every block once and keep them: after decimation even a million samples are some 20 MB."""
-    return tuple(rows)
+    return Regression(rows, tuple(rows))

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config rig"
-MATHS = "signals regressor reduction inertia effects model plant rows estimators simulation"
+MATHS = "signals regressor reduction inertia consistency effects model plant rows estimators simulation"
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base checking"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()

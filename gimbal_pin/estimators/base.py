@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from gimbal_pin.log import Array
-from gimbal_pin.rows import Block
+from gimbal_pin.rows import Block, Regression
 
 LAGS = 8
 """Rows over which residuals may be correlated: four periods of the cutoff."""
@@ -31,6 +31,7 @@ class Estimate:
         condition_number: Of the factor with columns scaled to unit norm.
         rows: Rows per joint.
         method: The estimator's name.
+        phi: The bodies whose base parameters theta holds, (10 n,), where it was fitted through them; else None.
     """
 
     theta: Array
@@ -39,6 +40,7 @@ class Estimate:
     condition_number: float
     rows: int
     method: str
+    phi: Array | None = None
 
     @property
     def std(self) -> Array:
@@ -47,9 +49,12 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once."""
+    """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once.
 
-    def __call__(self, blocks: Sequence[Block]) -> Estimate:
+    Most need nothing but the blocks, and take any sequence of them.
+    """
+
+    def __call__(self, blocks: Regression) -> Estimate:
         """Estimate theta."""
 
 
