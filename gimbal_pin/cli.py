@@ -69,7 +69,7 @@ Holdout = Annotated[
         help_behavior_hint="(default: the last third of one log, the last of several)",
     ),
 ]
-EstimatorName = Literal["weighted", "ols", "robust", "physical"]
+EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
 Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
 Damping = Annotated[float, arg(help="damping of the tracking error")]
 Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]
@@ -212,7 +212,7 @@ def identify(
 
     loaded, read = load_logs(rig, payload, logs, map)
     filters = filtering(cutoff, alignment)
-    found = run(loaded, read, estimator=ESTIMATORS[estimator], holdout=holdout, filtering=filters)
+    found = run(loaded, read, estimator=ESTIMATORS[estimator], holdout=holdout, filtering=filters, examined=True)
     if output is not None:
         write_model(found, output)
     if urdf is not None:

@@ -53,16 +53,22 @@ class Body(NamedTuple):
     There the Hessian of D is the identity, whatever the body.
 
     Attributes:
+        L: A root of the pseudo-inertia: as long as that is what is kept, rounding cannot lead out of what can exist.
         phi: Inertial parameters, (10,).
         jacobian: Change of phi per coordinate, (10, 10).
         divergence: D.
         slope: Gradient of D, (10,).
     """
 
+    L: Array
     phi: Array
     jacobian: Array
     divergence: float
     slope: Array
+
+    def moved(self, step: Array, inverse: Array) -> Body:
+        """Return the body at coordinates s, (10,)."""
+        return placed(self.L @ np.linalg.cholesky(np.eye(4) + np.einsum("k,kij->ij", step, SYMMETRIC)), inverse)
 
 
 def symmetric() -> Array:
@@ -109,29 +115,32 @@ def fitted(start: Array, rows: Array, target: Array) -> Consistent:
     bodies = [strictly(body) for body in np.reshape(start, (-1, 10))]
     inverses = [np.linalg.inv(pseudo_inertia(body)) for body in bodies]
     margin = MARGIN * np.concatenate([fattened(body) for body in bodies])
-    left, phi = target - rows @ margin, np.concatenate(bodies)
+    left = target - rows @ margin
+    now = [placed(np.linalg.cholesky(pseudo_inertia(body)), inverse) for body, inverse in zip(bodies, inverses)]
     for weight in WEIGHTS:
-        phi = settled(phi, rows, left, inverses, weight)
+        now = settled(now, rows, left, inverses, weight)
+    phi = np.concatenate([body.phi for body in now]) + margin
     free = np.linalg.lstsq(rows, target, rcond=None)[0]
-    phi = phi + margin
     return Consistent(phi, float(np.linalg.norm(rows @ (phi - free))))
 
 
-def settled(phi: Array, rows: Array, target: Array, inverses: list[Array], weight: float) -> Array:
-    """Return the minimum for one μ by Newton's method, (10 n,): φ stays inside, so every step is a physical body."""
+def settled(now: list[Body], rows: Array, target: Array, inverses: list[Array], weight: float) -> list[Body]:
+    """Return the minimum for one μ by Newton's method; every step ends in bodies that can exist."""
     for _ in range(STEPS):
-        bodies = at(phi, inverses)
-        step, decrement = newton(bodies, rows, target, weight)
+        step, decrement = newton(now, rows, target, weight)
         if decrement < SETTLED * weight:
             break
-        change = np.concatenate([body.jacobian @ part for body, part in zip(bodies, np.reshape(step, (-1, 10)))])
-        share, cost = min(1.0, WITHIN * reach(step)), objective(bodies, rows, target, weight)
-        while objective(at(phi + share * change, inverses), rows, target, weight) > cost - 0.1 * share * decrement:
+        share, cost = min(1.0, WITHIN * reach(step)), objective(now, rows, target, weight)
+        while True:
+            parts = zip(now, np.reshape(share * step, (-1, 10)), inverses)
+            after = [body.moved(part, inverse) for body, part, inverse in parts]
+            if objective(after, rows, target, weight) <= cost - 0.1 * share * decrement:
+                break
             share /= 2
             if share < 1e-9:
-                return phi
-        phi = phi + share * change
-    return phi
+                return now
+        now = after
+    return now
 
 
 def reach(step: Array) -> float:
@@ -161,18 +170,13 @@ def objective(bodies: list[Body], rows: Array, target: Array, weight: float) -> 
     return float(0.5 * rest @ rest + weight * sum(body.divergence for body in bodies))
 
 
-def at(phi: Array, inverses: list[Array]) -> list[Body]:
-    """Return every body of (10 n,) parameters; `inverses` are those of the URDF's pseudo-inertias."""
-    return [placed(part, inverse) for part, inverse in zip(np.reshape(phi, (-1, 10)), inverses)]
-
-
-def placed(phi: Array, inverse: Array) -> Body:
-    """Return one body at its parameters, (10,)."""
-    L = np.linalg.cholesky(pseudo_inertia(phi))
+def placed(L: Array, inverse: Array) -> Body:
+    """Return the body of a root of its pseudo-inertia, (4, 4); `inverse` is that of the URDF's pseudo-inertia."""
     ratio = L.T @ inverse @ L
     jacobian = PARAMETERS @ (L @ SYMMETRIC @ L.T).reshape(10, 16).T
     slope = np.einsum("kij,ij->k", SYMMETRIC, ratio - np.eye(4))
-    return Body(phi, jacobian, float(np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4.0), slope)
+    divergence = float(np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4.0)
+    return Body(L, PARAMETERS @ (L @ L.T).ravel(), jacobian, divergence, slope)
 
 
 def fattened(phi: Array) -> Array:
@@ -180,4 +184,18 @@ def fattened(phi: Array) -> Array:
     P = pseudo_inertia(phi)
     out = np.array(phi)
     out[[4, 6, 9]] += 2.0 * float(np.trace(P[:3, :3])) / 3.0
+    return out
+
+
+def spread(phi: Array) -> Array:
+    """A root of the covariance G of bodies' parameters, (10 n, 10 n), if each is deformed at random by 100 %.
+
+    ``P = L (1 + S) Lᵀ`` with S symmetric and its orthonormal coordinates of unit variance: the deviation is that of
+    the divergence D, and so the same in any frame and unit; of a mass it is the mass itself.
+    """
+    out = np.zeros((len(phi), len(phi)))
+    for body, part in enumerate(np.reshape(phi, (-1, 10))):
+        P = pseudo_inertia(strictly(part))
+        at = slice(10 * body, 10 * body + 10)
+        out[at, at] = placed(np.linalg.cholesky(P), np.linalg.inv(P)).jacobian
     return out

@@ -12,15 +12,19 @@ import numpy as np
 from gimbal_pin.consistency import Consistent, nearest
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimators import Estimate, Estimator, weighted
+from gimbal_pin.estimators import Estimate, Estimator, Hausman, hausman, physical, weighted
+from gimbal_pin.estimators.idim import instruments
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Rows, columns_of, kept, settling
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, columns_of, kept, settling
 from gimbal_pin.urdf import with_friction
+
+EXAMINED = 60.0
+"""Time of a log on which least squares is tested for bias, s."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class Identified:
         torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
         logs: Names of the logs.
         filtering: The filter in force.
+        bias: Whether least squares is biased on these logs; None where that was not asked.
     """
 
     model: Model
@@ -70,6 +75,7 @@ class Identified:
     torque_change: Mapping[str, float]
     logs: tuple[str, ...]
     filtering: Filtering
+    bias: Hausman | None = None
 
     @property
     def physical(self) -> bool:
@@ -101,6 +107,7 @@ class Identified:
             "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
+            "least_squares": None if self.bias is None else self.bias.to_dict(),
         }
 
 
@@ -112,6 +119,7 @@ def identify(
     estimator: Estimator = weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
+    examined: bool = False,
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
@@ -122,6 +130,7 @@ def identify(
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults.
+        examined: Test whether least squares is biased on these logs, too (`hausman`).
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -154,7 +163,19 @@ def identify(
         torque_change=dict(zip(rig.joints, change.tolist())),
         logs=tuple(log.name for log in logs),
         filtering=filters,
+        bias=bias(rows, blocks) if examined else None,
     )
+
+
+def bias(rows: Rows, blocks: Regression) -> Hausman:
+    """Test whether least squares is biased, on the first minute of the first log: a longer one costs more than it says.
+
+    The instruments are simulated with bodies fitted to the same rows.
+    """
+    first = rows.logs[0]
+    some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
+    judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else kept(replace(rows, logs=(some,)))
+    return hausman(judged, instruments(judged, physical(judged)))
 
 
 def within(log: Log, filters: Filtering) -> None:

@@ -111,6 +111,8 @@ def identified(found: Identified) -> str:
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
+    if found.bias is not None:
+        parts.append(found.bias.sentence)
     return "\n".join(parts)
 
 

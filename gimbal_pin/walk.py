@@ -99,7 +99,7 @@ def auto(
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
-    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
+    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined=True)
     model, wrong = identified.model, examined(rig, logs, rng, holdout)
     tunings = {kind: tune(model, bandwidth_hz=bandwidth_hz, delay=delay, kind=kind) for kind in (MODEL_BASED, PID)}
     tracking = track(plant or model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config rig"
-MATHS = "signals regressor reduction inertia consistency effects model plant rows estimators simulation"
+MATHS = "signals regressor reduction inertia consistency effects model plant rows replay estimators simulation"
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base checking"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()
@@ -23,7 +23,8 @@ ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()
 
 SHARED = {
     "effects": {"cause", "base", "signal", "rig_effect", "functions", "harmonic", "seen"},
-    "estimators": {"base", "weighted"},  # the robust estimate starts from the weighted one
+    # Some estimates start from simpler ones: the robust from the weighted, those that simulate from the physical.
+    "estimators": {"base", "colour", "weighted", "physical", "instrumental"},
 }
 """Files in a folder of plug-ins that the others there may import."""
 READERS = {"__init__", "parse", "plain", "resistance"}

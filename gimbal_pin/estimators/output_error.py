@@ -1,0 +1,71 @@
+"""Closed-loop output error: the model whose own motion is nearest to the recorded one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import bilinear, lfilter
+
+from gimbal_pin import signals
+from gimbal_pin.estimators.base import Estimate, residuals
+from gimbal_pin.estimators.physical import physical
+from gimbal_pin.estimators.weighted import weighted
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model
+from gimbal_pin.replay import GAINS, LOOP, WATCHED, Run, bodies, inertia, runs, theta_of
+from gimbal_pin.rows import Block, Channels, Regression, Rows
+
+PASSES = 8
+"""Most Gauss-Newton steps."""
+SETTLED = 0.1
+"""Change of every parameter, in its standard deviations, at which they stop."""
+CHUNK = 4096
+"""Samples of the simulation whose columns are held at once."""
+
+
+def output_error(blocks: Regression) -> Estimate:
+    """``argmin Σ ‖(q - q_s(theta)) / σ_j‖²`` with q_s the motion of the model itself, in closed loop along the log.
+
+    A Gauss-Newton step is least squares on the angles' error: by a change of theta the model moves by
+    ``-1 / (s² + kd s + kp) D⁻¹ Y δtheta``, with the regressor Y along the simulated motion, which is not noisy
+    (Gautier, Janot and Vandanjon 2013 take the same derivative for torques). The noise of the recorded angles is then
+    noise of the output alone, and biases nothing.
+    """
+    rows, found = blocks.rows, physical(blocks)
+    for _ in range(PASSES):
+        model = bodies(rows, found.theta, found.covariance)
+        before, found = found.theta, weighted(tuple(errors(rows, model)))
+        if np.all(np.abs(found.theta - before) <= SETTLED * found.std):
+            break
+    left = np.concatenate([residuals(block, found.theta) for block in blocks])
+    return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method="output-error")
+
+
+def errors(rows: Rows, model: Model) -> Iterator[Block]:
+    """Yield the rows ``A theta = A theta_s + (q_s - q)``, rad, along what a model with theta_s does."""
+    theta = theta_of(rows, model)
+    for run in (run for each in runs(rows, model) for run in each):
+        dt = float(run.t[1] - run.t[0])
+        pad, step = round(signals.settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
+        for begin in range(pad, len(run.t) - pad, CHUNK):
+            end = min(begin + CHUNK, len(run.t) - pad)
+            part = Run(*(x[begin - pad : end + pad] for x in run))
+            yield block(rows, model, theta, part, slice(pad, pad + end - begin, step))
+
+
+def block(rows: Rows, model: Model, theta: Array, run: Run, keep: slice) -> Block:
+    """Return the rows of one part of a run, low-passed and thinned."""
+    dt = float(run.t[1] - run.t[0])
+    channels = Channels(
+        run.t, run.q, run.v, signals.differentiate(run.v, dt), np.zeros_like(run.q), np.zeros(rows.rig.n)
+    )
+    columns = np.concatenate([rows.rigid_columns(channels), rows.effect_columns(channels)], axis=2)
+    data = model.rig.model.createData()
+    D = np.array([inertia(model, data, q) for q in run.q])
+    top, bottom = bilinear([1.0], [1.0, GAINS[1], GAINS[0]], 1.0 / dt)
+    moved = lfilter(top, bottom, np.linalg.solve(D, columns), axis=0)
+    slow = signals.lowpass(WATCHED * LOOP, 1.0 / dt)
+    A, error = (signals.zero_phase(x, slow)[keep].copy() for x in (moved, run.error))
+    return Block(run.t[keep].copy(), A, A @ theta - error, run.v[keep].copy(), np.ones_like(error))

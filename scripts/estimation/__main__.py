@@ -1,0 +1,11 @@
+"""One table per promise; each prints PASS or FAIL in its last line and leaves with 1 if it is missed."""
+
+from __future__ import annotations
+
+import tyro
+
+from estimation.coverage import coverage
+from estimation.physical import physical
+
+if __name__ == "__main__":
+    tyro.extras.subcommand_cli_from_dict({"physical": physical, "coverage": coverage})
