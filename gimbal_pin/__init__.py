@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from gimbal_pin.io import write_log as write_log
     from gimbal_pin.log import Log as Log
     from gimbal_pin.model import nominal as nominal
+    from gimbal_pin.platform import Platform as Platform
+    from gimbal_pin.profile import profile_s as profile_s
     from gimbal_pin.rig import Rig as Rig
     from gimbal_pin.simulation import simulate as simulate
     from gimbal_pin.tracking import track as track
@@ -28,6 +30,7 @@ __version__ = "0.1.0"
 HOMES = {
     "GimbalPinError": "errors",
     "Log": "log",
+    "Platform": "platform",
     "Rig": "rig",
     "auto": "walk",
     "bench_run": "experiment",
@@ -35,6 +38,7 @@ HOMES = {
     "excite": "excitation",
     "identify": "identification",
     "nominal": "model",
+    "profile_s": "profile",
     "read_log": "io",
     "simulate": "simulation",
     "track": "tracking",

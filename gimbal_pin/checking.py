@@ -10,6 +10,7 @@ import numpy as np
 
 from gimbal_pin.base import base
 from gimbal_pin.config import load_config
+from gimbal_pin.log import Array
 from gimbal_pin.reduction import samples
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, find, payload_path
@@ -117,13 +118,18 @@ def listing() -> dict[str, Any]:
     }
 
 
-def gravity_load(rig: Rig) -> np.ndarray:
-    """Largest gravity torque per joint over poses that fill the limits evenly, N m, (n,)."""
+def poses(rig: Rig, count: int = POSES) -> Array:
+    """Poses that fill the joints' limits evenly, a whole turn where there are none, rad, (count, n)."""
     lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
     upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])
-    unit = samples(rig, POSES)[0] / (2 * np.pi) + 0.5
-    q = lower + unit * (upper - lower)
-    return np.abs(rnea(rig, q, np.zeros_like(q), np.zeros_like(q))).max(axis=0)
+    unit = samples(rig, count)[0] / (2 * np.pi) + 0.5
+    return np.asarray(lower + unit * (upper - lower))
+
+
+def gravity_load(rig: Rig) -> Array:
+    """Largest gravity torque per joint over poses that fill the limits evenly, N m, (n,)."""
+    q = poses(rig)
+    return np.asarray(np.abs(rnea(rig, q, np.zeros_like(q), np.zeros_like(q))).max(axis=0))
 
 
 def warnings(joints: Mapping[str, JointCheck]) -> list[str]:

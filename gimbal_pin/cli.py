@@ -20,8 +20,10 @@ from gimbal_pin import text
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Log
+    from gimbal_pin.log import Array, Log
     from gimbal_pin.model import Model
+    from gimbal_pin.payloads import Several
+    from gimbal_pin.platform import Platform
     from gimbal_pin.rig import Rig
     from gimbal_pin.rows import Filtering
     from gimbal_pin.tuning import Law
@@ -47,6 +49,14 @@ Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the
 MaybeFolder = Annotated[
     Path | None,
     arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there", help_behavior_hint=""),
+]
+ModelFile = Annotated[
+    Path | None,
+    arg(
+        metavar="MODEL",
+        help="the plant: a model's YAML, from identify or diagnose",
+        help_behavior_hint="(default: the rig as its URDF states it)",
+    ),
 ]
 Seed = Annotated[int, arg(help="seed of everything random")]
 Cutoff = Annotated[
@@ -115,6 +125,15 @@ def excite(
     harmonics: Annotated[int, arg(help="harmonics of the Fourier series")] = 5,
     starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
     criterion: Literal["condition", "determinant"] = "condition",
+    after: Annotated[
+        tuple[str, ...],
+        arg(
+            metavar="LOG …",
+            help="earlier logs: design what teaches most beyond them, by log det of the information",
+            help_behavior_hint="",
+        ),
+    ] = (),
+    map: Map = (),
     margin: Annotated[float, arg(help="share of every limit that is left free")] = 0.05,
     rate: Annotated[float, arg(help="samples per second of the file, Hz")] = 1000.0,
     seed: Seed = 0,
@@ -124,13 +143,15 @@ def excite(
     import numpy as np
 
     from gimbal_pin.excitation import excite as run
+    from gimbal_pin.excitation import sequential
     from gimbal_pin.io import write_motion
 
     positive("--rate", rate)
-    loaded = load_rig(rig, payload)
+    loaded, read = load_logs(rig, payload, after, map) if after else (load_rig(rig, payload), [])
+    wished = sequential(loaded, read, seconds) if read else criterion
     rng = np.random.default_rng(seed)
     options = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "margin": margin}
-    found = run(loaded, **options, criterion=criterion, rng=rng, dt=1 / rate)  # type: ignore[arg-type]
+    found = run(loaded, **options, criterion=wished, rng=rng, dt=1 / rate)  # type: ignore[arg-type]
     write_motion(found.motion, found.joints, output)
     present(text.excitation(found), found.to_dict(), json)
 
@@ -140,6 +161,7 @@ def simulate(
     output: MaybeOutput = None,
     *,
     payload: Payload = None,
+    model: ModelFile = None,
     controller: Annotated[str, arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
     reference: Annotated[
         Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
@@ -153,6 +175,20 @@ def simulate(
     ] = (),
     torque_noise: Annotated[float, arg(help="noise on the reported torque, share of its rms")] = 0.01,
     encoder_bits: Annotated[float | None, arg(help="resolution of the encoders; None: the rig's own")] = None,
+    platform: Annotated[
+        Literal["none", "S"], arg(help="what carries the rig: nothing that moves, or profile S, seeded")
+    ] = "none",
+    platform_log: Annotated[
+        Path | None,
+        arg(
+            metavar="FILE",
+            help="motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    platform_size: Annotated[float, arg(help="profile S times this")] = 1.0,
+    map: Map = (),
+    imus: Annotated[bool, arg(help="record every IMU of the rig's YAML, not the platform's alone")] = False,
     live: Annotated[bool, arg(help="show it in a browser")] = False,
     seed: Seed = 0,
 ) -> None:
@@ -162,14 +198,21 @@ def simulate(
     from gimbal_pin.effects.parse import parse_effect
     from gimbal_pin.experiment import bench_run
     from gimbal_pin.io import read_motion, write_log
-    from gimbal_pin.model import nominal
     from gimbal_pin.simulation import plant_with
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload)
-    law = law_of(controller, nominal(loaded), bandwidth_hz)
-    plant, drive = plant_with(nominal(loaded), [parse_effect(text, loaded) for text in effect])
+    loaded = load_rig(rig, payload or (mounted(str(model)) if model else None))
+    known = plant_of(model, loaded)
+    law = law_of(controller, known, bandwidth_hz)
+    plant, drive = plant_with(known, [parse_effect(text, loaded) for text in effect])
     motion = None if reference is None else read_motion(reference, loaded)
+    asked = seconds if motion is None else float(motion.t[-1] - motion.t[0])
+    carrier = carried(loaded, platform, platform_log, map, platform_size, asked, law.dt, seed)
+    if carrier is not None and carrier.t[-1] < asked - law.dt / 2:
+        seconds, motion = float(carrier.t[-1]), None if motion is None else motion.until(float(carrier.t[-1]))
+        print(
+            f"gimbal-pin: note: {platform_log} ends after {seconds:.3g} s, and so does the simulation", file=sys.stderr
+        )
     log = bench_run(
         plant,
         law,
@@ -180,6 +223,8 @@ def simulate(
         delay=delay_samples,
         reference=motion,
         drive=drive,
+        platform=carrier,
+        imus=loaded.config.imus if imus else (),
     )
     if output is not None:
         write_log(log, output)
@@ -202,22 +247,39 @@ def identify(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
+    known: Annotated[
+        str | None,
+        arg(
+            metavar="MODEL",
+            help="a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do",
+            help_behavior_hint="",
+        ),
+    ] = None,
     json: Json = None,
 ) -> None:
-    """Model with uncertainty from logs, and its fit on held-out data."""
+    """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
+    from gimbal_pin.balance import reported
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.identification import identify as run
     from gimbal_pin.io.files import atomic_write
     from gimbal_pin.io.model import write_model
 
+    options: Any = {"estimator": ESTIMATORS[estimator], "holdout": holdout, "filtering": filtering(cutoff, alignment)}
+    if known is not None or len(tags_of(logs)) > 1:
+        several = cameras(rig, payload, logs, map, known, options)
+        if urdf is not None:
+            raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
+        if output is not None:
+            write_model(several.first, output, several.identified)
+        present(text.several(several), several.to_dict(), json)
+        return
     loaded, read = load_logs(rig, payload, logs, map)
-    filters = filtering(cutoff, alignment)
-    found = run(loaded, read, estimator=ESTIMATORS[estimator], holdout=holdout, filtering=filters, examined=True)
+    found = run(loaded, read, **options)
     if output is not None:
         write_model(found, output)
     if urdf is not None:
         atomic_write(urdf, found.to_urdf())
-    present(text.identified(found), found.to_dict(), json)
+    present(text.identified(found), reported(found), json)
 
 
 def tune(
@@ -255,6 +317,7 @@ def track(
     controller: Annotated[Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from tune")],
     *,
     payload: Payload = None,
+    model: ModelFile = None,
     delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     seed: Seed = 0,
     json: Json = None,
@@ -262,13 +325,13 @@ def track(
     """Step tracking on all axes at once and one at a time, against a PID of the same bandwidth."""
     import numpy as np
 
-    from gimbal_pin.model import nominal
     from gimbal_pin.tracking import track as run
 
     loaded = load_rig(rig, payload or mounted(controller))
     laws = rivals(controller, loaded)
-    found = run(nominal(loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
-    present(text.tracking(found, "the rig as its URDF states it"), found.to_dict(), json)
+    found = run(plant_of(model, loaded), laws, rng=np.random.default_rng(seed), delay=delay_samples)
+    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
+    present(text.tracking(found, stood), found.to_dict(), json)
 
 
 def animate(
@@ -282,6 +345,14 @@ def animate(
     fps: Annotated[float | None, arg(help="frames per second; None: what suits the format")] = None,
     ghost: Annotated[bool, arg(help="show the reference as a ghost")] = True,
     at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
+    residual: Annotated[
+        Path | None,
+        arg(
+            metavar="MODEL",
+            help="turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on",
+            help_behavior_hint="",
+        ),
+    ] = None,
     live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
@@ -289,10 +360,11 @@ def animate(
     from gimbal_pin.io import read_log, split_payload
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload or split_payload(log)[1])
-    read = read_log(log, loaded, map, need_tau=False)
+    loaded = load_rig(rig, payload or split_payload(log)[1] or (mounted(str(residual)) if residual else None))
+    read = read_log(log, loaded, map, need_tau=residual is not None)
+    colour = None if residual is None else warmth(residual, loaded, read)
     if output is not None:
-        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, at=at):
+        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at):
             print(warning, file=sys.stderr)
         print(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
     if live:
@@ -314,10 +386,10 @@ def diagnose(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain."""
+    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too."""
     import numpy as np
 
-    from gimbal_pin.diagnosis import BAND
+    from gimbal_pin.diagnosis import BAND, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.io.diagnosis import write_diagnosis
     from gimbal_pin.rows import Filtering
@@ -325,6 +397,8 @@ def diagnose(
     loaded, read = load_logs(rig, payload, logs, map)
     band = Filtering(BAND.cutoff if cutoff is None else cutoff, BAND.smoothing, alignment)
     found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
+    if output is not None:
+        found = planned(found, rng=np.random.default_rng(seed))
     files = {} if output is None else write_diagnosis(found, output)
     present(text.diagnosis(found, files), found.to_dict(), json)
 
@@ -340,15 +414,19 @@ def auto(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
+    kind: Kind = "computed-torque",
     bandwidth_hz: Bandwidth = 8.0,
+    damping: Damping = 1.0,
     delay: Delay = 0.001,
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
     live: Annotated[bool, arg(help="show the result in a browser")] = False,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """All of it: identify, tune, verify, report and animation."""
+    """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
     import numpy as np
 
+    from gimbal_pin.control.design import Wish
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.walk import auto as run
 
@@ -361,8 +439,7 @@ def auto(
         estimator=ESTIMATORS[estimator],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
-        bandwidth_hz=bandwidth_hz,
-        delay=delay,
+        wish=Wish(bandwidth_hz, damping, delay, kind=kind, robust=robust),
     )
     present(text.auto(found), found.to_dict(), json)
     if live:
@@ -486,6 +563,32 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     return loaded, read
 
 
+def tags_of(logs: Sequence[str]) -> list[str | None]:
+    """Return the payloads that the logs are tagged with, each once, None for those without a tag."""
+    from gimbal_pin.io import split_payload
+
+    return list(dict.fromkeys(split_payload(log)[1] for log in logs))
+
+
+def cameras(
+    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], known: str | None, options: Any
+) -> Several:
+    """Identify one gimbal with the several payloads that the logs are tagged with, or a new one on a known gimbal."""
+    from gimbal_pin.io.model import read_model
+    from gimbal_pin.payloads import identify_new, identify_several
+
+    if known is not None:
+        loaded, read = load_logs(rig, payload, logs, mapping)
+        return identify_new(loaded, read, read_model(known, load_rig(rig, mounted(known))), **options)
+    tags = [tag for tag in tags_of(logs) if tag is not None]
+    if payload is not None or None in tags_of(logs):
+        raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
+    each = {tag: [log for log in logs if log.endswith(f"@{tag}")] for tag in tags}
+    pairs = {tag: load_logs(rig, None, mine, mapping) for tag, mine in each.items()}
+    rigs, read_by = ({tag: pair[k] for tag, pair in pairs.items()} for k in (0, 1))
+    return identify_several(rigs, read_by, **options)  # type: ignore[arg-type]
+
+
 def positive(option: str, value: float) -> None:
     """Raise `UsageError` unless the option's value is above zero."""
     from gimbal_pin.errors import UsageError
@@ -500,6 +603,29 @@ def shown_somewhere(output: Path | None, live: bool) -> None:
 
     if output is None and not live:
         raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
+
+
+def carried(
+    rig: Rig, profile: str, log: Path | None, mapping: Sequence[str], size: float, seconds: float, dt: float, seed: int
+) -> Platform | None:
+    """Return the platform's motion from a profile or from a log, which may be shorter than what was asked for.
+
+    Raises:
+        UsageError: Both were given.
+    """
+    import numpy as np
+
+    from gimbal_pin.io import read_imu
+    from gimbal_pin.platform import Platform
+    from gimbal_pin.profile import profile_s
+
+    if log is None:
+        times = dt / 2 * np.arange(2 * round(seconds / dt) + 1)
+        return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
+    if profile == "S":
+        raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
+    t, imu = read_imu(log, rig, rig.base, mapping)
+    return Platform.measured(t - t[0], imu, str(log))
 
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering:
@@ -521,6 +647,22 @@ def model_of(
         return read_model(source[0], load_rig(rig, payload or mounted(source[0])))
     loaded, logs = load_logs(rig, payload, source, mapping)
     return run(loaded, logs, filtering=filtering(cutoff, None)).model
+
+
+def warmth(name: Path, rig: Rig, log: Log) -> Array:
+    """Return what the model of a YAML leaves of a log's torques, as `view.save` colours it."""
+    from gimbal_pin.diagnosis.heat import heat
+    from gimbal_pin.io.model import read_model
+
+    return heat(read_model(name, rig), log)
+
+
+def plant_of(name: Path | None, rig: Rig) -> Model:
+    """Return the model of a YAML, or the rig as its URDF states it."""
+    from gimbal_pin.io.model import read_model
+    from gimbal_pin.model import nominal
+
+    return nominal(rig) if name is None else read_model(name, rig)
 
 
 def mounted(name: str) -> str | None:
@@ -545,13 +687,14 @@ def read_controller(name: str, rig: Rig) -> Law:
 
 def rivals(name: str, rig: Rig) -> dict[str, Law]:
     """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.model import nominal
+    from gimbal_pin.model import model_from
     from gimbal_pin.reading import read_yaml
     from gimbal_pin.tuning import tune as run
 
     law, data = read_controller(name, rig), read_yaml(name)
     wish = {**data["wish"], "kind": "pid", "robust": False}
-    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(nominal(rig), **wish).controller}
+    known = model_from(data["model"], rig)
+    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(known, **wish).controller}
     return {data["controller"]: law, **laws}
 
 

@@ -13,6 +13,7 @@ from gimbal_pin.excitation import excite
 from gimbal_pin.inertia import pseudo_inertia
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
+from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import Controller, Sensors, simulate
 from gimbal_pin.tuning import tune
@@ -39,6 +40,8 @@ def bench_run(
     delay: int = 1,
     reference: Motion | None = None,
     drive: Sequence[Signal] = (),
+    platform: Platform | None = None,
+    imus: Sequence[str] = (),
     name: str = "simulated",
 ) -> Log:
     """Simulate an excitation experiment and return its log.
@@ -55,6 +58,8 @@ def bench_run(
         delay: Samples between measurement and torque.
         reference: The motion instead of a designed one.
         drive: Signal causes between command and torque, as `plant_with` returns them.
+        platform: Motion of the base, see `simulate`; None: it stands.
+        imus: Links whose IMU is in the log.
         name: Name of the log.
     """
     mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
@@ -62,10 +67,12 @@ def bench_run(
     if reference is None:
         design = excite(rig, seconds=period, starts=starts, rng=rng, torque_model=plant, dt=dt)
         reference = repeated(design.motion, seconds, dt)
-    sensors = Sensors.of(rig, dt)
+    sensors = replace(Sensors.of(rig, dt), imus=tuple(imus))
     if encoder_bits is not None:
         sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
-    log = simulate(plant, mover, reference, rng=rng, sensors=sensors, delay=delay, drive=drive, name=name)
+    log = simulate(
+        plant, mover, reference, rng=rng, sensors=sensors, delay=delay, drive=drive, platform=platform, name=name
+    )
     tau = np.asarray(log.tau)
     noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
     return replace(log, tau=tau + noise)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from gimbal_pin.calibration import Mounting, rectified
 from gimbal_pin.consistency import Consistent, nearest
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import DataError, UsageError
@@ -17,10 +18,11 @@ from gimbal_pin.estimators.idim import instruments
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
+from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, columns_of, kept, settling
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, settling
 from gimbal_pin.urdf import with_friction
 
 EXAMINED = 60.0
@@ -61,6 +63,8 @@ class Identified:
         torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
         logs: Names of the logs.
         filtering: The filter in force.
+        mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
+        notes: What of the logs was not used, in sentences.
         bias: Whether least squares is biased on these logs; None where that was not asked.
     """
 
@@ -75,6 +79,8 @@ class Identified:
     torque_change: Mapping[str, float]
     logs: tuple[str, ...]
     filtering: Filtering
+    mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
     bias: Hausman | None = None
 
     @property
@@ -101,7 +107,13 @@ class Identified:
             "estimator": self.estimate.method,
             "samples": self.estimate.rows,
             "condition_number": self.estimate.condition_number,
+            "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
+            "imus": {
+                log: {link: mounting.to_dict() for link, mounting in links.items()}
+                for log, links in self.mountings.items()
+            },
+            "notes": list(self.notes),
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
@@ -123,6 +135,10 @@ def identify(
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
+    Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
+    and the parameters that only such a motion shows are estimated, too. Gyros on several links are first turned into
+    their links' axes, see `calibration.rectified`.
+
     Args:
         rig: The rig.
         logs: Trajectories; each is filtered on its own and none is joined to another.
@@ -139,16 +155,33 @@ def identify(
     filters = filtering or Filtering()
     for log in logs:
         within(log, filters)
+    calibrated = [rectified(rig, log) for log in logs]
+    notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
+    logs = [one.log for one in calibrated]
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
-    rows = Rows(rig, reduce(rig), everything, train, filters)
-    blocks = kept(rows)
-    enough(rows, blocks)
-    estimate = estimator(blocks)
-    check_seen(rows, blocks, estimate)
-    model = to_model(rows, estimate)
-    tested = kept(replace(rows, logs=test))
-    held_out = accuracy(rig.joints, tested, estimate.theta, how) if test else None
+    blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
+    tested = kept(replace(blocks.rows, logs=test)) if test else None
+    found = assembled(blocks.rows, blocks, estimate, tested, how)
+    mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
+    judged = bias(blocks) if examined else None
+    return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged)
+
+
+def assembled(
+    rows: Rows, blocks: Sequence[Block], estimate: Estimate, tested: Sequence[Block] | None, how: str
+) -> Identified:
+    """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
+
+    Args:
+        rows: The training rows.
+        blocks: Their blocks.
+        estimate: Parameters in the order of `rows.names`.
+        tested: Blocks that were held out, or None.
+        how: How they were parted.
+    """
+    rig, model = rows.rig, to_model(rows, estimate)
+    held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
     consistent, shift = nearest_physical(rows, estimate)
     change = rms([block.A[:, :, : len(shift)] @ shift for block in blocks])
     return Identified(
@@ -161,21 +194,48 @@ def identify(
         held_out=held_out,
         consistent=consistent,
         torque_change=dict(zip(rig.joints, change.tolist())),
-        logs=tuple(log.name for log in logs),
-        filtering=filters,
-        bias=bias(rows, blocks) if examined else None,
+        logs=tuple(log.name for log in rows.logs),
+        filtering=rows.filtering,
     )
 
 
-def bias(rows: Rows, blocks: Regression) -> Hausman:
+def bias(blocks: Regression) -> Hausman:
     """Test whether least squares is biased, on the first minute of the first log: a longer one costs more than it says.
 
     The instruments are simulated with bodies fitted to the same rows.
     """
-    first = rows.logs[0]
+    rows, first = blocks.rows, blocks.rows.logs[0]
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
     judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else kept(replace(rows, logs=(some,)))
     return hausman(judged, instruments(judged, physical(judged)))
+
+
+def fitted(
+    rig: Rig,
+    effects: tuple[Effect, ...],
+    logs: tuple[Log, ...],
+    filters: Filtering,
+    estimator: Estimator,
+    base: BaseMotion,
+) -> tuple[Regression, Estimate]:
+    """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
+
+    Raises:
+        DataError: Too few rows, or parameters without a trace that a fixed base would show.
+    """
+    rows = Rows(rig, reduce(rig, base=base), effects, logs, filters)
+    blocks = kept(rows)
+    enough(rows, blocks)
+    estimate = estimator(blocks)
+    if base != "fixed" and unseen(rows.names, blocks, estimate):
+        return fitted(rig, effects, logs, filters, estimator, MOTIONS[MOTIONS.index(base) - 1])
+    check_seen(logs[0].name, rows.names, blocks, estimate)
+    return blocks, estimate
+
+
+def moved(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
+    """Return the greatest motion of the base in some logs."""
+    return max((base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")
 
 
 def within(log: Log, filters: Filtering) -> None:
@@ -196,17 +256,21 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
 
 
-def check_seen(rows: Rows, blocks: Sequence[Block], estimate: Estimate) -> None:
+def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
     """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
+    if hidden := unseen(names, blocks, estimate):
+        what = "its motion leaves no trace of"
+        raise DataError(place, what, "move every joint, several at a time: see 'gimbal-pin excite'", hidden)
+
+
+def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+    """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
     power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
     torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
     reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
-    if blind.any():
-        unseen = tuple(name for name, hidden in zip(rows.names, blind) if hidden)
-        what = "its motion leaves no trace of"
-        raise DataError(rows.logs[0].name, what, "move every joint, several at a time: see 'gimbal-pin excite'", unseen)
+    return tuple(name for name, hidden in zip(names, blind) if hidden)
 
 
 def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:
@@ -270,8 +334,12 @@ def given_beta(rig: Rig, reduction: Reduction) -> Array:
 def units_of(rows: Rows) -> tuple[str, ...]:
     """SI units of theta, by the kind of each base parameter and by each coefficient."""
     leading = [rows.reduction.names[j].rsplit(".", 1)[1] for j in rows.reduction.independent]
-    rigid = tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in leading)
-    return rigid + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
+    return units(leading) + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
+
+
+def units(symbols: Sequence[str]) -> tuple[str, ...]:
+    """SI units of inertial parameters by their symbols."""
+    return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)
 
 
 def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:

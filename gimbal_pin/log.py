@@ -65,6 +65,11 @@ class Motion:
         """Number of samples."""
         return len(self.t)
 
+    def until(self, seconds: float) -> Motion:
+        """Return the samples of the first so many seconds."""
+        rows = slice(0, int(np.searchsorted(self.t, self.t[0] + seconds, side="right")))
+        return Motion(self.t[rows], self.q[rows], self.v[rows], self.a[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class Imu:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from gimbal_pin.effects import Coulomb, Effect, Sample, Term, Viscous
+from gimbal_pin.effects import Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.effects.plain import cause_from, term_from
+from gimbal_pin.errors import ModelError
 from gimbal_pin.log import Array
+from gimbal_pin.platform import Platform
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
 
@@ -50,11 +54,33 @@ class Model:
         rig: The rig; its Pinocchio model carries the inertial parameters in force.
         terms: Effects with their coefficients; friction is among them.
         estimated: Where the parameters were identified, with what uncertainty; None for a nominal model.
+        drive: What stands between the torque that is commanded and the one that acts, in the order it is passed.
+        changes: What sets the rig apart from its URDF beside its inertial parameters; `rig` holds it already.
     """
 
     rig: Rig
     terms: tuple[Term, ...]
     estimated: Estimated | None = None
+    drive: tuple[Signal, ...] = ()
+    changes: tuple[RigEffect, ...] = ()
+
+    @cached_property
+    def tau_max(self) -> Array:
+        """Largest torque of each motor, N m, (n,): the rig's own, or less where a drive gives no more."""
+        lowest = self.rig.tau_max.copy()
+        for signal in self.drive:
+            j = self.rig.joint_index(signal.joint)
+            lowest[j] = min(lowest[j], signal.largest)
+        return lowest
+
+    @cached_property
+    def drives(self) -> tuple[tuple[Signal, ...], ...]:
+        """The signals of each joint's drive, (n)."""
+        return tuple(tuple(signal for signal in self.drive if signal.joint == joint) for joint in self.rig.joints)
+
+    def late(self, dt: float) -> tuple[float, ...]:
+        """Time by which each drive acts late, s, (n): the sum of its signals'; `dt` is the sampling interval, s."""
+        return tuple(sum((signal.late(dt) for signal in own), 0.0) for own in self.drives)
 
     @cached_property
     def by_joint(self) -> tuple[tuple[Term, ...], ...]:
@@ -81,6 +107,7 @@ class Model:
         slide: Array | None = None,
         t: Array | None = None,
         temperature: Array | None = None,
+        platform: Platform | None = None,
     ) -> Array:
         """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
 
@@ -91,9 +118,10 @@ class Model:
             slide: Direction of sliding in [-1, 1], (N, n); sign(v) if None.
             t: Time, s, (N,); zero if None.
             temperature: Motor temperatures, °C, (N, n); ambient if None.
+            platform: Motion of the base at the same samples; None: it stands upright.
         """
         direction = np.sign(v) if slide is None else slide
-        rigid = rnea(self.rig, q, v, a)
+        rigid = rnea(self.rig, q, v, a, platform)
 
         def total(tau: Array) -> Array:
             return rigid + self.passive(q, v, a, direction, tau, t, temperature)
@@ -144,6 +172,38 @@ def consistent(total: Callable[[Array], Array], start: Array) -> Array:
         slope = np.divide(change, y - x, out=-np.ones_like(x), where=np.abs(y - x) > 1e-12)
         x, y, rest = y, y - rest_y / np.where(slope < -1e-3, slope, -1.0), rest_y
     return y
+
+
+def plain_model(model: Model) -> dict[str, Any]:
+    """Return it as plain data, as YAML holds it, without its uncertainty; `model_from` reads it back."""
+    return {
+        "phi": model.rig.phi.tolist(),
+        "terms": [term.to_dict() for term in model.terms],
+        "drive": [signal.to_dict() for signal in model.drive],
+        "changes": [change.to_dict() for change in model.changes],
+    }
+
+
+def model_from(data: Mapping[str, Any], rig: Rig) -> Model:
+    """Return the model that `plain_model` wrote, on a rig as its URDF states it.
+
+    Raises:
+        ModelError: A cause that is unknown, or of the wrong kind for its place.
+        KeyError, TypeError, ValueError: Something else is missing or holds the wrong kind of value.
+    """
+    rig = rig.with_phi(np.array(data["phi"], dtype=float))
+    causes = [cause_from(entry) for key in ("drive", "changes") for entry in data.get(key, ())]
+    drive = tuple(cause for cause in causes if isinstance(cause, Signal))
+    changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
+    if len(drive) + len(changes) < len(causes):
+        mend = "write it with 'gimbal-pin diagnose'"
+        raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
+    for change in changes:
+        phi, rig = rig.phi, change.apply(rig)
+        rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
+    for signal in drive:
+        rig.joint_index(signal.joint)
+    return Model(rig, tuple(term_from(entry) for entry in data["terms"]), drive=drive, changes=changes)
 
 
 def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:

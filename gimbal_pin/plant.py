@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.carrier import Carrier
 from gimbal_pin.effects.resistance import Memory, Resistance
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
+from gimbal_pin.platform import Platform
 
 Floats = Sequence[float]
 Body = tuple[list[float], list[list[float]]]
@@ -72,12 +74,20 @@ class Plant:
     Inside, a state is one list of floats, angles then rates: for a few joints that is faster than arrays.
     """
 
-    def __init__(self, model: Model) -> None:
-        """Take the model's terms apart by joint; what they take per acceleration becomes the rotors' inertia."""
+    def __init__(self, model: Model, platform: Platform | None = None) -> None:
+        """Take the model's terms apart by joint; what they take per acceleration becomes the rotors' inertia.
+
+        Args:
+            model: The model.
+            platform: Motion of its base on a uniform grid, best of half a step; None: it stands, which is faster.
+        """
         self.model = model
+        self.carrier = None if platform is None else Carrier(model.rig, platform)
         self.n = model.rig.n
         self.pin = model.rig.model.copy()
         self.pin.armature = self.pin.armature + model.armature
+        if self.carrier is not None:
+            self.pin.gravity.linear = np.zeros(3)
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
         self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
@@ -135,7 +145,7 @@ class Plant:
 
     def settled(self, t: float, now: Step, resting: Sequence[int]) -> Step:
         """Let loose of the stuck joints in `resting` those that cannot hold."""
-        body, slide = self.body(now.x), list(now.contact.slide)
+        body, slide = self.body(t, now.x), list(now.contact.slide)
         for _ in range(3 ** len(resting)):
             wrong = self.wrong(t, now, body, resting)
             if wrong is None:
@@ -188,13 +198,19 @@ class Plant:
     def slope(self, t: float, x: Floats, now: Step) -> list[float]:
         """dx/dt: rates, rad/s, then accelerations, rad/s²."""
         if now.contact.stuck:
-            return [*x[self.n :], *self.constrained(t, x, now, self.body(x))[0]]
-        self.scratch[:] = [*x, *self.net(t, x, now)]
+            return [*x[self.n :], *self.constrained(t, x, now, self.body(t, x))[0]]
+        if self.carrier is None:
+            self.scratch[:] = [*x, *self.net(t, x, now)]
+        else:  # without gravity and rates ABA is D^-1, and the bias comes from where the base moves
+            left = [u - b for u, b in zip(self.net(t, x, now), self.carrier.bias(t, x))]
+            self.scratch[:] = [*x[: self.n], *self.carrier.rest, *left]
         return [*x[self.n :], *aba(self.pin, self.data, self.q, self.v, self.tau).tolist()]
 
-    def body(self, x: Floats) -> Body:
+    def body(self, t: float, x: Floats) -> Body:
         """Return ``C v + G``, N m, and ``D(q)``, kg m², of which the upper triangle is filled."""
         self.scratch[: 2 * self.n] = x
+        if self.carrier is not None:
+            return self.carrier.bias(t, x), pin.crba(self.pin, self.data, self.q).tolist()
         bias = pin.nonLinearEffects(self.pin, self.data, self.q, self.v).tolist()
         return bias, pin.crba(self.pin, self.data, self.q).tolist()
 

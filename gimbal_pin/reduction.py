@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gimbal_pin.log import Array
+from gimbal_pin.platform import BaseMotion, Platform
 from gimbal_pin.regressor import columns, regressor
 from gimbal_pin.rig import Rig
 
@@ -25,12 +26,14 @@ class Reduction:
         independent: Columns that stay, increasing (b).
         zero: Columns that are zero at every pose and motion: unidentifiable, whatever the data.
         mixing: beta per phi, (b, p): the identity on the independent columns, the regrouping on the others.
+        base: What the base does for all of them to show.
     """
 
     names: tuple[str, ...]
     independent: tuple[int, ...]
     zero: tuple[int, ...]
     mixing: Array
+    base: BaseMotion = "fixed"
 
     @property
     def terms(self) -> tuple[dict[str, float], ...]:
@@ -104,18 +107,39 @@ def samples(rig: Rig, count: int = SAMPLES) -> tuple[Array, Array, Array]:
     A Kronecker sequence (multiples of square roots of primes) instead of random numbers: the choice of columns
     then depends on the rig alone.
     """
-    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][: 3 * rig.n]
-    unit = np.outer(np.arange(1, count + 1), np.sqrt(primes)) % 1.0 - 0.5
-    q, v, a = np.split(unit, 3, axis=1)
+    q, v, a = np.split(kronecker(count, 3 * rig.n), 3, axis=1)
     return 2 * np.pi * q, 10.0 * v, 50.0 * a
 
 
-def stacked(rig: Rig, diagonal: bool = False) -> tuple[Array, tuple[str, ...]]:
+def kronecker(count: int, width: int, skip: int = 0) -> Array:
+    """Multiples of the square roots of so many primes, without their integer part, in ±1/2, (count, width)."""
+    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][skip : skip + width]
+    return np.outer(np.arange(1, count + 1), np.sqrt(primes)) % 1.0 - 0.5
+
+
+def carriers(rig: Rig, base: BaseMotion, count: int = SAMPLES) -> Platform | None:
+    """Motions of a platform beside `samples`, of one kind, count of them; None: it stands upright."""
+    if base == "fixed":
+        return None
+    f, w, dw = np.split(kronecker(count, 9, 3 * rig.n), 3, axis=1)
+    turns = 0.0 if base == "tilted" else 1.0
+    return Platform(np.arange(float(count)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
+
+
+def stacked(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tuple[Array, tuple[str, ...]]:
     """Return the regressor at `samples`, stacked, (SAMPLES n, p), and its columns' names."""
     names, places = columns(rig, diagonal)
-    return regressor(rig, *samples(rig))[:, :, places].reshape(-1, len(places)), names
+    matrix = regressor(rig, *samples(rig), carriers(rig, base))[:, :, places]
+    return matrix.reshape(-1, len(places)), names
 
 
-def reduce(rig: Rig, diagonal: bool = False) -> Reduction:
-    """Return the base parameters of a rig: of full inertias, or of diagonal ones as the thesis assumes."""
-    return scan(*stacked(rig, diagonal))
+def reduce(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> Reduction:
+    """Return the base parameters of a rig: of full inertias, or of diagonal ones as the thesis assumes.
+
+    Args:
+        rig: The rig.
+        diagonal: No products of inertia, no masses.
+        base: What the base does: a lean shows some first moments and masses, turning shows inertias besides. Columns
+            that a lesser motion keeps, a greater one keeps, too.
+    """
+    return replace(scan(*stacked(rig, diagonal, base)), base=base)

@@ -1,4 +1,4 @@
-"""``tau = Y(q, v, a) phi``: Pinocchio's joint-torque regressor, and RNEA, over whole trajectories."""
+"""``tau = Y(q, v, a) phi``: Pinocchio's joint-torque regressor, and RNEA, over whole trajectories on any base."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.log import Array
+from gimbal_pin.platform import Platform
 from gimbal_pin.rig import PHI, Rig
 
 SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
@@ -23,7 +24,7 @@ def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
     return names, np.array(places)
 
 
-def regressor(rig: Rig, q: Array, v: Array, a: Array) -> Array:
+def regressor(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """``Y`` with ``rnea(q, v, a) = Y phi``, every sample in full; call it chunk by chunk on long trajectories.
 
     Args:
@@ -31,23 +32,46 @@ def regressor(rig: Rig, q: Array, v: Array, a: Array) -> Array:
         q: Angles, rad, (N, n).
         v: Rates, rad/s, (N, n).
         a: Accelerations, rad/s², (N, n).
+        platform: Motion of the base at the same N samples; None: it stands upright.
 
     Returns:
         Torque per unit of each entry of `Rig.phi`, (N, n, 10 n).
     """
-    model, data = rig.model, rig.model.createData()
+    model, states = posed(rig, q, v, a, platform)
+    data, base = model.createData(), model.nv - rig.n
     out = np.empty((len(q), rig.n, 10 * rig.n))
     compute = pin.computeJointTorqueRegressor
-    for row, angles, rates, accelerations in zip(out, q, v, a):
-        row[...] = compute(model, data, angles, rates, accelerations)
+    if not base:
+        for row, angles, rates, accelerations in zip(out, *states):
+            row[...] = compute(model, data, angles, rates, accelerations)
+        return out
+    for row, angles, rates, accelerations in zip(out, *states):
+        row[...] = compute(model, data, angles, rates, accelerations)[base:, 10:]
     return out
 
 
-def rnea(rig: Rig, q: Array, v: Array, a: Array) -> Array:
-    """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n)."""
-    model, data = rig.model, rig.model.createData()
+def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
+    """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n).
+
+    On a platform that moves, G and C v hold what its specific force and its turning ask of the joints.
+    """
+    model, states = posed(rig, q, v, a, platform)
+    data, base = model.createData(), model.nv - rig.n
     out = np.empty((len(q), rig.n))
     compute = pin.rnea
-    for row, angles, rates, accelerations in zip(out, q, v, a):
-        row[...] = compute(model, data, angles, rates, accelerations)
+    for row, angles, rates, accelerations in zip(out, *states):
+        row[...] = compute(model, data, angles, rates, accelerations)[base:]
     return out
+
+
+def posed(
+    rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None
+) -> tuple[pin.Model, tuple[Array, Array, Array]]:
+    """Return the Pinocchio model for a base that stands or moves, and its configurations, rates and accelerations."""
+    if platform is None:
+        return rig.model, (q, v, a)
+    still = np.zeros((len(q), 3))
+    upright = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(q), 1))
+    parts = ((upright, q), (still, platform.w, v), (platform.f, platform.dw, a))
+    configurations, rates, accelerations = (np.concatenate(part, axis=1) for part in parts)
+    return rig.floating, (configurations, rates, accelerations)

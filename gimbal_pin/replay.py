@@ -22,7 +22,8 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
-from gimbal_pin.rows import Rows, Stretch, smoothed, stretches
+from gimbal_pin.platform import Platform
+from gimbal_pin.rows import Rows, Stretch, carrying, smoothed, stretches
 
 LOOP = 3.0
 """Bandwidth of the loop that holds the model to the log, Hz; its damping is one."""
@@ -42,12 +43,19 @@ class Run(NamedTuple):
         q: Simulated angles, rad, (m, n).
         v: Simulated rates, rad/s, (m, n).
         error: Measured less simulated angles, rad, (m, n).
+        platform: Motion of the base as measured; None where it stands.
     """
 
     t: Array
     q: Array
     v: Array
     error: Array
+    platform: Platform | None = None
+
+    def part(self, rows: slice) -> Run:
+        """Return the samples in `rows`."""
+        platform = None if self.platform is None else self.platform.part(rows)
+        return Run(self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform)
 
 
 def bodies(rows: Rows, theta: Array, covariance: Array) -> Model:
@@ -76,12 +84,15 @@ def theta_of(rows: Rows, model: Model) -> Array:
 
 def runs(rows: Rows, model: Model) -> list[list[Run]]:
     """Run a model along every stretch of every log."""
-    return [[run(rows, model, stretch) for stretch in stretches(log, rows.filtering.cutoff)] for log in rows.logs]
+    cutoff = rows.filtering.cutoff
+    return [
+        [run(rows, model, stretch, carrying(rows.rig, log)) for stretch in stretches(log, cutoff)] for log in rows.logs
+    ]
 
 
-def run(rows: Rows, model: Model, stretch: Stretch) -> Run:
-    """Run a model along one stretch."""
-    whole = smoothed(stretch, rows.filtering, 0, stretch.length)
+def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None) -> Run:
+    """Run a model along one stretch, on a base that moves as the link `carrier` says."""
+    whole = smoothed(stretch, rows.filtering, 0, stretch.length, carrier)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / stretch.dt)
     q, v = (signals.zero_phase(x, slow) for x in (whole.q, whole.v))
     step = max(1, int(STEP / stretch.dt))
@@ -91,21 +102,22 @@ def run(rows: Rows, model: Model, stretch: Stretch) -> Run:
     impulse = np.zeros_like(tau)
     impulse[1:] = np.cumsum((tau[1:] + tau[:-1]) / 2, axis=0)
     mean = np.diff(impulse[knots], axis=0) / step
-    states = held(model, whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
+    states = held(Plant(model, whole.platform), whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
     measured = signals.resample(stretch.log.t[stretch.rows], stretch.log.q[stretch.rows], whole.t[knots])
-    return Run(whole.t[knots], states[0], states[1], measured - states[0])
+    platform = None if whole.platform is None else whole.platform.part(slice(None, None, step))
+    return Run(whole.t[knots], states[0], states[1], measured - states[0], platform)
 
 
 def torque(rows: Rows, stretch: Stretch, grid: Array) -> Array:
-    """Return the log's torque at the times at which it acts, not smoothed: friction's jumps are its own, N m, (m, n)."""
+    """Return the log's torque at the times at which it acts, N m, (m, n), not smoothed: friction's jumps are its own."""
     part, alignment = stretch.log.part(stretch.rows), rows.filtering.alignment
     shift = stretch.dt / 2 if alignment is None else alignment
     return signals.resample(part.t + shift, np.asarray(part.tau), grid)
 
 
-def held(model: Model, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
-    """Return angles and rates, (m, n), of a model under torques tau, (m - 1, n), held to (q, v) by the loop."""
-    plant, data = Plant(model), model.rig.model.createData()
+def held(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
+    """Return angles and rates, (m, n), of a plant under torques tau, (m - 1, n), held to (q, v) by the loop."""
+    model, data = plant.model, plant.model.rig.model.createData()
     kp, kd = GAINS
     state = State(q[0].copy(), v[0].copy())
     out_q, out_v = np.array(q), np.array(v)

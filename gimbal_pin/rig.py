@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from lxml import etree
 from gimbal_pin import urdf
 from gimbal_pin.config import Config, Limits, Motor, load_config, overlaid
 from gimbal_pin.errors import RigError
+from gimbal_pin.floating import floating
 from gimbal_pin.log import Array
 from gimbal_pin.reading import read_bytes
 
@@ -29,12 +31,12 @@ PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A tree of bodies on a fixed base, with one actuated angle per joint.
+    """A tree of bodies on a base, with one actuated angle per joint.
 
     Attributes:
         name: Bundled name or file stem.
         urdf: URDF text, payload included, joint types as written.
-        model: Pinocchio model; `continuous` joints are revolute in it, so that nq = nv = number of joints.
+        model: Pinocchio model on a fixed base; `continuous` joints are revolute in it: nq = nv = number of joints.
         joints: Joint names in the model's order (n).
         links: The link that each joint moves (n); links fixed to it are lumped into it.
         motors: One per joint.
@@ -100,6 +102,11 @@ class Rig:
     def phi(self) -> Array:
         """The URDF's inertial parameters, (10 n,), per body in the order of `PHI`."""
         return np.concatenate([inertia.toDynamicParameters() for inertia in self.model.inertias[1:]])
+
+    @cached_property
+    def floating(self) -> pin.Model:
+        """The model on a base that moves: six rates of the base first, then the joints' (see `floating.floating`)."""
+        return floating(self.model)
 
     @property
     def tau_max(self) -> Array:

@@ -18,8 +18,9 @@ from gimbal_pin import signals
 from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
+from gimbal_pin.platform import BaseMotion, Platform
 from gimbal_pin.reduction import Reduction
-from gimbal_pin.regressor import columns, regressor
+from gimbal_pin.regressor import columns, regressor, rnea
 from gimbal_pin.rig import Rig
 
 Flags = NDArray[np.bool_]
@@ -52,7 +53,10 @@ class Filtering:
 
 
 class Channels(NamedTuple):
-    """A stretch of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,)."""
+    """A stretch of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
+
+    `platform` is the motion of the base, through the same filter; None where it stands upright.
+    """
 
     t: Array
     q: Array
@@ -60,6 +64,13 @@ class Channels(NamedTuple):
     a: Array
     tau: Array
     rate_std: Array
+    platform: Platform | None = None
+
+    def every(self, rows: slice) -> Channels:
+        """Return the samples in `rows`."""
+        platform = None if self.platform is None else self.platform.part(rows)
+        t, q, v, a, tau = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau))
+        return Channels(t, q, v, a, tau, self.rate_std, platform)
 
 
 class Block(NamedTuple):
@@ -122,9 +133,7 @@ class Rows:
     @property
     def mixing(self) -> Array:
         """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
-        out = np.zeros((len(self.reduction.independent), 10 * self.rig.n))
-        out[:, columns(self.rig)[1]] = self.reduction.mixing
-        return out
+        return over_phi(self.rig, self.reduction)
 
     def terms(self, theta: Array) -> tuple[Term, ...]:
         """Return the effects with their coefficients out of theta, (k,)."""
@@ -138,17 +147,23 @@ class Rows:
     def __iter__(self) -> Iterator[Block]:
         """Yield the blocks of every trajectory in time order."""
         for log in self.logs:
+            carrier = carrying(self.rig, log)
             for stretch in stretches(log, self.filtering.cutoff):
-                yield from self.blocks(stretch)
+                yield from self.blocks(stretch, carrier)
 
-    def blocks(self, stretch: Stretch) -> Iterator[Block]:
-        """Yield one stretch's blocks; each is computed with enough samples around it for the filters to settle."""
+    def blocks(self, stretch: Stretch, carrier: str | None = None) -> Iterator[Block]:
+        """Yield one stretch's blocks; each is computed with enough samples around it for the filters to settle.
+
+        Args:
+            stretch: The stretch.
+            carrier: The link whose IMU says how the base moves, see `carrying`.
+        """
         pad = int(np.ceil(settling(self.filtering) / stretch.dt))
         step = max(1, round(1.0 / (2 * self.filtering.cutoff * stretch.dt)))
         for begin in range(pad, stretch.length - pad, CHUNK):
             end = min(begin + CHUNK, stretch.length - pad)
             first, last = begin - pad, end + pad
-            channels = smoothed(stretch, self.filtering, first, last)
+            channels = smoothed(stretch, self.filtering, first, last, carrier)
             keep = slice(pad + -begin % step, pad + end - begin, step)
             if keep.start < keep.stop:
                 yield self.block(channels, keep, 1.0 / stretch.dt)
@@ -163,21 +178,33 @@ class Rows:
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         smoother = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
         jumping = signals.zero_phase(self.effect_columns(channels), smoother)
-        A = np.concatenate([self.rigid_columns(channels), jumping], axis=2)
+        rigid = self.rigid_columns(channels)
+        tau = channels.tau - self.unfitted(channels, rigid)
+        A = np.concatenate([rigid, jumping], axis=2)
         moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
         A *= moving[:, :, None]
         sections = signals.lowpass(self.filtering.cutoff, rate)
         present = np.any(A != 0.0, axis=0)
         filtered = np.zeros((len(range(*keep.indices(len(A)))), *A.shape[1:]))
         filtered[:, present] = signals.zero_phase(A[:, present], sections)[keep]
-        b, share = (signals.zero_phase(x, sections)[keep] for x in (channels.tau * moving, moving))
+        b, share = (signals.zero_phase(x, sections)[keep] for x in (tau * moving, moving))
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         return Block(channels.t[keep].copy(), filtered, b.copy(), channels.v[keep].copy(), np.clip(share, 0.0, 1.0))
 
     def rigid_columns(self, channels: Channels) -> Array:
         """Base columns of the regressor, (m, n, b)."""
         places = columns_of(self.rig, self.reduction)
-        return regressor(self.rig, channels.q, channels.v, channels.a)[:, :, places]
+        return regressor(self.rig, channels.q, channels.v, channels.a, channels.platform)[:, :, places]
+
+    def unfitted(self, channels: Channels, rigid: Array) -> Array | float:
+        """``Y phi - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
+
+        Nothing, unless the base moves in a way that shows parameters which are not among them: these stay as given.
+        """
+        if channels.platform is None or self.reduction.base == "rotating":
+            return 0.0
+        whole = rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
+        return whole - rigid @ (self.reduction.mixing @ self.rig.phi[columns(self.rig)[1]])
 
     def effect_columns(self, channels: Channels) -> Array:
         """Columns of the effects, (m, n, e)."""
@@ -229,6 +256,26 @@ def columns_of(rig: Rig, reduction: Reduction) -> Array:
     return np.array([index[reduction.names[j]] for j in reduction.independent])
 
 
+def over_phi(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+    out = np.zeros((len(reduction.independent), 10 * rig.n))
+    out[:, columns(rig)[1]] = reduction.mixing
+    return out
+
+
+def carrying(rig: Rig, log: Log) -> str | None:
+    """Return the base link if its IMU says that the base moves or leans; None where it stands or nobody says."""
+    return None if base_motion(rig, log) == "fixed" else rig.base
+
+
+def base_motion(rig: Rig, log: Log) -> BaseMotion:
+    """Return what the base does in a log, as its IMU says; "fixed" where it has none."""
+    imu = log.imus.get(rig.base)
+    if imu is None or imu.gyro is None or imu.accel is None or len(log) < SHORTEST:
+        return "fixed"
+    return Platform.measured(log.t, imu, log.name).motion
+
+
 def settling(filtering: Filtering) -> float:
     """Time around a sample that its row depends on, s: both filters' memory."""
     return signals.settling(filtering.cutoff) + signals.settling(filtering.cutoff * filtering.smoothing)
@@ -249,8 +296,16 @@ def stretches(log: Log, cutoff: float) -> Iterator[Stretch]:
             yield Stretch(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count)
 
 
-def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int) -> Channels:
-    """Return grid samples first ... last - 1 of a stretch: resampled, smoothed and differentiated."""
+def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carrier: str | None = None) -> Channels:
+    """Return grid samples first ... last - 1 of a stretch: resampled, smoothed and differentiated.
+
+    Args:
+        stretch: The stretch.
+        filtering: Filter and alignment.
+        first: First sample of the grid.
+        last: The one after the last.
+        carrier: Link whose IMU says how the base moves, its rate and specific force passing the same filter.
+    """
     log, dt = stretch.log, stretch.dt
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
@@ -268,7 +323,17 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int) -> C
         raw_v = signals.resample(t, log.v[near], grid)
         v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
     tau = signals.zero_phase(signals.resample(t + alignment, log.tau[near], grid), sections)
-    return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std)
+    platform = None if carrier is None else carried(log, carrier, near, grid, sections)
+    return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform)
+
+
+def carried(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:
+    """Return the base's motion on a uniform grid, smoothed like the other channels."""
+    imu, t = log.imus[carrier], log.t[near]
+    if imu.gyro is None or imu.accel is None:
+        raise UsageError(log.name, f"lacks the gyro or the accelerometer of {carrier}", "give both, or neither")
+    w, f = (signals.zero_phase(signals.resample(t, x[near], grid), sections) for x in (imu.gyro, imu.accel))
+    return Platform(grid, f, w, signals.differentiate(w, float(grid[1] - grid[0])))
 
 
 def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
@@ -325,6 +390,14 @@ class Regression(Sequence[Block]):
     def __len__(self) -> int:
         """Number of blocks."""
         return len(self.blocks)
+
+
+def standing_for(blocks: Sequence[Block]) -> Rows:
+    """Return the rows that blocks are; `UsageError` where they are mixed from several."""
+    if not isinstance(blocks, Regression):
+        what = "needs to know the rig behind its rows, and these are mixed from several payloads'"
+        raise UsageError("this estimator", what, "use weighted, ols or robust, or identify each payload alone")
+    return blocks.rows
 
 
 def kept(rows: Rows) -> Regression:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from tqdm import tqdm
 
+from gimbal_pin.config import Noise
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.imu import noisy, readings
+from gimbal_pin.log import Array, Imu, Log, Motion
 from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
+from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
 
 
@@ -49,11 +52,15 @@ class Sensors:
         encoder_step: Angle of one encoder step, rad, (n,); 0: exact.
         rate_std: Standard deviation of the white noise on each rate, rad/s, (n,).
         torque_std: Standard deviation of the white noise on each reported torque, N m, (n,).
+        imus: Links whose IMU is in the log; on a platform that moves the base's always is.
+        noise: Densities of the IMUs' noise.
     """
 
     encoder_step: Array
     rate_std: Array
     torque_std: Array
+    imus: tuple[str, ...] = ()
+    noise: Noise = field(default_factory=Noise)
 
     @staticmethod
     def exact(n: int) -> Sensors:
@@ -65,7 +72,7 @@ class Sensors:
         """The rig's encoders and gyros sampled every `dt` s: a density d gives a standard deviation d/√(2 dt)."""
         rate = rig.config.noise.gyro / np.sqrt(2 * dt)
         steps = np.array([motor.encoder_step for motor in rig.motors])
-        return Sensors(steps, np.full(rig.n, rate), np.full(rig.n, torque_std))
+        return Sensors(steps, np.full(rig.n, rate), np.full(rig.n, torque_std), noise=rig.config.noise)
 
     def angle(self, q: Array) -> Array:
         """The angle as the encoder reports it, rad, (n,)."""
@@ -99,7 +106,8 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
             rig = cause.apply(rig)
         else:
             rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
-    plant = Model(rig, model.terms + tuple(cause for cause in causes if isinstance(cause, Term)))
+    terms = model.terms + tuple(cause for cause in causes if isinstance(cause, Term))
+    plant = replace(model, rig=rig, terms=terms, estimated=None)
     check_dry(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
 
@@ -146,6 +154,7 @@ def simulate(
     delay: int = 1,
     drive: Sequence[Signal] = (),
     start: State | None = None,
+    platform: Platform | None = None,
     name: str = "simulated",
 ) -> Log:
     """Run the closed loop along a reference sampled at the controller's interval.
@@ -163,25 +172,29 @@ def simulate(
         rng: Source of the sensors' noise.
         sensors: The sensors; None: the rig's encoders and gyros.
         delay: Samples between measurement and torque.
-        drive: What stands between the command, which the log keeps, and the torque that acts.
+        drive: What stands between the command, which the log keeps, and the torque that acts, after the plant's own.
         start: State at the first sample; None: at rest on the reference.
+        platform: Motion of the base, best sampled at half the control interval; None: it stands, which is faster.
         name: Name of the log.
 
     Returns:
-        A log of the measured angles and rates, and of the torque commanded for each interval, as the drive reports it.
+        A log of the measured angles and rates, of the torque commanded for each interval, as the drive reports it, and
+        of the IMUs.
 
     Raises:
-        UsageError: The reference is not sampled at the controller's interval, or the state left the finite numbers.
+        UsageError: The reference is not sampled at the controller's interval, the platform's motion does not last as
+            long, or the state left the finite numbers.
     """
     n, steps = plant.rig.n, len(reference)
     dt = controller.dt
     if steps < 2 or not np.allclose(np.diff(reference.t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
     sense = sensors if sensors is not None else Sensors.of(plant.rig, dt)
-    q, v, tau = np.empty((steps, n)), np.empty((steps, n)), np.empty((steps, n))
+    q, v, tau, exact = np.empty((steps, n)), np.empty((steps, n)), np.empty((steps, n)), np.empty((2, steps, n))
     rate_noise = sense.rate_std * rng.standard_normal((steps, n))
     torque_noise = sense.torque_std * rng.standard_normal((steps, n))
-    system, motors, memory = Plant(plant), Drive(drive, plant.rig, dt), controller.start()
+    carried = None if platform is None else halved(platform, reference.t)
+    system, motors, memory = Plant(plant, carried), Drive((*plant.drive, *drive), plant.rig, dt), controller.start()
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
     pending: deque[Array] = deque([np.zeros(n)] * delay)
     limit, times, rows = plant.rig.tau_max, reference.t.tolist(), zip(reference.q, reference.v, reference.a)
@@ -189,6 +202,7 @@ def simulate(
         if not isfinite(sum(state.q.tolist())):
             what = f"the closed loop diverged {times[k] - times[0]:.3g} s after its start"
             raise UsageError(name, what, "lower the controller's bandwidth or its delay")
+        exact[:, k] = state.q, state.v
         q[k], v[k] = sense.angle(state.q), state.v + rate_noise[k]
         wanted, memory = controller.torque(times[k], q[k], v[k], Reference(*wished), memory)
         pending.append(wanted)
@@ -202,5 +216,34 @@ def simulate(
         v=v,
         tau=tau + torque_noise,
         q_ref=reference.q,
+        imus=imus(
+            plant.rig, sense, reference.t, exact, None if carried is None else carried.part(slice(0, None, 2)), rng
+        ),
         payload=plant.rig.payload,
     )
+
+
+def halved(platform: Platform, t: Array) -> Platform:
+    """Return a platform's motion at the times `t` and halfway between: where Runge-Kutta's stages look.
+
+    Raises:
+        UsageError: It does not last from the first to the last of them.
+    """
+    step = float(t[1] - t[0])
+    if platform.t[0] > t[0] + step / 2 or platform.t[-1] < t[-1] - step / 2:
+        what = f"lasts from {platform.t[0]:g} to {platform.t[-1]:g} s, the reference from {t[0]:g} to {t[-1]:g} s"
+        raise UsageError("platform", what, "give a longer motion of the platform, or a shorter reference")
+    return platform.at(t[0] + step / 2 * np.arange(2 * len(t) - 1))
+
+
+def imus(
+    rig: Rig, sense: Sensors, t: Array, exact: Array, platform: Platform | None, rng: np.random.Generator
+) -> dict[str, Imu]:
+    """Return what the IMUs report along true angles and rates, (2, N, n); accelerations are the rates' differences."""
+    links = [link for link in dict.fromkeys((rig.base, *sense.imus)) if platform is not None or link in sense.imus]
+    if not links:
+        return {}
+    q, v = exact
+    dt = float(t[1] - t[0])
+    true = readings(rig, links, q, v, np.gradient(v, dt, axis=0), Platform.still(t) if platform is None else platform)
+    return {link: noisy(imu, sense.noise, dt, rng) for link, imu in true.items()}

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import degrees, inf
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gimbal_pin.base import Base
+    from gimbal_pin.calibration import Mounting
     from gimbal_pin.checking import Checked
     from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
+    from gimbal_pin.payloads import Several
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
     from gimbal_pin.walk import Auto
@@ -90,6 +93,10 @@ def base(found: Base) -> str:
         "without any trace in the torques",
         *(f"  {name}" for name in found.unidentifiable),
     ]
+    for motion, words in (("tilted", "leans or shifts"), ("rotating", "turns")):
+        names = [entry["name"] for entry in found.to_dict()["moving_base"][motion]["adds"]]
+        lines += [f"a base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"]
+        lines += [f"  {name}" for name in names]
     return "\n".join(lines)
 
 
@@ -97,11 +104,17 @@ def excitation(found: Excitation) -> str:
     """An excitation and what it uses of the limits."""
     rows = [(joint, *(f"{100 * share:.0f}" for share in used.values())) for joint, used in found.limits_used.items()]
     head = f"condition number {found.condition_number:.1f} in {found.seconds:g} s"
+    if found.narrowed is not None:
+        middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
+        head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
+        head += f" (median of the parameters; {best:.2g} for the one that gains most)"
     return head + "\n" + table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)
 
 
 def identified(found: Identified) -> str:
-    """Parameters with uncertainty, and accuracy."""
+    """Parameters with uncertainty, accuracy, and how to balance the payload."""
+    from gimbal_pin.balance import balance
+
     std = found.estimate.std
     rows = [
         (name, number(value), number(1.96 * s, 2), number(100 * abs(1.96 * s / value), 2) if value else "", unit)
@@ -109,11 +122,40 @@ def identified(found: Identified) -> str:
     ]
     parts = [table("parameter", "value", "± 95 %", "± % of it", "unit", rows=rows), ""]
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
+    parts += [f"note: {said}" for said in found.notes]
+    parts += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
     if found.bias is not None:
         parts.append(found.bias.sentence)
+    balanced = balance(found)
+    parts += [] if balanced is None else balanced.sentences
     return "\n".join(parts)
+
+
+def several(found: Several) -> str:
+    """Every camera's own parameters, the accuracy with it and its balance; then the gimbal's parameters."""
+    from gimbal_pin.balance import balance
+
+    parts = []
+    for name, one in found.identified.items():
+        camera, balanced = found.cameras[name], balance(one)
+        rows = [
+            (symbol, number(value), number(1.96 * s, 2), unit)
+            for symbol, value, s, unit in zip(camera.names, camera.value, camera.std, camera.units)
+        ]
+        parts += [name, table("parameter", "value", "± 95 %", "unit", rows=rows)]
+        parts += [accuracy(part) for part in (one.train, one.held_out) if part is not None]
+        parts += ["" if balanced is None else "\n".join(balanced.sentences), ""]
+    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", identified(found.first)])
+
+
+def mounting(log: str, link: str, found: Mounting) -> str:
+    """How an IMU sits on its link, in degrees."""
+    turn, bias = (degrees(sum(x * x for x in vector.tolist()) ** 0.5) for vector in (found.misalignment, found.bias))
+    gap = f", its gyro then differs from the encoders by {number(degrees(found.after), 2)}°/s rms"
+    known = gap if found.after == found.after else ""
+    return f"{log}: IMU of {link} is turned by {number(turn, 3)}°, its gyro's bias is {number(bias, 3)}°/s{known}"
 
 
 def accuracy(part: Accuracy) -> str:
@@ -146,6 +188,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
             f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
         ]
         lines.append(f"  {', '.join(figures)}" if figures else "")
+    lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     rows = [
         (
             joint,
@@ -159,11 +202,21 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+    lines += tracking_gain(found)
+    lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def tracking_gain(found: Diagnosis) -> list[str]:
+    """How closely a controller follows with the found causes compensated, and without, in degrees."""
+    rows = found.tracking.items()
+    cells = [(joint, *(number(degrees(row[key]), 2) for key in ("rms_before", "rms_after"))) for joint, row in rows]
+    told = ", ".join(f"{joint} {before}° → {after}°" for joint, before, after in cells)
+    return [f"tracking error in simulation, rms, without and with compensation: {told}"] if cells else []
 
 
 def tuning(found: Tuning) -> str:
@@ -207,7 +260,7 @@ def auto(found: Auto) -> str:
     parts = [
         identified(found.identified),
         *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
-        tuning(found.tunings["computed-torque"]),
+        tuning(found.tuning),
         tracking(found.tracking, found.plant),
         files,
         f"open {found.files['report']}",

@@ -174,6 +174,11 @@ class Witness(Sensors):
 
     seen: list[Array] = field(default_factory=list)
 
+    @staticmethod
+    def of(rig: Rig, dt: float, torque_std: float = 0.0) -> Witness:
+        """The rig's own sensors, as a witness."""
+        return Witness(**vars(Sensors.of(rig, dt, torque_std)))
+
     def angle(self, q: Array) -> Array:
         """The angle as the encoder reports it."""
         self.seen.append(q.copy())

@@ -13,10 +13,16 @@ import numpy as np
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
 from gimbal_pin.control.design import Wish, braking, inner, layered, lowered, seen_inertia
 from gimbal_pin.control.lyapunov import lyapunov
-from gimbal_pin.control.reasons import about_bandwidth, about_inertia, about_layer, about_model, grouped
-from gimbal_pin.effects.plain import term_from
+from gimbal_pin.control.reasons import (
+    about_bandwidth,
+    about_compensation,
+    about_inertia,
+    about_layer,
+    about_model,
+    grouped,
+)
 from gimbal_pin.errors import ModelError, UsageError
-from gimbal_pin.model import Model
+from gimbal_pin.model import Model, model_from, plain_model
 from gimbal_pin.rig import Rig
 
 if TYPE_CHECKING:
@@ -71,7 +77,7 @@ class Tuning:
         from gimbal_pin.control.chart import chart
 
         loops = inner(self.gains, self.robust)
-        return chart(self.model.rig.joints, loops, self.margins, self.wish.dt, self.wish.delay)
+        return chart(self.model.rig.joints, loops, self.margins, self.wish.dt, self.wish.delay, self.model.drives)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON and YAML hold (CONTRACT, `tune`); `controller_from` reads it back.
@@ -97,7 +103,7 @@ class Tuning:
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
             "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
             "reasons": list(self.reasons),
-            "model": {"phi": rig.phi.tolist(), "terms": [term.to_dict() for term in self.model.terms]},
+            "model": plain_model(self.model),
         }
 
 
@@ -141,13 +147,14 @@ def tune(
     wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk, robust)
     wanted = wish.per_joint(model.rig)
     nominal, ratios = seen_inertia(model, kind)
-    granted = tuple(lowered(hz, wish, several) for hz, several in zip(wanted, ratios))
+    granted = tuple(lowered(hz, wish, several, drive) for hz, several, drive in zip(wanted, ratios, model.drives))
     gains = tuple(wish.gains(hz) for hz in granted)
     known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
-    law = layered(gains, known, wish) if robust and known is not None else None
-    found = tuple(wish.margins(pid, several) for pid, several in zip(inner(gains, law), ratios))
-    joints, rows = model.rig.joints, zip(wanted, granted, found)
-    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish) for asked, hz, margins in rows])
+    law = layered(gains, known, wish, model.drives) if robust and known is not None else None
+    found = tuple(wish.margins(*row) for row in zip(inner(gains, law), ratios, model.drives))
+    joints, rows = model.rig.joints, zip(wanted, granted, found, model.drives)
+    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows])
+    reasons += about_compensation(model, kind)
     if known is None:
         reasons += grouped(joints, [about_inertia(*row) for row in zip(nominal, ratios)])
     else:
@@ -165,7 +172,7 @@ def law_of(
 ) -> Law:
     """Return the control law of a kind."""
     if wish.kind == "pid":
-        return JointPid(gains, inertia, tuple(model.rig.tau_max.tolist()), wish.dt, brakes)
+        return JointPid(gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes)
     lead = wish.delay + wish.dt / 2
     return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
 
@@ -184,8 +191,7 @@ def controller_from(data: Mapping[str, Any], rig: Rig) -> Law:
         gains = tuple(Pid(*(float(rows[joint][key]) for key in Pid._fields)) for joint in rig.joints)
         inertia = tuple(float(rows[joint]["inertia"]) for joint in rig.joints)
         brakes = tuple(inf if rows[joint]["braking"] is None else float(rows[joint]["braking"]) for joint in rig.joints)
-        terms = tuple(term_from(term) for term in data["model"]["terms"])
-        model = Model(rig.with_phi(np.array(data["model"]["phi"], dtype=float)), terms)
+        model = model_from(data["model"], rig)
         return law_of(wish, model, gains, inertia, brakes, redesign(data["robust"], gains))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError("controller", f"cannot be read ({error!r})", "write it with 'gimbal-pin tune'") from error

@@ -10,16 +10,19 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin import report, view
-from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.balance import reported
+from gimbal_pin.control.design import Wish
+from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
 from gimbal_pin.identification import Identified, identify
-from gimbal_pin.io import write_log
+from gimbal_pin.io import write_log, write_motion
+from gimbal_pin.io.diagnosis import NEXT
 from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
-from gimbal_pin.io.model import write_model
+from gimbal_pin.io.model import write_extended, write_model
 from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
@@ -33,6 +36,7 @@ MODEL_BASED, PID = "computed-torque", "pid"
 COGGING, TEETH = 0.01, 12
 """Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
+EXTENDED_PLANT = "the extended model"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,28 +46,35 @@ class Auto:
     Attributes:
         identified: Model from the logs.
         diagnosis: What that model gets wrong; None where the logs are too short to say.
-        tunings: "computed-torque" and "pid", at the same bandwidth.
-        tracking: Steps with both on the identified model.
-        animated: The log that the animation shows: all axes to and fro, model-based.
+        model: What the controllers were made for: the identified model, or the extended one where causes were found.
+        tunings: "computed-torque" and "pid", at the same bandwidth; the one that was asked for first.
+        tracking: Steps with both.
+        animated: The log that the animation shows: all axes to and fro, with the controller that was asked for.
         files: What → path.
         plant: What the steps were simulated on, in words.
     """
 
     identified: Identified
     diagnosis: Diagnosis | None
+    model: Model
     tunings: Mapping[str, Tuning]
     tracking: Tracking
     animated: Log
     files: Mapping[str, Path]
     plant: str
 
+    @property
+    def tuning(self) -> Tuning:
+        """The tuning that was asked for."""
+        return next(iter(self.tunings.values()))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the verbs' JSON side by side."""
         return {
             "schema": 1,
-            "identify": self.identified.to_dict(),
+            "identify": reported(self.identified),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
-            "tune": self.tunings[MODEL_BASED].to_dict(),
+            "tune": self.tuning.to_dict(),
             "track": self.tracking.to_dict(),
             "files": {what: str(path) for what, path in self.files.items()},
         }
@@ -78,11 +89,12 @@ def auto(
     estimator: Estimator = weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
-    bandwidth_hz: float = 8.0,
-    delay: float = 0.001,
+    wish: Wish | None = None,
     plant: Model | None = None,
 ) -> Auto:
-    """Identify, tune, verify, and write model, URDF, controller, report and animation into `folder`.
+    """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
+
+    Controllers are made for what was found: where the diagnosis finds causes, for the extended model.
 
     Args:
         rig: The rig.
@@ -92,37 +104,49 @@ def auto(
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`.
         filtering: As for `identify`.
-        bandwidth_hz: As for `tune`.
-        delay: As for `tune`.
-        plant: The plant that the steps are verified on; None: the identified model.
+        wish: What is asked of `tune`; the steps are also run with the other kind of controller.
+        plant: The plant that the steps are verified on; None: the model that the controllers were made for.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined=True)
-    model, wrong = identified.model, examined(rig, logs, rng, holdout)
-    tunings = {kind: tune(model, bandwidth_hz=bandwidth_hz, delay=delay, kind=kind) for kind in (MODEL_BASED, PID)}
-    tracking = track(plant or model, {kind: tuning.controller for kind, tuning in tunings.items()}, rng=rng)
-    law = tunings[MODEL_BASED].controller
-    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro, model-based")
-    stood = MODEL_PLANT if plant is None else TRUE_PLANT
-    found = Auto(identified, wrong, tunings, tracking, animated, paths(rig, output_folder(folder)), stood)
+    wrong = examined(rig, logs, rng, holdout)
+    extended = wrong is not None and bool(wrong.findings)
+    model = wrong.after.model if wrong is not None and extended else identified.model
+    tunings = tuned(model, wish or Wish())
+    tracking = track(plant or model, {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}, rng=rng)
+    law = next(iter(tunings.values())).controller
+    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro")
+    stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
+    files = paths(rig, output_folder(folder), wrong)
+    found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood)
     write(rig, logs, found)
     return found
 
 
+def tuned(model: Model, wish: Wish) -> Mapping[str, Tuning]:
+    """Tune the kind that was asked for, then the other one; Lyapunov redesign is the model-based one's alone."""
+    kinds = dict.fromkeys((wish.kind, MODEL_BASED, PID))
+    wishes = {kind: {**vars(wish), "kind": kind, "robust": wish.robust and kind == MODEL_BASED} for kind in kinds}
+    return {kind: tune(model, **asked) for kind, asked in wishes.items()}
+
+
 def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None) -> Diagnosis | None:
-    """Diagnose logs, if they are long enough for it."""
+    """Diagnose logs, if they are long enough for it, and plan the next experiment where they leave a choice."""
     try:
-        return diagnose(rig, logs, rng=rng, holdout=holdout)
+        found = diagnose(rig, logs, rng=rng, holdout=holdout)
     except DataError:
         return None
+    return planned(found, rng=rng)
 
 
-def paths(rig: Rig, folder: Path) -> Mapping[str, Path]:
+def paths(rig: Rig, folder: Path, wrong: Diagnosis | None) -> Mapping[str, Path]:
     """Return what `write` leaves in a folder, and where."""
     names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "motion": "motion.csv"}
+    names |= {"next experiment": NEXT} if wrong is not None and wrong.next_motion is not None else {}
     names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
+    names |= {} if wrong is None or wrong.held is None else {"extended model": "extended.yaml"}
     return {what: folder / name for what, name in names.items()}
 
 
@@ -130,14 +154,18 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     """Write every file."""
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
-    wrong = () if found.diagnosis is None else (report.sections.diagnosis(found.diagnosis),)
-    page = report.full(rig, logs, identified, found.tunings, found.tracking, animation, wrong, plant=found.plant)
+    results = identified, found.tunings, found.tracking, animation, found.diagnosis
+    page = report.full(rig, logs, *results, plant=found.plant)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
-    write_yaml(found.tunings[MODEL_BASED].to_dict(), files["controller"])
+    if found.diagnosis is not None and "extended model" in files:
+        write_extended(found.diagnosis.after.model, files["extended model"])
+    write_yaml(found.tuning.to_dict(), files["controller"])
     write_log(found.animated, files["motion"])
     atomic_write(files["animation"], animation)
     atomic_write(files["report"], page)
+    if found.diagnosis is not None and found.diagnosis.next_motion is not None:
+        write_motion(found.diagnosis.next_motion, rig.joints, files["next experiment"])
     write_json(found.to_dict(), files["results"])
 
 

@@ -1,13 +1,15 @@
 """A seeded, stratified sample of hidden effects: only the log's and the rig's files reach ``gimbal-pin diagnose``.
 
-Every case leaves its truth and its diagnosis in the folder; a run that was stopped goes on where it was. Prints the
-figures with Wilson bounds, one confusion matrix and the detection limits.
+Every case leaves its truth and its diagnosis in the folder; a run that was stopped goes on where it was. To hide takes
+longer than to diagnose: with ``--keep`` the logs stay too, and a case whose ``diagnosis.json`` is removed is diagnosed
+again. Prints the figures with Wilson bounds, one confusion matrix and the detection limits.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import redirect_stdout
@@ -27,26 +29,49 @@ REFUSED = {"verdict": "refused", "findings": [], "residual": {}, "immaterial": [
 """What stands for a log that was refused with exit code 3."""
 
 
-def case(plan: Plan, folder: Path) -> None:
-    """Hide, write, diagnose, and keep truth and diagnosis."""
+LOGS = ("log.csv", "rig.urdf", "rig.yaml")
+"""What may reach a diagnosis."""
+
+
+def hide(plan: Plan, folder: Path) -> bool:
+    """Hide and write log, rig and truth; return whether the plant stood it."""
+    try:
+        hidden = cases.hide(plan)
+    except plant.PlantDivergedError:
+        (folder / "diverged").touch()
+        return False
+    files.write(hidden, folder)
     with TemporaryDirectory() as place:
-        try:
-            hidden = cases.hide(plan)
-        except plant.PlantDivergedError:
-            (folder / "diverged").touch()
-            return
-        written = files.write(hidden, Path(place))
         told = files.write_truth(hidden, Path(place))
-        said = Path(place) / "said.json"
+        (folder / "truth.json").write_text(told.truth.read_text(encoding="utf-8"), encoding="utf-8")
+    return True
+
+
+def diagnosed(folder: Path) -> None:
+    """Diagnose the log's and the rig's files, and nothing else, from a folder where nothing else is."""
+    with TemporaryDirectory() as place:
+        rig, log, said = (Path(place) / name for name in ("rig.yaml", "log.csv", "said.json"))
+        for name in LOGS:
+            (Path(place) / name).symlink_to((folder / name).resolve())
         try:
             with redirect_stdout(StringIO()):
-                gimbal_pin(["diagnose", str(written.rig), str(written.log), "--json", str(said)])
+                gimbal_pin(["diagnose", str(rig), str(log), "--json", str(said)])
         except SystemExit as stop:
             if stop.code != 3:
-                raise RuntimeError(f"diagnose left with {stop.code} on {plan}") from stop
+                raise RuntimeError(f"diagnose left with {stop.code} on {folder.name}") from stop
             said.write_text(json.dumps(REFUSED), encoding="utf-8")
-        (folder / "truth.json").write_text(Path(told.truth).read_text(encoding="utf-8"), encoding="utf-8")
-        os.replace(said, folder / "diagnosis.json")
+        shutil.copy(said, folder / ".said.json")
+        os.replace(folder / ".said.json", folder / "diagnosis.json")
+
+
+def case(plan: Plan, folder: Path, keep: bool) -> None:
+    """Hide what is not hidden yet, diagnose, and drop the logs unless they are to be kept."""
+    hidden = all((folder / name).exists() for name in (*LOGS, "truth.json"))
+    if hidden or hide(plan, folder):
+        diagnosed(folder)
+    if not keep:
+        for name in LOGS:
+            (folder / name).unlink(missing_ok=True)
 
 
 def loaded(path: Path) -> dict[str, Any]:
@@ -70,6 +95,7 @@ def main(
     data: int = 60,
     held_out: int = 30,
     corrupted: int = 30,
+    keep: bool = False,
     workers: int = os.cpu_count() or 1,
 ) -> None:
     """Run what is missing and print the table.
@@ -85,6 +111,7 @@ def main(
         data: Faults of the data.
         held_out: Effects that begin in the held-out part.
         corrupted: Clean logs with a spoilt segment.
+        keep: Keep the logs, to diagnose them again.
         workers: Processes.
     """
     sizes = {
@@ -97,7 +124,7 @@ def main(
         futures = []
         for name in wanted.keys() - done:
             (folder / name).mkdir(parents=True, exist_ok=True)
-            futures.append(pool.submit(case, wanted[name], folder / name))
+            futures.append(pool.submit(case, wanted[name], folder / name, keep))
         for future in tqdm(as_completed(futures), total=len(futures), desc="cases", disable=None, file=sys.stderr):
             future.result()
     kept = [folder / name for name in wanted if (folder / name / "diagnosis.json").exists()]

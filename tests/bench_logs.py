@@ -63,7 +63,8 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
     """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
     true, measured = truth(nominal(rig), log, tau), np.asarray(log.tau)
 
-    def channels(stretch: rows.Stretch, _: rows.Filtering, first: int, last: int) -> rows.Channels:
+    def channels(stretch: rows.Stretch, _: rows.Filtering, first: int, last: int, carrier: str | None) -> rows.Channels:
+        assert carrier is None
         begin = round((stretch.start - log.t[0]) / log.dt) + first
         part = slice(begin, begin + last - first)
         return rows.Channels(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))

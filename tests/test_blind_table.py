@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from tests.blind.breakdown import confusion, detection_limits, limits_text
+from tests.blind.conventions import Reading
 from tests.blind.judge import judge, named_wrong, near
 from tests.blind.table import Figure, score, text, wilson
 
@@ -155,14 +156,14 @@ def test_half_of_the_gain_is_half_of_the_gain() -> None:
     assert row(score([(better, told)]), "held-out gain").value == pytest.approx(0.75)
 
 
-def test_coverage_counts_what_lies_within_and_follows_aliases() -> None:
+def test_coverage_counts_what_lies_within_and_reads_other_words() -> None:
     case = truth("single", cause("cogging"))
     told = [(case, diagnosis("named", finding("cogging", size=2.0 + 0.1 * z))) for z in (0.0, 1.9, -1.9, 2.5)]
     assert row(score(told), "interval coverage").value == 0.75
-    renamed = finding("cogging") | {"parameters": {"height": {"value": 2.0, "std": 0.1, "unit": ""}}}
+    renamed = finding("cogging") | {"parameters": {"height": {"value": -3.0, "std": 0.2, "unit": ""}}}
     pairs = [(case, diagnosis("named", renamed))]
     assert row(score(pairs), "interval coverage").count == 0
-    assert row(score(pairs, {("cogging", "size"): "height"}), "interval coverage").value == 1.0
+    assert row(score(pairs, {("cogging", "size"): Reading("height", -0.5, 0.5)}), "interval coverage").value == 1.0
 
 
 @given(st.integers(1, 400), st.floats(0.0, 1.0))

@@ -116,7 +116,9 @@ def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
 
 
 def test_auto_leaves_a_whole_folder(run: Run, log_file: Path, tmp_path: Path) -> None:
-    found = result(run, "auto", "turret", log_file, "-o", tmp_path / "out", "--alignment", "0")
+    found = result(
+        run, "auto", "turret", log_file, "-o", tmp_path / "out", "--alignment", "0", "--kind", "pid", "--damping", "0.9"
+    )
     for path in found["files"].values():
         assert Path(path).stat().st_size > 500
     assert "http" not in re.sub(
@@ -232,7 +234,8 @@ def test_every_command_of_the_readme_runs(run: Run, tmp_path: Path, monkeypatch:
         assert code == 0, f"{command}: {err}"
 
 
-def test_the_python_of_the_readme_runs() -> None:
+def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
     assert code is not None
     exec(compile(code[1], "README.md", "exec"), {})

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
+from gimbal_pin.diagnosis.agreement import agreement
 from gimbal_pin.diagnosis.evidence import Evidence, gather
-from gimbal_pin.diagnosis.fit import chance
+from gimbal_pin.diagnosis.score import chance
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError
@@ -20,6 +21,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
+from tests.bench_logs import prescribed
 
 SECONDS = 30.0
 
@@ -84,7 +86,7 @@ def test_whitening_is_linear(evidence: Evidence) -> None:
 def test_mixed_torque_lies_between_its_sources(evidence: Evidence) -> None:
     """Where both agree the mixture is what both say; its weights are shares."""
     for part in evidence.parts:
-        np.testing.assert_allclose(part.mixed(part.channels.tau), part.channels.tau, atol=1e-12)
+        np.testing.assert_allclose(part.mixed(part.channels.tau, part.channels.tau), part.channels.tau, atol=1e-12)
         assert np.all((part.trust >= 0) & (part.trust <= 1))
 
 
@@ -174,7 +176,10 @@ def test_json_holds_what_others_read(rig: Rig, clean: Log) -> None:
     assert set(data["residual"]["pan"]) >= {"state", "noise_floor", "dispersion", "where"}
 
 
-@pytest.mark.parametrize("kind", ["one second", "one joint", "still"])
+UNANSWERABLE = ["one second", "one joint", "still"]
+
+
+@pytest.mark.parametrize("kind", UNANSWERABLE)
 def test_a_log_that_cannot_answer_is_refused(rig: Rig, clean: Log, kind: str) -> None:
     """One second of motion, or joints that never moved: exit code 3, and no name."""
     with pytest.raises(DataError):
@@ -195,6 +200,53 @@ def spoilt(log: Log, kind: str) -> Log:
         return out
 
     return replace(log, q=stopped(log.q), v=stopped(log.v))
+
+
+@pytest.mark.parametrize("kind", ["every channel", "the torque", "a rig at rest"])
+def test_pure_noise_is_never_named(rig: Rig, clean: Log, kind: str) -> None:
+    """Noise in the place of some channels: refused, or a verdict that names nothing."""
+    rng = np.random.default_rng(0)
+
+    def noise(x: Array, size: float) -> Array:
+        return size * rng.standard_normal(x.shape)
+
+    tau = noise(np.asarray(clean.tau), 0.3)
+    log = replace(clean, tau=tau)
+    if kind == "every channel":
+        log = replace(log, q=noise(clean.q, 0.5), v=noise(clean.q, 1.0))
+    elif kind == "a rig at rest":
+        log = replace(log, q=noise(clean.q, 1e-4), v=None)
+    try:
+        found = said(rig, log)
+    except DataError as error:
+        assert error.exit_code == 3
+        return
+    assert found.verdict in ("nothing", "data", "unknown") and not found.findings
+
+
+def of_another(rig: Rig, payload: str, seed: int) -> Log:
+    return prescribed(nominal(Rig.load(rig.name, payload)), seed, seconds=16.0, torque_noise=0.02, dt=0.002)
+
+
+@pytest.mark.parametrize("payloads", [("infrared", "cinema"), ("infrared", "infrared", "mirrorless")])
+def test_logs_of_different_payloads_are_a_fault_of_the_data(rig: Rig, payloads: tuple[str, ...]) -> None:
+    """Cameras swapped and not told: the verdict is data whichever log is held out, and no cause is named."""
+    logs = [replace(of_another(rig, payload, k), name=f"{k}.csv") for k, payload in enumerate(payloads)]
+    few = {name: CAUSES[name] for name in ("cable-spring", "base-tilt", "torque-bias")}
+    found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0))
+    assert found.verdict == "data" and not found.findings
+    assert [fault.cause for fault in found.spoiling] == ["logs-disagree"]
+    assert "tag each with its payload" in found.spoiling[0].next_experiment
+
+
+@pytest.mark.parametrize(
+    "planted", ["", "cogging:tilt:amplitude=0.05,harmonic=14", "stribeck:tilt:extra=0.1,speed=0.2"]
+)
+def test_logs_of_one_rig_agree(rig: Rig, planted: str) -> None:
+    """Whatever else is wrong with it, and even before that is known."""
+    model = plant_with(nominal(rig), [parse_effect(planted, rig)] if planted else []).plant
+    logs = [prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002) for k in range(3)]
+    assert agreement(rig, logs, (), replace(BAND, alignment=0.0)) is None
 
 
 def test_every_cause_of_the_contract_is_looked_for() -> None:

@@ -16,11 +16,22 @@ from hypothesis import strategies as st
 from gimbal_pin.config import Limits
 from gimbal_pin.effects import Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import UsageError
-from gimbal_pin.excitation import Condition, Determinant, Envelope, Excitation, Series, condition_number, excite
+from gimbal_pin.excitation import (
+    Condition,
+    Determinant,
+    Envelope,
+    Excitation,
+    Sequential,
+    Series,
+    condition_number,
+    excite,
+    known,
+    sequential,
+)
 from gimbal_pin.excitation.columns import Columns, sliding
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.problem import Problem
-from gimbal_pin.log import Array, Motion
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig, bundled_rigs
 
@@ -364,3 +375,55 @@ def test_every_series_in_the_rest_basis_ends_at_rest(seconds: float, harmonics: 
     assert np.abs(ends.v).max() < 1e-9
     assert np.abs(ends.a).max() < 1e-9 * (2 * np.pi * harmonics / seconds + 1)
     assert ends.q[0] == pytest.approx(ends.q[1])
+
+
+# what teaches most after earlier logs
+
+
+def one_joint(rig: Rig, moving: int) -> Log:
+    """A log in which one joint alone swings, the others standing."""
+    t = 0.005 * np.arange(3001)
+    q, v = np.zeros((len(t), rig.n)), np.zeros((len(t), rig.n))
+    q[:, moving], v[:, moving] = 0.5 * np.sin(1.7 * t), 0.85 * np.cos(1.7 * t)
+    return Log("one joint", rig.joints, t, q, v, np.zeros_like(q))
+
+
+def test_information_of_a_log_is_that_of_its_motion() -> None:
+    """Smoothing, chunks and thinning change little: the integral over the true motion, away from its reversals."""
+    rig = Rig.load("turret")
+    log, columns = one_joint(rig, 0), Columns.of(rig)
+    moving = np.abs(log.v[:, :1]) > 0.1 if log.v is not None else np.zeros(0)
+    a = np.zeros_like(log.q)
+    a[:, 0] = -0.5 * 1.7**2 * np.sin(1.7 * log.t)
+    motion = Motion(log.t, log.q, np.asarray(log.v), a)
+    rows = columns.unit(motion, np.sign(motion.v)).reshape(-1, rig.n, len(columns.scale))[:, 0] * moving
+    viscous = len(columns.places) + 1
+    found = known(columns, [log])
+    assert found[viscous, viscous] == pytest.approx(0.005 * rows[:, viscous] @ rows[:, viscous], rel=0.03)
+    np.testing.assert_allclose(known(columns, [log, log]), 2 * found, rtol=1e-12)
+
+
+def test_the_next_motion_teaches_what_the_earlier_log_left_open() -> None:
+    """After a log of the pan alone: all of the tilt is narrowed, and more than by a motion that knows of no log."""
+    rig = Rig.load("turret")
+    criterion = sequential(rig, [one_joint(rig, 0)], 8.0)
+    options = {"seconds": 8.0, "starts": 1, "dt": 0.01}
+    found = excite(rig, criterion=criterion, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+    blind = excite(rig, criterion="condition", rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+    assert found.narrowed is not None and found.narrowed.max() <= 1 + 1e-9 and found.narrowed.min() < 0.05
+    columns = Columns.of(rig)
+    values = [criterion.value(columns.unit(x.motion, np.sign(x.motion.v))) for x in (found, blind)]
+    assert values[0] < values[1]
+    assert found.to_dict()["narrowed"] == found.narrowed.tolist() and blind.narrowed is None
+
+
+@given(st.integers(0, 1000))
+def test_sequential_gradient_and_sampling(seed: int) -> None:
+    """Its factors are its derivative, and rows that are given twice, for half the time each, count once."""
+    rng = np.random.default_rng(seed)
+    a, change, root = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), rng.standard_normal((5, 3))
+    criterion = Sequential(root.T @ root, 4.0, 2)
+    left, right = criterion.factors(a)
+    slope = (criterion.value(a + 1e-6 * change) - criterion.value(a - 1e-6 * change)) / 2e-6
+    assert np.sum(left * (change @ right.T)) == pytest.approx(slope, rel=1e-5, abs=1e-7)
+    assert criterion.value(np.vstack([a, a])) == pytest.approx(criterion.value(a), rel=1e-12)

@@ -14,11 +14,13 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-DATA = "errors parameter reading log urdf config rig"
-MATHS = "signals regressor reduction inertia consistency effects model plant rows replay estimators simulation"
-VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base checking"
+DATA = "errors parameter reading log urdf config floating rig"
+SENSED = "signals platform profile calibration regressor imu"
+MATHS = f"{SENSED} reduction inertia consistency effects model carrier plant rows replay estimators simulation"
+VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
+WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"
-ORDER = f"{DATA} {MATHS} {VERBS} {EDGES}".split()
+ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""
 
 SHARED = {

@@ -10,6 +10,7 @@ import numpy as np
 
 from gimbal_pin.control.base import Pid
 from gimbal_pin.control.loop import Margins, frequencies, sampled_loop
+from gimbal_pin.effects import Signal
 from gimbal_pin.log import Array
 
 if TYPE_CHECKING:
@@ -17,7 +18,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def chart(joints: Sequence[str], loops: Sequence[Pid], margins: Sequence[Margins], dt: float, delay: float) -> Figure:
+def chart(
+    joints: Sequence[str],
+    loops: Sequence[Pid],
+    margins: Sequence[Margins],
+    dt: float,
+    delay: float,
+    drives: Sequence[tuple[Signal, ...]],
+) -> Figure:
     """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer.
 
     Args:
@@ -26,31 +34,32 @@ def chart(joints: Sequence[str], loops: Sequence[Pid], margins: Sequence[Margins
         margins: Their margins.
         dt: Sampling interval, s.
         delay: Time from measurement to torque, s.
+        drives: What stands between command and torque, one tuple per joint.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 7), layout="constrained")
     gain, nyquist, phase, step = figure.subplots(2, 2).flat
-    for joint, pid, found in zip(joints, loops, margins):
+    for joint, pid, found, drive in zip(joints, loops, margins, drives):
         omega = frequencies(pid, dt)
-        response = sampled_loop(pid, dt, delay)(np.exp(1j * omega * dt))
+        response = sampled_loop(pid, dt, delay, drive=drive)(np.exp(1j * omega * dt))
         label = f"{joint}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
         gain.loglog(omega / 2 / pi, np.abs(response), label=label)
         angle = np.degrees(np.unwrap(np.angle(response)))
         phase.semilogx(omega / 2 / pi, angle - 360 * np.ceil(angle[0] / 360))
         nyquist.plot(response.real, response.imag)
-        t, answer = disturbance(pid, dt, delay)
+        t, answer = disturbance(pid, dt, delay, drive)
         step.plot(1e3 * t, answer)
     disk(nyquist, min(found.disk_margin for found in margins))
     dressed(gain, phase, nyquist, step)
     return figure
 
 
-def disturbance(pid: Pid, dt: float, delay: float) -> tuple[Array, Array]:
+def disturbance(pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]) -> tuple[Array, Array]:
     """Time, s, and the angle after a step of 1 rad/s² of disturbing acceleration, mrad."""
     import control
 
-    loop = sampled_loop(pid, dt, delay)
+    loop = sampled_loop(pid, dt, delay, drive=drive)
     seen = np.zeros((1, loop.nstates))
     seen[0, 0] = 1.0
     # The disturbance enters at once, the torque only after its delay.

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from gimbal_pin.control.base import Memory, Outer, Pid
 from gimbal_pin.control.lyapunov import Robust
-from gimbal_pin.effects import Sample
+from gimbal_pin.effects import Sample, Signal, Term
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.simulation import Reference
@@ -47,7 +47,12 @@ class ComputedTorque:
     @cached_property
     def outer(self) -> Outer:
         """The outer loop with its limits."""
-        return Outer(self.gains, tuple(self.model.rig.tau_max.tolist()), self.braking)
+        return Outer(self.gains, tuple(self.model.tau_max.tolist()), self.braking)
+
+    @cached_property
+    def leads(self) -> tuple[float, ...]:
+        """Time from the measurement to the middle of the hold of the torque that acts, s: the drives' own on top."""
+        return tuple(self.lead + late for late in self.model.late(self.dt))
 
     @cached_property
     def workspace(self) -> pin.Data:
@@ -68,15 +73,14 @@ class ComputedTorque:
         y = [a + f for a, f in zip(ahead, feedback)]
         if self.robust is not None:
             y = [a + w for a, w in zip(y, self.robust.correction(integral, error, rate, ahead, feedback))]
-        sliding = [r + self.lead * a for r, a in zip(reference.v.tolist(), now)]
-        wanted = self.inverse(t, q + self.lead * v, v, y, sliding)
+        sliding = [r + lead * a for r, a, lead in zip(reference.v.tolist(), now, self.leads)]
+        wanted = self.inverse(t, q + np.array(self.leads) * v, v, y, sliding)
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
         return np.array(self.outer.clipped(wanted)), Memory(kept, tuple(now))
 
     def ahead(self, now: Sequence[float], before: Sequence[float]) -> Sequence[float]:
-        """The reference's acceleration `lead` s on, rad/s²."""
-        share = self.lead / self.dt
-        return [a + share * (a - b) for a, b in zip(now, before)] if before and share else now
+        """The reference's acceleration `leads` s on, rad/s²."""
+        return [a + lead / self.dt * (a - b) for a, b, lead in zip(now, before, self.leads)] if before else now
 
     def inverse(self, t: float, q: Array, v: Array, y: Sequence[float], sliding: Sequence[float]) -> list[float]:
         """Torque of the model at measured q, v, with accelerations y and terms at the rates `sliding`, N m."""
@@ -85,5 +89,26 @@ class ComputedTorque:
         for terms, angle, a, rate, tau in zip(self.model.by_joint, q.tolist(), y, sliding, rigid):
             slide = 0.0 if -still < rate < still else (1.0 if rate > 0 else -1.0)
             at = Sample(t, angle, rate, a, slide, tau)
-            out.append(tau + sum([term.torque(at) for term in terms]))
-        return out
+            out.append(tau + added(terms, at, tau))
+        return [passed(*pair) for pair in zip(self.model.drives, out)] if self.model.drive else out
+
+
+def added(terms: Sequence[Term], at: Sample, rigid: float) -> float:
+    """Torque of some terms where the rest of the model asks for `rigid`, N m; those that feel it all are iterated.
+
+    One step of Aitken's method is exact where the terms are linear in the total torque.
+    """
+    first = float(sum([term.torque(at) for term in terms]))
+    if not any(term.effect.loaded for term in terms):
+        return first
+    second = float(sum([term.torque(at._replace(tau=rigid + first)) for term in terms]))
+    third = float(sum([term.torque(at._replace(tau=rigid + second)) for term in terms]))
+    slope = (third - second) / (second - first) if second != first else 0.0
+    return third + (third - second) * slope / (1 - slope) if abs(slope) < 1 else third
+
+
+def passed(drive: Sequence[Signal], torque: float) -> float:
+    """What to command so that a drive gives this torque, N m."""
+    for signal in reversed(drive):
+        torque = signal.command(torque)
+    return torque

@@ -12,6 +12,7 @@ from gimbal_pin.control.base import Pid
 from gimbal_pin.control.loop import Margins, margins, worst
 from gimbal_pin.control.lyapunov import Robust, lyapunov, stiffened
 from gimbal_pin.control.uncertainty import Bounds, home, inertia, poses
+from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.model import Model
 from gimbal_pin.rig import Rig
@@ -78,9 +79,9 @@ class Wish:
         """The outer loop of a bandwidth, Hz."""
         return Pid.placed(hz, self.damping, self.integral)
 
-    def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,)) -> Margins:
-        """Return the worst margins of an outer loop over the plant's gains `ratios`."""
-        return worst([margins(gains, self.dt, self.delay, ratio) for ratio in ratios])
+    def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,), drive: tuple[Signal, ...] = ()) -> Margins:
+        """Return the worst margins of an outer loop over the plant's gains `ratios`, with the drive's signals in it."""
+        return worst([margins(gains, self.dt, self.delay, ratio, drive) for ratio in ratios])
 
 
 def positive(name: str, value: float) -> float:
@@ -111,16 +112,16 @@ def braking(model: Model) -> tuple[float, ...]:
     q = poses(model.rig)[0]
     zero = np.zeros_like(q)
     load = np.abs(model.inverse(q, zero, zero, slide=zero)) + model.level(q, zero, zero, zero)
-    spare = (model.rig.tau_max - load) / np.diagonal(inertia(model, q), axis1=1, axis2=2)
+    spare = (model.tau_max - load) / np.diagonal(inertia(model, q), axis1=1, axis2=2)
     worst_pose = spare.min(axis=0)
     return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
 
 
-def lowered(hz: float, wish: Wish, ratios: Sequence[float]) -> float:
+def lowered(hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal, ...] = ()) -> float:
     """Return the largest bandwidth up to `hz` whose worst disk margin is at least the one wished for, Hz."""
 
     def enough(bandwidth: float) -> bool:
-        return wish.margins(wish.gains(bandwidth), ratios).disk_margin >= wish.disk
+        return wish.margins(wish.gains(bandwidth), ratios, drive).disk_margin >= wish.disk
 
     if enough(hz):
         return hz
@@ -141,7 +142,7 @@ def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
     return low
 
 
-def layered(gains: tuple[Pid, ...], known: Bounds, wish: Wish) -> Robust | None:
+def layered(gains: tuple[Pid, ...], known: Bounds, wish: Wish, between: Sequence[tuple[Signal, ...]]) -> Robust | None:
     """Return Lyapunov redesign with the thinnest boundary layer whose gain leaves the disk margin wished for.
 
     None where the outer loop has used up the margin already.
@@ -149,8 +150,8 @@ def layered(gains: tuple[Pid, ...], known: Bounds, wish: Wish) -> Robust | None:
     law = Robust(lyapunov(gains), known, 1.0)
 
     def enough(gain: float) -> bool:
-        loops = {stiffened(pid, row, gain) for pid, row in zip(gains, law.rows)}
-        return all(wish.margins(pid).disk_margin >= wish.disk for pid in loops)
+        loops = {(stiffened(pid, row, gain), drive) for pid, row, drive in zip(gains, law.rows, between)}
+        return all(wish.margins(pid, drive=drive).disk_margin >= wish.disk for pid, drive in loops)
 
     high = SMALLEST_GAIN
     while enough(high) and high < LARGEST_GAIN:

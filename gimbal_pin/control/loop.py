@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import floor, pi
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gimbal_pin.control.base import Pid
+from gimbal_pin.effects import Signal
 from gimbal_pin.log import Array
 
 if TYPE_CHECKING:
@@ -64,7 +66,21 @@ def sampled_plant(dt: float, delay: float) -> tuple[Array, Array]:
     return A, B
 
 
-def sampled_loop(gains: Pid, dt: float, delay: float, gain: float = 1.0) -> control.StateSpace:
+def driven(plant: tuple[Array, Array], drive: Sequence[Signal], dt: float) -> tuple[Array, Array]:
+    """Put the drive's linear signals before a sampled plant; its state comes first, then theirs."""
+    A, B = plant
+    for signal in reversed([s for s in drive if s.linear]):
+        own, into, out, through = signal.matrices(dt)
+        n, m = len(A), len(own)
+        grown = np.zeros((n + m, n + m))
+        grown[:n, :n], grown[n:, n:], grown[:n, n:] = A, own, B * out
+        A, B = grown, np.vstack([through * B, into[:, None]])
+    return A, B
+
+
+def sampled_loop(
+    gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()
+) -> control.StateSpace:
     """Loop gain, broken at the plant's input, in discrete state space.
 
     Transfer functions of these double integrators lose their digits; state space does not.
@@ -74,10 +90,11 @@ def sampled_loop(gains: Pid, dt: float, delay: float, gain: float = 1.0) -> cont
         dt: Sampling interval, s.
         delay: Time from measurement to torque, s; the hold comes on top.
         gain: What the plant's gain is of what the law believes: nominal over true inertia.
+        drive: What stands between the command and the torque that acts; what is not linear is passed over.
     """
     import control
 
-    plant, B = sampled_plant(dt, delay)
+    plant, B = driven(sampled_plant(dt, delay), drive, dt)
     size = len(plant) + 1
     A = np.zeros((size, size))
     A[:-1, :-1] = plant
@@ -103,14 +120,14 @@ def frequencies(gains: Pid, dt: float) -> Array:
 
 
 @lru_cache(maxsize=512)
-def margins(gains: Pid, dt: float, delay: float, gain: float = 1.0) -> Margins:
+def margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()) -> Margins:
     """Return the margins of `sampled_loop`; an unstable loop has none (all zero).
 
     Remembered, as joints share loops and searches come back to them: the result depends on the arguments alone.
     """
     import control
 
-    loop = sampled_loop(gains, dt, delay, gain)
+    loop = sampled_loop(gains, dt, delay, gain, drive)
     if not stable(loop):
         return Margins(0.0, 0.0, 0.0, 0.0, 0.0)
     omega = frequencies(gains, dt)

@@ -8,6 +8,8 @@ from gimbal_pin.control.design import Wish
 from gimbal_pin.control.loop import Margins
 from gimbal_pin.control.lyapunov import Robust
 from gimbal_pin.control.uncertainty import Bounds
+from gimbal_pin.effects import ALWAYS, Signal
+from gimbal_pin.model import Model
 
 UNSAFE_ALPHA = 0.5
 """Model errors from which on the inverted model does as much harm as good."""
@@ -21,8 +23,8 @@ def grouped(joints: Sequence[str], sentences: Sequence[str]) -> list[str]:
     return [f"{', '.join(names)}: {sentence}" for sentence, names in owners.items()]
 
 
-def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish) -> str:
-    """Say what was granted, and what it leaves."""
+def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, drive: Sequence[Signal] = ()) -> str:
+    """Say what was granted, and what it leaves; `drive`: what stands between command and torque."""
     margins = (
         f"phase margin {found.phase_margin_deg:.0f}°, gain margin {found.gain_margin_db:.1f} dB, "
         f"disk margin {found.disk_margin:.2f}, {1e3 * found.delay_margin:.1f} ms of further delay"
@@ -30,8 +32,20 @@ def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish) -
     if granted == wanted:
         return f"{granted:.3g} Hz, damping {wish.damping:g}; {margins}"
     delay = 1e3 * (wish.delay + wish.dt / 2)
-    why = f"{wanted:.3g} Hz would leave a disk margin under {wish.disk:g} with {delay:.3g} ms of delay and hold"
+    others = "".join(f", and the drive's {signal.name}" for signal in drive if signal.linear)
+    why = f"{wanted:.3g} Hz would leave a disk margin under {wish.disk:g} with {delay:.3g} ms of delay and hold{others}"
     return f"lowered to {granted:.3g} Hz, as {why}; {margins}"
+
+
+def about_compensation(model: Model, kind: str) -> list[str]:
+    """Say what of the model, beside its inertias and plain friction, the control law makes up for; one line at most."""
+    always = {cause.name for cause in ALWAYS}
+    terms = [f"{t.effect.name} at {t.effect.joint}" for t in model.terms if t.effect.name not in always]
+    drive = [f"{signal.name} at {signal.joint}" for signal in model.drive]
+    if kind == "pid":
+        return [f"the margins include {', '.join(drive)}"] if drive else []
+    found = [*terms, *drive, *(f"{change.name} at {change.place}" for change in model.changes)]
+    return [f"compensated: {', '.join(found)}"] if found else []
 
 
 def about_inertia(nominal: float, ratios: Sequence[float]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import pinocchio as pin
 from gimbal_pin.effects import Sample
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model
+from gimbal_pin.platform import MOTIONS
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import Rig
@@ -159,8 +161,8 @@ def columns(model: Model, places: Array, q: Array, v: Array, a: Array) -> Array:
 def base_columns(model: Model, known: Estimated) -> Array | None:
     """Places in `Rig.phi` of the estimated base parameters; None if the estimate is not of this rig and these terms."""
     width = len(known.names) - sum(len(term.values) for term in model.terms)
-    for diagonal in (False, True):
-        reduction = reduce(model.rig, diagonal)
+    for diagonal, base in itertools.product((False, True), MOTIONS):
+        reduction = reduce(model.rig, diagonal, base)
         if reduction.base_names == tuple(known.names[:width]):
             return columns_of(model.rig, reduction)
     return None

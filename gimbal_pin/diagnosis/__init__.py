@@ -7,3 +7,6 @@ from gimbal_pin.diagnosis.diagnose import BAND as BAND
 from gimbal_pin.diagnosis.diagnose import diagnose as diagnose
 from gimbal_pin.diagnosis.finding import Diagnosis as Diagnosis
 from gimbal_pin.diagnosis.finding import Finding as Finding
+from gimbal_pin.diagnosis.next_experiment import next_experiment as next_experiment
+from gimbal_pin.diagnosis.next_experiment import planned as planned
+from gimbal_pin.diagnosis.parting import NextExperiment as NextExperiment

@@ -48,7 +48,8 @@ class Columns:
 def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
     """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
     places = columns_of(evidence.rig, reduction)
-    full = [regressor(evidence.rig, c.q, c.v, c.a)[:, :, places] for c in (part.channels for part in evidence.parts)]
+    channels = [part.channels for part in evidence.parts]
+    full = [regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
     joints = range(evidence.rig.n)
     return np.stack([evidence.whiten([x[:, j] for x in full], j) for j in joints], axis=1), full
 
@@ -83,19 +84,23 @@ def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array
     """``(rnea(apply(rig)) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
     other = cause.apply(rig)
     change = [
-        (rnea(other, c.q, c.v, c.a) - rnea(rig, c.q, c.v, c.a)) / size for c in (p.channels for p in evidence.parts)
+        (rnea(other, c.q, c.v, c.a, c.platform) - rnea(rig, c.q, c.v, c.a, c.platform)) / size
+        for c in (part.channels for part in evidence.parts)
     ]
     return np.stack([evidence.whiten([x[:, j] for x in change], j) for j in range(evidence.rig.n)], axis=1)
 
 
-def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array]) -> Columns:
+def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array], acting: list[Array]) -> Columns:
     """Return a cause's columns.
 
     Args:
         evidence: The logs.
         cause: The cause.
         rig: The rig with the inertias fitted so far.
-        torque: The model's total torque so far, N m, (m, n) per part.
+        torque: Best estimate of the torque that acts, N m, (m, n) per part: what load-dependent causes read.
+        acting: The measured torque after the drives' signals found so far, N m, (m, n) per part: what a further
+            signal changes. Its noise is in the column, too, and by itself lets no signal gain: what a filter takes off
+            the noise it takes off the torque many times over.
     """
     values = np.zeros((evidence.rows, evidence.rig.n, 1))
     if isinstance(cause, Effect):
@@ -104,8 +109,7 @@ def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array]) -> Co
         values[:, evidence.rig.joint_index(cause.joint)] = found
         bounds = [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        source = evidence.torque if cause.clips else torque
-        values[:, evidence.rig.joint_index(cause.joint), 0] = lost(evidence, cause, source)
+        values[:, evidence.rig.joint_index(cause.joint), 0] = lost(evidence, cause, acting)
         bounds = [ALIKE]
     elif isinstance(cause, RigEffect):
         size = magnitude(cause)

@@ -10,13 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.agreement import agreement
 from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
-from gimbal_pin.diagnosis.fit import flipped
+from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
+from gimbal_pin.diagnosis.likeness import likeness
+from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import (
     Library,
     Problem,
@@ -29,10 +33,11 @@ from gimbal_pin.diagnosis.search import (
     swapped,
     without,
 )
+from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import split, within
+from gimbal_pin.identification import moved, split, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
@@ -45,6 +50,10 @@ ERROR_RATE = 0.003
 """Chance that a log with nothing in it has anything named, over the whole library."""
 FLIPS = 1999
 Figures = Sequence[Mapping[str, Mapping[str, float]]]
+DRIVEN = 5.0
+"""Least F by which the rigid model and friction must explain a joint's torque."""
+CONFIRMED = 1.01
+"""Held-out error without a cause over that with it, from which the held-out part confirms the cause."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -75,16 +84,21 @@ def diagnose(
     """
     for log in logs:
         within(log, filtering)
-    audits = [audit(rig, log) for log in logs]
+    audits = [audit(rig, rectified(rig, log).log) for log in logs]
     if any(not found.reliable for found in audits):
         return spoilt(rig, logs, audits, filtering)
     train, test, _ = split([found.log for found in audits], holdout, filtering)
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    found = searched(Problem.of(evidence, reduce(rig)), causes, rng)
+    found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
+    apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
+    if apart is not None:
+        return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     held = gather(rig, test, filtering, origins) if test else evidence
-    return reported(found, held, audits, alignment(logs[0], filtering), rng)
+    found = confirmed(found, held, rng)
+    said = reported(found, held, audits, alignment(logs[0], filtering), rng)
+    return compared(said, found.final, causes)
 
 
 class Searched(NamedTuple):
@@ -98,6 +112,8 @@ class Searched(NamedTuple):
         residual: What is left at each joint.
         slight: What is too small to matter.
         null: Smallest p over the library on flipped residuals, sorted, (flips,).
+        doubtful: What fits and deserves no trust.
+        denied: What the held-out part did not confirm.
     """
 
     shelf: Library
@@ -107,22 +123,54 @@ class Searched(NamedTuple):
     residual: tuple[leftover.Residual, ...]
     slight: tuple[Slight, ...]
     null: Array
+    doubtful: tuple[Cause, ...] = ()
+    denied: tuple[Cause, ...] = ()
 
 
 def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
     """Compose causes, prune them, and keep those that deserve a name."""
     first = solved(problem, (), solved(problem, ()))
+    check_driven(first)
     shelf = Library(problem, library(problem, comparable(causes)))
     state = polished(swapped(forward(first, shelf), shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
-    doubtful = [cause for cause in state.causes if verdict.doubtful(first, state, cause)]
-    joints = problem.evidence.rig.joints
-    residual = tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
+    doubtful = tuple(cause for cause in state.causes if verdict.doubtful(first, state, cause))
+    residual = left_over(state, doubtful, rng)
     trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]
     final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
-    return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null)
+    return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
+
+
+def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:
+    """What is left at each joint: never noise where something was found that deserves no trust."""
+    joints = state.problem.evidence.rig.joints
+    return tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
+
+
+def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
+    """Drop what the held-out part denies, the weakest first: without it the torque there is predicted as well.
+
+    Nothing is ever added or fitted there. What is left is judged again with all else that was found.
+    """
+    final, denied, joints = found.final, list[Cause](), held.rig.joints
+    while final.causes:
+        best = torque_rmse(held, extended(final))
+        rows = []
+        for i, cause in enumerate(final.causes):
+            lacking = torque_rmse(held, extended(without(final, cause)))
+            own = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
+            rows.append((max(float(lacking[j] / best[j]) for j in own), i))
+        ratio, weakest = min(rows)
+        if ratio > CONFIRMED:
+            break
+        denied.append(final.causes[weakest])
+        final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
+    if not denied:
+        return found
+    rest = solved(found.state.problem, [c for c in found.state.causes if c not in denied], found.state)
+    return found._replace(final=final, residual=left_over(rest, found.doubtful, rng), denied=tuple(denied))
 
 
 def reported(
@@ -138,7 +186,7 @@ def reported(
         logs=tuple(one.log.name for one in audits),
         verdict=verdict.overall([one.status for one in each], found.residual),
         faults=tuple(fault for one in audits for fault in one.faults),
-        notes=tuple(note for one in audits for note in one.notes),
+        notes=(*(note for one in audits for note in one.notes), *map(denial, found.denied)),
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
@@ -150,6 +198,9 @@ def reported(
         before=before,
         after=after,
         held=held,
+        state=found.final,
+        tracking=followed(before, after, rng) if each else {},
+        likeness=tuple(likeness(found.final, cause, found.shelf) for cause in found.final.causes),
     )
 
 
@@ -178,6 +229,11 @@ def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Fi
     )
 
 
+def denial(cause: Cause) -> str:
+    """Say that the held-out part did not confirm a cause."""
+    return f"{cause.place}: {cause.name} fits the part that was trained on and predicts nothing of the held-out part"
+
+
 def alignment(log: Log, filtering: Filtering) -> float:
     """Time by which the torque acts later than its stamp, s."""
     return log.dt / 2 if filtering.alignment is None else filtering.alignment
@@ -196,6 +252,22 @@ def check_moved(evidence: Evidence, name: str) -> None:
         raise DataError(
             name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
         )
+
+
+def check_driven(state: State) -> None:
+    """Raise `DataError` if a joint's torque has no more to do with its motion than noise has.
+
+    ``F = (explained / parameters) / (left / rows)``: noise gives one, any rig hundreds.
+    """
+    n = len(state.fit.scale)
+    whole, left = (np.sum(x.reshape(-1, n) ** 2, axis=0) for x in (state.fit.target, state.fit.residual))
+    parameters = np.array([np.sum(np.any(state.fit.stack[j::n] != 0, axis=0)) for j in range(n)])
+    rows = state.problem.evidence.rows * state.problem.evidence.used()
+    F = (whole - left) / np.maximum(parameters, 1) / np.maximum(left / np.maximum(rows, 1.0), 1e-300)
+    dumb = tuple(joint for joint, x in zip(state.problem.evidence.rig.joints, F) if x < DRIVEN)
+    if dumb:
+        what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
+        raise DataError("the logs", what, mend, dumb)
 
 
 def doubted(left: leftover.Residual, joint: str, causes: Sequence[Cause]) -> leftover.Residual:

@@ -6,7 +6,7 @@ log → smoothed channels → columns at full rate → × gate → spectrum ÷ n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,9 @@ from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
+from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Channels, Filtering, Stretch, mask, settling, smoothed, standstill, stretches
+from gimbal_pin.rows import Channels, Filtering, Stretch, carrying, mask, settling, smoothed, standstill, stretches
 
 FINE = 200.0
 """Samples per second that are enough for smoothed channels, well above the band."""
@@ -64,13 +65,19 @@ class Part(NamedTuple):
         """Time since the log began, s, (m,)."""
         return self.channels.t - self.origin
 
-    def mixed(self, model: Array) -> Array:
+    @property
+    def platform(self) -> Platform | None:
+        """Motion of the base over `time`; None where it stands."""
+        moving = self.channels.platform
+        return None if moving is None else replace(moving, t=self.time)
+
+    def mixed(self, model: Array, measured: Array) -> Array:
         """Best estimate of the torque that acts, N m, (m, n): the model's, and the measured one where it knows better.
 
         At each frequency the two are weighted by each other's noise. The estimate's error is then uncorrelated with
         their difference, so that a column built from it does not find its own noise in the residual.
         """
-        difference = fft.rfft(self.channels.tau - model, axis=0) * self.trust.T
+        difference = fft.rfft(measured - model, axis=0) * self.trust.T
         return model + fft.irfft(difference, len(model), axis=0)
 
     def sample(self, joint: int, tau: Array) -> Sample:
@@ -155,17 +162,19 @@ def gather(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping
 
 def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float) -> Part | None:
     """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
-    length = stretch.length - stretch.length % 2
+    step = max(1, int(1 / (FINE * stretch.dt)))
+    # The last few samples go where that makes the Fourier transforms quick.
+    half = fft.prev_fast_len(max(stretch.length // (2 * step), 1), real=True)
+    length = 2 * step * half
     if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
         return None
-    channels = smoothed(stretch, filtering, 0, length)
+    channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
     gate = mask(standstill(channels, filtering), round(0.5 / filtering.cutoff / stretch.dt))
     gate *= fade(length, edge)[:, None]
-    step = max(1, int(1 / (FINE * stretch.dt)))
-    length, dt = length // (2 * step) * 2, stretch.dt * step
+    length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
     fine = channels
-    channels = Channels(fine.t[rows], fine.q[rows], fine.v[rows], fine.a[rows], fine.tau[rows], fine.rate_std)
+    channels = fine.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)
@@ -214,6 +223,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
             float(np.quantile(np.abs(v[:, j]), 0.98)),
             float(rate_std[j]),
             float(np.quantile(np.abs(tau[:, j]), 0.98)),
+            float(np.max(np.abs(tau[:, j]))),
             warm,
         )
         for j in range(rig.n)

@@ -2,37 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gimbal_pin.diagnosis.search import State, refitted
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
+from gimbal_pin.identification import units
 from gimbal_pin.log import Array
-from gimbal_pin.model import Model
+from gimbal_pin.model import Estimated, Model
 
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """A model, and what the drives do to the torques that are logged.
+    """A model as it stands against logs: its drives act on the torques that are logged.
 
     Attributes:
-        model: Rig, inertias and terms.
-        signals: What stands between the logged torque and the one that acts.
+        model: Rig, inertias, terms and drives.
     """
 
     model: Model
-    signals: tuple[Signal, ...] = ()
-
-    @property
-    def causes(self) -> tuple[Term | Signal, ...]:
-        """What `simulation.plant_with` takes on top of the model."""
-        return self.signals
 
     def acting(self, torque: Array, dt: float) -> Array:
         """Torque that acts, N m, (N, n), where `torque` was logged, every `dt` s."""
         out = torque.copy()
-        for signal in self.signals:
+        for signal in self.model.drive:
             j = self.model.rig.joint_index(signal.joint)
             out[:, j] = signal.acting(out[:, j], dt)
         return out
@@ -41,16 +36,36 @@ class Extended:
 def extended(state: State) -> Extended:
     """Return the model that a state has fitted."""
     rig = refitted(state.problem, state.fit.theta)
-    for cause in settled(state):
-        if isinstance(cause, RigEffect):
-            rig = cause.apply(rig)
+    changes = tuple(cause for cause in settled(state) if isinstance(cause, RigEffect))
+    for change in changes:
+        rig = change.apply(rig)
     friction = state.problem.friction
     at = len(state.problem.reduction.independent)
     rows = zip(friction, state.fit.theta[at : at + 2 * len(friction)].tolist())
     terms = [Term(effect, (value,)) for effect, value in rows]
     found = [c for c in state.causes if isinstance(c, Effect)]
     terms += [Term(effect, tuple(state.coefficients(effect).tolist())) for effect in found]
-    return Extended(Model(rig, tuple(terms)), tuple(c for c in state.causes if isinstance(c, Signal)))
+    drive = tuple(c for c in state.causes if isinstance(c, Signal))
+    return Extended(Model(rig, tuple(terms), estimated(state, terms), drive, changes))
+
+
+def estimated(state: State, terms: Sequence[Term]) -> Estimated:
+    """Return what the fit knows of base parameters and coefficients, in the order of the model's terms.
+
+    ``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹``: what is left counts as it is, coloured or not.
+    """
+    reduction, now = state.problem.reduction, state.fit
+    scores = now.by_block(now.stack * now.residual[:, None])
+    covariance = now.information @ (scores.T @ scores) @ now.information
+    turned = {state.places(c).start for c in state.causes if isinstance(c, RigEffect)}
+    kept = [k for k in range(len(now.theta)) if k not in turned]
+    symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
+    coefficients = [
+        (f"{t.effect.joint}.{t.effect.name}.{c.name}", c.unit) for t in terms for c in t.effect.coefficients
+    ]
+    names = (*reduction.base_names, *(name for name, _ in coefficients))
+    measures = (*units(symbols), *(unit for _, unit in coefficients))
+    return Estimated(names, measures, now.theta[kept], covariance[np.ix_(kept, kept)])
 
 
 def settled(state: State) -> tuple[Cause, ...]:

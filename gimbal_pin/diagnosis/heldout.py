@@ -51,14 +51,15 @@ def filtered(part: Part, torque: Array, band: float) -> Array:
 def torque_error(part: Part, model: Extended) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
     c = part.channels
-    wanted = model.model.inverse(c.q, c.v, c.a, t=part.time, temperature=part.temperature)
+    wanted = model.model.inverse(c.q, c.v, c.a, t=part.time, temperature=part.temperature, platform=c.platform)
     return model.acting(c.tau, part.dt) - wanted
 
 
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,)."""
-    plant, errors = Plant(model.model), []
+    errors = []
     for part in evidence.parts:
+        plant = Plant(model.model, part.platform)
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part.channels.tau, part.dt)
         for start in starts(part, horizon):

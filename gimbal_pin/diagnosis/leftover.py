@@ -1,7 +1,8 @@
 """Is what is left only noise? Patterns that any cause outside the library would leave somewhere.
 
 Hats over angle, rate, torque, acceleration, time and the other joints' angles, and the torque through resonators:
-noise repeats none of them from block to block.
+noise repeats none of them from block to block. Then whether anything can be learned from the motion at all, and
+whether the rest is like noise.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.fit import Fit, flipped, score
+from gimbal_pin.diagnosis.fit import Fit
+from gimbal_pin.diagnosis.learned import predictable
+from gimbal_pin.diagnosis.noiselike import peaked, rare, shared
+from gimbal_pin.diagnosis.score import flipped, score
 from gimbal_pin.diagnosis.search import State
 from gimbal_pin.log import Array
 
@@ -22,9 +26,11 @@ RESONANCES = (2.0, 4.0, 6.0, 9.0)
 """Resonators that the torque is sent through, Hz."""
 SURE = 0.005
 """Chance of calling noise structured."""
-SEEN = 0.2
+SEEN = 0.3
 """Size under which structure does not matter, in units of the noise floor."""
-NOISY = 12.0
+MUCH = 4.0
+"""Dispersion from which what is left must be like noise, too, not only without pattern."""
+NOISY = 40.0
 """Dispersion that no sensor's coloured noise explains."""
 
 
@@ -58,22 +64,55 @@ class Residual:
 
 def judge(state: State, rng: np.random.Generator) -> tuple[Residual, ...]:
     """Judge each joint's residual."""
-    evidence = state.problem.evidence
-    return tuple(judged(state, j, patterns(evidence, state.torque, j), rng) for j in range(evidence.rig.n))
+    evidence, dispersion = state.problem.evidence, state.fit.dispersion
+    return tuple(
+        Residual("structured" if where else "noise", evidence.noise_floor(j), float(dispersion[j]), where)
+        for j in range(evidence.rig.n)
+        for where in (place(state, j, rng),)
+    )
 
 
-def judged(state: State, joint: int, library: list[Pattern], rng: np.random.Generator) -> Residual:
-    """Judge one joint's residual by its patterns."""
-    now: Fit = state.fit
-    dispersion = float(now.dispersion[joint])
-    floor = state.problem.evidence.noise_floor(joint)
-    limit = float(np.quantile(flipped(now, library, rng), SURE))
+def place(state: State, joint: int, rng: np.random.Generator) -> str:
+    """Where one joint's residual is structured; "" if it is noise."""
+    evidence, dispersion = state.problem.evidence, float(state.fit.dispersion[joint])
+    where = concentrated(state.fit, patterns(evidence, state.torque, joint), joint, rng)
+    if where:
+        return where
+    if predictable(state.fit, evidence, state.torque, joint, rng):
+        return "over the motion"
+    if dispersion > MUCH and (where := unlike_noise(state, joint)):
+        return where
+    return "everywhere" if dispersion > NOISY else ""
+
+
+def concentrated(now: Fit, library: list[Pattern], joint: int, rng: np.random.Generator) -> str:
+    """The pattern that one joint's residual shows most, or ""."""
+    limit = min(float(np.quantile(flipped(now, library, rng), SURE)), SURE / max(len(library), 1))
     rows = [(score(now, pattern, False), pattern) for pattern in library]
-    found = [
-        (s.gain, pattern.where) for s, pattern in rows if s.p < min(limit, SURE / len(library)) and s.size[joint] > SEEN
-    ]
-    where = max(found)[1] if found else ("everywhere" if dispersion > NOISY else "")
-    return Residual("structured" if where else "noise", floor, dispersion, where)
+    found = [(s.gain, pattern.where) for s, pattern in rows if s.p < limit and s.size[joint] > SEEN]
+    return max(found)[1] if found else ""
+
+
+def unlike_noise(state: State, joint: int) -> str:
+    """What one joint's residual has that no sensor's noise has, or ""."""
+    own, *others = (pieces(state, k) for k in (joint, *(k for k in loud(state) if k != joint)))
+    if rare(own):
+        return "in few moments"
+    if peaked(own):
+        return "at single frequencies"
+    return "together with other joints" if any(shared(own, other) for other in others) else ""
+
+
+def loud(state: State) -> list[int]:
+    """Joints at which much is left."""
+    return [j for j, dispersion in enumerate(state.fit.dispersion) if dispersion > MUCH]
+
+
+def pieces(state: State, joint: int) -> list[Array]:
+    """One joint's residual, one array per part."""
+    evidence = state.problem.evidence
+    ends = np.cumsum([part.rows for part in evidence.parts])[:-1]
+    return np.split(state.fit.residual[joint :: evidence.rig.n], ends)
 
 
 def patterns(evidence: Evidence, torque: list[Array], joint: int) -> list[Pattern]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.fit import Fit, Score, fit, improves, score
+from gimbal_pin.diagnosis.fit import Fit, fit, improves
+from gimbal_pin.diagnosis.score import Score, score
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.identification import given_beta
@@ -24,15 +25,23 @@ ENTER = 1e-4
 """A candidate whose own p is above this does not enter."""
 MOST = 8
 """Most causes that are composed."""
+STEPS = 16
+"""Most steps of the search: every harmonic of a cause is one."""
 CLOSE = 0.2
 """Share of the best gain below which a candidate is no contender on the coarse grid."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
 STALE = 0.02
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
+HUSHED = 1.5
+"""Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
+SETTLED = 1e-4
+"""The same from which a torque that reads itself has settled."""
+PASSES = 5
+"""Most rounds of that."""
 SWAPS = 4
 """Most rounds of swapping."""
-ROUNDS = 5
+ROUNDS = 8
 """Rounds of refinement of the shape parameters, each with half the step."""
 
 
@@ -66,6 +75,8 @@ class State:
         fit: The fit.
         rig: The rig with the fitted inertias.
         torque: The best estimate of the torque that acts, N m, (m, n) per part.
+        acting: The measured torque after the drives' signals, N m, (m, n) per part.
+        unexplained: What of it the fit does not predict, N m, (m, n) per part.
     """
 
     problem: Problem
@@ -73,6 +84,12 @@ class State:
     fit: Fit
     rig: Rig
     torque: list[Array]
+    acting: list[Array]
+    unexplained: list[Array]
+
+    def columns(self, cause: Cause) -> Columns:
+        """What a cause would add."""
+        return build(self.problem.evidence, cause, self.rig, self.torque, self.acting)
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
@@ -111,11 +128,12 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
             acting = acted(evidence, cause, acting)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model).values for c in effects)], axis=2)
+    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model, acting).values for c in effects)], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
     total = predicted(problem, effects, now.theta, model)
-    mixed = [part.mixed(x) for part, x in zip(evidence.parts, total)]
-    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed)
+    mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
+    unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
+    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting, unexplained)
 
 
 def acted(evidence: Evidence, signal: Signal, torque: list[Array]) -> list[Array]:
@@ -180,7 +198,7 @@ class Library:
         read = self.read(cause, state)
         known = self.built.get(cause)
         if known is None or not all(near(new, old) for new, old in zip(read, known[0])):
-            known = read, build(self.problem.evidence, cause, state.rig, state.torque)
+            known = read, state.columns(cause)
             self.built[cause] = known
         return known[1]
 
@@ -191,12 +209,12 @@ class Library:
         if isinstance(cause, Effect) and not cause.loaded:
             return []
         j = self.problem.evidence.rig.joint_index(cause.place)
-        return [x[:, j] for x in state.torque]
+        return [x[:, j] for x in (state.acting if isinstance(cause, Signal) else state.torque)]
 
 
-def near(new: Array, old: Array) -> bool:
-    """Whether two torques differ by less than `STALE` of their size."""
-    return float(np.linalg.norm(new - old)) <= STALE * float(np.linalg.norm(old))
+def near(new: Array, old: Array, share: float = STALE) -> bool:
+    """Whether two torques differ by less than a share of their size."""
+    return float(np.linalg.norm(new - old)) <= share * float(np.linalg.norm(old))
 
 
 def scored(state: State, columns: Sequence[Columns]) -> list[tuple[Score, Cause]]:
@@ -221,8 +239,7 @@ def refined(state: State, cause: Cause) -> Cause:
 
 def measure(state: State, cause: Cause) -> Score:
     """Score a cause as it stands in this state; a drive's signal with the coefficient one that it has."""
-    columns = build(state.problem.evidence, cause, state.rig, state.torque)
-    return score(state.fit, columns, isinstance(cause, Signal))
+    return score(state.fit, state.columns(cause), isinstance(cause, Signal))
 
 
 def shape_names(cause: Cause) -> list[str]:
@@ -257,8 +274,19 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
             first.setdefault((cause.name, cause.place), cause)
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
-    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0]
+    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and not hushes(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def hushes(state: State, found: Score, cause: Cause) -> bool:
+    """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too."""
+    if not isinstance(cause, Signal) or not cause.linear:
+        return False
+    evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
+    left = [x[:, j] for x in state.unexplained]
+    quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
+    loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
+    return bool(found.gain < HUSHED * (loud - hushed) * state.fit.scale[j] ** 2)
 
 
 def net(found: Score, cause: Cause) -> float:
@@ -268,20 +296,34 @@ def net(found: Score, cause: Cause) -> float:
 
 def forward(state: State, shelf: Library) -> State:
     """Add the cause that gains most, refit, and again, until nothing enters."""
-    while len(state.causes) < MOST:
-        rows = contenders(state, shelf)
+    for _ in range(STEPS):
+        rows = contenders(state, shelf) if len(state.causes) < MOST else []
         if not rows:
-            return state
-        state = solved(state.problem, with_cause(state.causes, rows[0][1]), state)
+            break
+        new = rows[0][1]
+        state = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
     return state
 
 
-def polished(state: State) -> State:
-    """Refine the shape parameters of every cause once more, with all the others in."""
+def polished(state: State, only: Cause | None = None) -> State:
+    """Refine the shape parameters of every cause, or of one, once more, with all the others in.
+
+    What a shape that is a little off leaves over would be named next.
+    """
     for cause in state.causes:
-        if shape_names(cause):
+        if shape_names(cause) and only in (None, cause):
             better = refined(without(state, cause), cause)
             state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
+    return consistent(state)
+
+
+def consistent(state: State) -> State:
+    """Solve again until the loaded causes have read the torque that they themselves are a part of."""
+    loaded = any(isinstance(cause, Effect) and cause.loaded for cause in state.causes)
+    for _ in range(PASSES if loaded else 0):
+        before, state = state, solved(state.problem, state.causes, state)
+        if all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
+            break
     return state
 
 
@@ -312,7 +354,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
         weak = [
             (found.gain, i)
             for i, ((found, cause), base) in enumerate(zip(rows, bases))
-            if found.p > limit or not material(base, found) or not holds(base, cause)
+            if found.p > limit or hushes(base, found, cause) or not material(base, found) or not holds(base, cause)
         ]
         if not weak:
             break
@@ -325,8 +367,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
 
 def holds(base: State, cause: Cause) -> bool:
     """Whether a cause predicts parts of time that its fit has not seen; `base` is the state without it."""
-    columns = build(base.problem.evidence, cause, base.rig, base.torque)
-    return improves(base.fit, columns, isinstance(cause, Signal))
+    return improves(base.fit, base.columns(cause).values, isinstance(cause, Signal))
 
 
 def swapped(state: State, shelf: Library) -> State:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import build
 from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.search import State, shape_names, without
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -42,7 +41,9 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
 def covariance(state: State, cause: Cause) -> Array:
     """Covariance of a cause's coefficients, then of its shape parameters."""
     base = without(state, cause)
-    now = build(state.problem.evidence, cause, state.rig, state.torque).values
+    # What a signal changes is the torque before it.
+    at = base if isinstance(cause, Signal) else state
+    now = at.columns(cause).values
     columns = [] if isinstance(cause, Signal) else [now]
     weights = state.coefficients(cause) if isinstance(cause, Effect) else np.ones(now.shape[2])
     for name in shape_names(cause):
@@ -50,11 +51,14 @@ def covariance(state: State, cause: Cause) -> Array:
         step = NUDGE * abs(value) if value else 1e-6
         shape = next(s for s in cause.shapes if s.name == name)
         other = replace(cause, **{name: value + step if value + step <= shape.upper else value - step})
-        slope = build(state.problem.evidence, other, state.rig, state.torque).values - now
+        slope = at.columns(other).values - now
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))
     stacked = base.fit.stacked(np.concatenate(columns, axis=2))
     rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)
+    unit = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
+    rest = rest / unit
     bread = np.linalg.pinv(rest.T @ rest, rcond=1e-10)
     scores = state.fit.by_block(rest * state.fit.residual[:, None])
     blocks, width = scores.shape
-    return bread @ (scores.T @ scores) @ bread * blocks / max(blocks - width, 1)
+    meat = scores.T @ scores * blocks / max(blocks - width, 1)
+    return bread @ meat @ bread / np.outer(unit, unit)

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import build
+from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
-from gimbal_pin.diagnosis.fit import HIDDEN, Score, project
-from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.fit import project
+from gimbal_pin.diagnosis.leftover import NOISY, Residual
+from gimbal_pin.diagnosis.score import HIDDEN, Score
 from gimbal_pin.diagnosis.search import Library, State, measure, rivals_of, width, without
-from gimbal_pin.effects import Cause
-from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.log import Array
+from gimbal_pin.regressor import rnea
 
 APART = 2.0
 """Vuong's z from which two causes are told apart."""
@@ -29,6 +30,8 @@ EXPLAINED = 0.5
 """Share of a joint's excess over noise that its findings must explain where much is left."""
 MUCH = 4.0
 """Dispersion from which much is left."""
+NEARLY_ALL = 0.88
+"""Share that they must explain where more is left than any sensor's noise."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
@@ -70,6 +73,9 @@ def judged(state: State, cause: Cause, shelf: Library, rng: np.random.Generator)
     alike = [
         name for name, (rival, _) in found.items() if rival.z < APART or alikeness(base, cause, name, shelf) > ALIKE
     ]
+    seen = dict(zip(base.problem.evidence.rig.joints, base.problem.evidence.seen))
+    if cause.of_joint:
+        alike += [name for name in cause.blurred(seen[cause.place]) if name not in alike]
     draws = rng.integers(len(mine), size=(BOOTSTRAPS, len(mine)))
     wins = np.all([np.sum(apart[draws], axis=1) > 0 for _, apart in found.values()] or [np.ones(BOOTSTRAPS)], axis=0)
     rivals = tuple(sorted((rival for rival, _ in found.values()), key=lambda rival: rival.z))
@@ -83,7 +89,7 @@ def free(cause: Cause) -> int:
 
 def block_gain(base: State, cause: Cause) -> Array:
     """Fall of the weighted sum of squares in each block, (blocks,)."""
-    rest = project(base.fit, build(base.problem.evidence, cause, base.rig, base.torque).values)
+    rest = project(base.fit, base.columns(cause).values)
     found = measure(base, cause)
     after = base.fit.residual - rest @ (found.beta if len(found.beta) else np.zeros(rest.shape[1]))
     return base.fit.by_block((base.fit.residual**2 - after**2)[:, None])[:, 0]
@@ -91,17 +97,26 @@ def block_gain(base: State, cause: Cause) -> Array:
 
 def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
     """Largest cosine between what a cause explains and what the best cause of that name could, in [0, 1]."""
-    evidence = base.problem.evidence
-    rest = project(base.fit, build(evidence, cause, base.rig, base.torque).values)
+    rest = project(base.fit, base.columns(cause).values)
     mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
     best = 0.0
     for other in shelf.causes:
         if other.name != name or (other.of_joint and other.place != cause.place):
             continue
-        span = project(base.fit, shelf.of(other, base).values)
-        within = span @ np.linalg.lstsq(span, mine, rcond=1e-8)[0]
-        best = max(best, float(np.linalg.norm(within) / max(float(np.linalg.norm(mine)), 1e-300)))
+        for columns in (shelf.of(other, base), *at_rest(base, other)):
+            span = project(base.fit, columns.values)
+            within = span @ np.linalg.lstsq(span, mine, rcond=1e-8)[0]
+            best = max(best, float(np.linalg.norm(within) / max(float(np.linalg.norm(mine)), 1e-300)))
     return best
+
+
+def at_rest(base: State, cause: Cause) -> tuple[Columns, ...]:
+    """Columns of a loaded cause that feels gravity alone, as a bearing does that the motor's torque goes past."""
+    if not isinstance(cause, Effect) or not cause.loaded:
+        return ()
+    evidence = base.problem.evidence
+    gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in (part.channels.q for part in evidence.parts)]
+    return (build(evidence, cause, base.rig, gravity, base.acting),)
 
 
 def share(state: State, found: Score) -> float:
@@ -126,14 +141,6 @@ def material(state: State, found: Score) -> bool:
     return bool(found.gain > 0 and share(state, found) > SHARE and np.max(found.size / noise) > FAINT)
 
 
-def unresolved(state: State, cause: Cause) -> bool:
-    """Whether harmonics closer than the travel can part stand for some other function of the angle."""
-    if not isinstance(cause, Harmonic) or len(cause.harmonic) < 3:
-        return False
-    travel = state.problem.evidence.seen[state.problem.evidence.rig.joint_index(cause.joint)].travel
-    return bool(np.min(np.diff(sorted(cause.harmonic))) < 0.7 * 2 * np.pi / max(travel, 1e-9))
-
-
 def at_bound(cause: Cause) -> bool:
     """Whether a shape parameter has run to where it may not go on: the formula is asked for something else."""
     held = [(shape, getattr(cause, shape.name, None)) for shape in cause.shapes]
@@ -154,7 +161,8 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
-    return bool(np.any((after > MUCH) & (explained < EXPLAINED))) or unresolved(state, cause) or at_bound(cause)
+    least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
+    return bool(np.any((after > MUCH) & (explained < least))) or at_bound(cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:

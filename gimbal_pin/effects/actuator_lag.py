@@ -26,6 +26,7 @@ class ActuatorLag(Signal):
 
     name: ClassVar[str] = "actuator-lag"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", nan, "s", 1e-5, 1.0),)
+    linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a lag loses torque with frequency, a delay does not"
     lookalikes: ClassVar[tuple[str, ...]] = ("delay", "joint-flexibility", "stribeck")
     compensation: ClassVar[str] = "tune with the time constant added to the loop's delay; raise the current loop's gain"
@@ -43,7 +44,7 @@ class ActuatorLag(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Time constants from half a sample to a tenth of a second."""
-        return tuple(cls(joint, time) for time in ladder(seen.dt / 2, 0.1, 7))
+        return tuple(cls(joint, time) for time in ladder(seen.dt / 2, 0.1, 7, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the time constant in milliseconds."""

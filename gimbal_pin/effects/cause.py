@@ -53,6 +53,10 @@ class Cause(ABC):
         """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
         return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
 
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
+        return ()
+
     @abstractmethod
     def says(self, values: Sequence[float] = ()) -> str:
         """Return what it does, with figures, in words a rig maker understands; `values` as in `shown`."""

@@ -12,6 +12,9 @@ from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
+RAMP = 0.05
+"""Share of the width over which a compensating command crosses it."""
+
 
 @dataclass(frozen=True)
 class DeadZone(Signal):
@@ -30,6 +33,12 @@ class DeadZone(Signal):
     lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "load-dependent-friction")
     compensation: ClassVar[str] = "the width is added to the command, in its direction"
 
+    def command(self, torque: float) -> float:
+        """Add the width in the torque's direction, within `RAMP` of it in proportion: noise shall not chatter."""
+        if self.width <= 0:
+            return torque
+        return torque + self.width * min(1.0, max(-1.0, torque / (RAMP * self.width)))
+
     def start(self, level: float = 0.0) -> Memory:
         """Nothing to remember."""
         return ()
@@ -41,7 +50,7 @@ class DeadZone(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Widths from a hundredth of the torque to most of it."""
-        return tuple(cls(joint, width) for width in ladder(0.01 * seen.torque, 0.5 * seen.torque, 5))
+        return tuple(cls(joint, width) for width in ladder(0.01 * seen.torque, 0.5 * seen.torque, 5, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the width."""

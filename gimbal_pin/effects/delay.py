@@ -26,6 +26,7 @@ class Delay(Signal):
 
     name: ClassVar[str] = "delay"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time", nan, "s", 0.0, 0.2),)
+    linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
     lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "joint-flexibility", "stribeck")
     compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
@@ -45,7 +46,7 @@ class Delay(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """From half a sample to a twentieth of a second."""
-        return tuple(cls(joint, time) for time in ladder(seen.dt / 2, 0.05, 7))
+        return tuple(cls(joint, time) for time in ladder(seen.dt / 2, 0.05, 7, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return it in milliseconds."""

@@ -37,6 +37,8 @@ class Harmonic(Effect):
 
     highest: ClassVar[int] = 100
     """Highest harmonic that is looked for, per turn."""
+    bends: ClassVar[tuple[str, ...]] = ()
+    """Causes that bend with the angle as a part of a turn of a harmonic does."""
 
     @abstractmethod
     def carrier(self, at: Sample) -> float | Array:
@@ -78,6 +80,12 @@ class Harmonic(Effect):
             ]
         return tuple(out)
 
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """Less than one turn of the lowest harmonic is a bend; several closer than the travel parts draw anything."""
+        lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
+        crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
+        return self.bends if lowest * seen.travel < 2 * pi or crowded else ()
+
     @classmethod
     def limits(cls) -> tuple[float, float]:
         """Bounds of a harmonic, per turn."""
@@ -108,6 +116,6 @@ class Harmonic(Effect):
         """Every harmonic that the travel resolves and that the band holds at a slow rate, one at a time."""
         if seen.travel <= 0:
             return ()
-        last = min(cls.highest, 2 * pi * seen.band / max(0.3 * seen.rate, 1e-6))
+        last = min(cls.highest, 2 * pi * seen.band / max(0.12 * seen.rate, 1e-6))
         step = max(1, int(pi / (2 * seen.travel)))
         return tuple(cls(joint, (float(k),)) for k in range(1, int(last) + 1, step))

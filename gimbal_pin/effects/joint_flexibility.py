@@ -15,48 +15,59 @@ from gimbal_pin.parameter import Parameter
 
 @dataclass(frozen=True)
 class JointFlexibility(Signal):
-    """``y = F(s) x``, ``F = (2 ζ s/ω + 1)/(s²/ω² + 2 ζ s/ω + 1)``: what a torsion spring passes on to the link.
+    """``y = F(s) x``, ``F = (s²/(r ω²) + 2 ζ s/ω + 1)/(s²/ω² + 2 ζ s/ω + 1)``: what a torsion spring passes on.
 
-    Two masses J (rotor) and I (link) on a spring k, the encoder on the link: from the motor's torque to the link's
-    angle they are exactly the rigid joint with inertia I + J behind F, with ω² = k (1/J + 1/I). A pose that changes I
-    moves ω, which this leaves out; so does an encoder on the motor's side.
+    Two masses J (rotor) and I (link) on a spring k: from the motor's torque to the encoder's angle they are exactly
+    the rigid joint with inertia I + J behind F, with ω² = k (1/J + 1/I). With the encoder on the rotor
+    r = J/(I + J), the rotor's share; with the encoder on the link the first term is missing. A pose that changes I
+    moves ω and r, which this leaves out.
 
     Attributes:
         joint: The joint that gives.
         frequency: Resonance ω/2π, Hz.
         damping: ζ.
+        rotor_share: r; 0 for an encoder on the link.
     """
 
     frequency: float
     damping: float = 0.05
+    rotor_share: float = 0.0
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", nan, "Hz", 0.5, 500.0),
-        Parameter("damping", 0.05, "1", 1e-4, 0.95),
+        Parameter("damping", 0.05, "1", 1e-3, 0.5),
+        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
+    linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
     lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "delay", "armature")
     compensation: ClassVar[str] = "a notch at the resonance, or a bandwidth of at most a third of it"
+
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """Far under its resonance a spring is a little more inertia, a little later."""
+        return ("armature", "actuator-lag", "delay") if self.frequency > 2 * seen.band else ()
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
         return level, 0.0
 
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
-        """Exact for a held command: ``z'' = ω² (x - z) - 2 ζ ω z'``; what does not speed the rotor up is passed on."""
+        """Exact for a held command: ``z'' = ω² (x - z) - 2 ζ ω z'``; what speeds neither end up is passed on."""
         w = 2 * pi * self.frequency
         decay, turn = self.damping * w, w * sqrt(1 - self.damping**2)
         z, rate = memory[0] - x, memory[1]
         c, s, left = cos(turn * dt), sin(turn * dt) / turn, exp(-decay * dt)
         after = left * (z * c + (rate + decay * z) * s)
         rate_after = left * (rate * c - (w * w * z + decay * rate) * s)
-        return (x + after, rate_after), x - (rate_after - rate) / (w * w * dt)
+        kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
+        return (x + after, rate_after), x - kept * (rate_after - rate) / (w * w * dt)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Resonances from a few hertz to several times the band."""
-        return tuple(cls(joint, frequency) for frequency in ladder(3.0, 4 * seen.band, 8))
+        rungs = ladder(3.0, 3 * seen.band, 9, cls.shapes[0])
+        return tuple(cls(joint, frequency, 0.05, share) for frequency in rungs for share in (0.0, 0.1, 0.3))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the resonance."""

@@ -2,39 +2,86 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 from typing import ClassVar
 
+import numpy as np
+import pinocchio as pin
+
 from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
+from gimbal_pin.errors import UsageError
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
+
+WEIGHTS = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""Weights to start from, as shares of the payload's mass."""
+INSIDE = 0.2
+"""Radii of gyration of the payload within which nothing can be bolted on."""
 
 
 @dataclass(frozen=True)
 class PayloadMass(RigEffect):
     """The payload's mass, first moments and inertia times ``1 + extra/mass``: another density, the same shape.
 
+    With a place it is a weight, small beside the payload, that is bolted on there.
+
     Attributes:
         extra: Mass on top of the stated one, kg.
+        x: Place of the weight from the payload's centre of mass, along the axes of its frame, m.
+        y: See above.
+        z: See above; all zero: the extra mass is spread like the payload's own.
     """
 
     extra: float
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
 
     name: ClassVar[str] = "payload-mass"
     of_joint: ClassVar[bool] = False
     of_given_model: ClassVar[bool] = True
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("extra", nan, "kg", -100.0, 100.0),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("extra", nan, "kg", -100.0, 100.0),
+        *(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz"),
+    )
     experiment: ClassVar[str] = "fast motion of all axes at once"
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "payload-shift", "armature")
     compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"
 
     def apply(self, rig: Rig) -> Rig:
-        """Scale the payload's part of its body."""
-        body, inertia, _ = payload(rig)
-        return with_added(rig, body, inertia.toDynamicParameters() * (self.extra / inertia.mass), self.name)
+        """Scale the payload's part of its body, or add the weight to it."""
+        body, inertia, frame = payload(rig)
+        place = np.array([self.x, self.y, self.z])
+        added = inertia.toDynamicParameters() / inertia.mass
+        if place.any():
+            added = pin.Inertia(1.0, inertia.lever + frame.rotation @ place, np.zeros((3, 3))).toDynamicParameters()
+        return with_added(rig, body, self.extra * added, self.name)
+
+    @classmethod
+    def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
+        """Spread over the payload, or bolted on: a weight of each of some sizes, wherever it may be."""
+        try:
+            _, inertia, _ = payload(rig)
+        except UsageError:
+            return ()
+        return (
+            {"x": 0.0, "y": 0.0, "z": 0.0},
+            *({"extra": s * inertia.mass} for share in WEIGHTS for s in (share, -share)),
+        )
+
+    def plausible(self, rig: Rig) -> bool:
+        """Whether the weight is far enough from the centre to be on the payload and not inside."""
+        _, inertia, _ = payload(rig)
+        gyration = np.sqrt(np.trace(inertia.inertia) / 2 / inertia.mass)
+        place = float(np.linalg.norm([self.x, self.y, self.z]))
+        return place == 0 or place > INSIDE * gyration
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""
-        return f"the payload is {abs(1e3 * self.extra):.4g} g {'heavier' if self.extra >= 0 else 'lighter'} than stated"
+        weight = f"{abs(1e3 * self.extra):.4g} g"
+        place = np.linalg.norm([self.x, self.y, self.z])
+        if place:
+            return f"a weight of some {weight} sits on the payload, {1e3 * place:.2g} mm from its centre of mass"
+        return f"the payload is {weight} {'heavier' if self.extra >= 0 else 'lighter'} than stated"

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import pinocchio as pin
 
-from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, shifted, slide, with_added
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
@@ -33,11 +32,16 @@ class PayloadShift(RigEffect):
     def apply(self, rig: Rig) -> Rig:
         """Take the payload's inertia out of its body and put it back in at the other place."""
         body, inertia, frame = payload(rig)
-        moved = pin.SE3(np.eye(3), frame.rotation @ np.array([self.x, self.y, self.z])).act(inertia)
-        return with_added(rig, body, moved.toDynamicParameters() - inertia.toDynamicParameters(), self.name)
+        change = shifted(inertia, frame, np.array([self.x, self.y, self.z]))
+        return with_added(rig, body, change, self.name)
+
+    def told(self, rig: Rig) -> str:
+        """Say it in the camera's own directions, however its frame is turned."""
+        _, _, frame = payload(rig)
+        way = facing(rig).T @ frame.rotation @ np.array([self.x, self.y, self.z])
+        return f"{self.place}: {self.name}, slide the camera {slide(*way.tolist())}"
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return how far to slide it, in millimetres."""
-        ways = zip((self.x, self.y, self.z), (("back", "forward"), ("right", "left"), ("down", "up")))
-        parts = [f"{1e3 * abs(d):.3g} mm {names[0] if d > 0 else names[1]}" for d, names in ways if d]
-        return f"slide the camera {', '.join(parts)}" if parts else "the camera is where it should be"
+        way = slide(self.x, self.y, self.z)
+        return f"slide the camera {way}" if way else "the camera is where it should be"

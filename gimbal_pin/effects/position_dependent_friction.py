@@ -21,6 +21,7 @@ class PositionDependentFriction(Harmonic):
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf)
     dry: ClassVar[bool] = True
     highest: ClassVar[int] = 12
+    bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"
     lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "load-dependent-friction")
     compensation: ClassVar[str] = "friction feed-forward by angle, in the direction of the reference"

@@ -50,7 +50,7 @@ class Presliding(Effect):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Strokes up to a third of the way."""
-        return tuple(cls(joint, stroke) for stroke in ladder(2e-3, min(seen.travel / 3, 0.5), 5))
+        return tuple(cls(joint, stroke) for stroke in ladder(2e-3, min(seen.travel / 3, 0.5), 5, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return size and stroke."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,19 @@ class RigEffect(Cause):
     def apply(self, rig: Rig) -> Rig:
         """Return the rig with this cause in its Pinocchio model; the URDF text stays as it is."""
 
+    @classmethod
+    def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
+        """Return what is held fixed in each of the forms in which it may be looked for in a rig's bodies."""
+        return ({},)
+
+    def plausible(self, rig: Rig) -> bool:
+        """Whether a rig could be so."""
+        return True
+
+    def told(self, rig: Rig) -> str:
+        """``rig: payload-shift, slide the camera 4.2 mm back``, in directions that this rig's frames do not turn."""
+        return self.sentence()
+
 
 def with_model(rig: Rig) -> Rig:
     """Return the rig with a copy of its Pinocchio model, free to be changed."""
@@ -31,19 +45,78 @@ def with_model(rig: Rig) -> Rig:
 def payload(rig: Rig) -> tuple[int, pin.Inertia, pin.SE3]:
     """Return the body (from 0) that carries the payload, the payload's inertia in that joint's frame, and its frame.
 
+    A rig without a payload of its own carries one all the same: see `carried`.
+
     Raises:
-        UsageError: No payload is mounted.
+        UsageError: Nothing with a mass is mounted.
     """
-    if rig.payload_link is None:
+    root = rig.model.getFrameId(carried(rig), pin.FrameType.BODY)
+    frame, body = rig.model.frames[root], int(rig.model.frames[root].parentJoint)
+    if carried(rig) in rig.links:
+        return body - 1, rig.model.inertias[body], frame.placement
+    inertia = fixed_inertia(rig, root)
+    if not inertia.mass > 0:
         raise UsageError(f"rig {rig.name}", "carries no payload of its own", "mount one: --payload NAME")
+    return body - 1, inertia, frame.placement
+
+
+def carried(rig: Rig) -> str:
+    """Return the link that is the payload: the mounted one's root, else what is fixed to the link that aims the camera.
+
+    Of several links that are fixed there the heaviest is meant, with all that hangs on it; where none has a mass of its
+    own, the moving link as a whole.
+    """
+    if rig.payload_link is not None:
+        return rig.payload_link
+    body = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint or rig.n
+    own = rig.model.getFrameId(rig.links[body - 1], pin.FrameType.BODY)
+    fixed = [k for k, frame in enumerate(rig.model.frames) if k != own and frame.type == pin.FrameType.BODY]
+    here = [k for k in fixed if rig.model.frames[k].parentJoint == body and holder(rig, k) == own]
+    heaviest = max(here, key=lambda k: float(fixed_inertia(rig, k).mass), default=own)
+    massive = heaviest != own and fixed_inertia(rig, heaviest).mass > 0
+    return str(rig.model.frames[heaviest if massive else own].name)
+
+
+def holder(rig: Rig, link: int) -> int:
+    """Return the frame of the link that a link's frame is fixed to."""
+    return int(rig.model.frames[rig.model.frames[link].parentFrame].parentFrame)
+
+
+def fixed_inertia(rig: Rig, root: int) -> pin.Inertia:
+    """Return the inertia of a fixed link and of all that hangs on it, in the frame of the joint that moves it."""
     frames = rig.model.frames
-    root = rig.model.getFrameId(rig.payload_link, pin.FrameType.BODY)
     inside = [frames[root].parentFrame, root]
     for index in range(root + 1, len(frames)):
         if frames[index].parentFrame in inside[1:]:
             inside.append(index)
     parts = [frames[index].placement.act(frames[index].inertia) for index in inside if frames[index].inertia.mass > 0]
-    return int(frames[root].parentJoint) - 1, sum(parts[1:], parts[0]), frames[root].placement
+    return sum(parts[1:], parts[0]) if parts else pin.Inertia.Zero()
+
+
+def shifted(inertia: pin.Inertia, frame: pin.SE3, shift: Array) -> Array:
+    """Change of a payload's ten parameters when it moves by `shift`, m, (3,), along its frame's axes."""
+    moved = pin.SE3(np.eye(3), frame.rotation @ shift).act(inertia)
+    return np.array(moved.toDynamicParameters() - inertia.toDynamicParameters())
+
+
+def facing(rig: Rig) -> Array:
+    """Forward, left and up of the camera as columns in the frame of the joint that carries it, (3, 3).
+
+    The camera frame's axes where the rig names one; else the base's as the joints stand at zero: how a link's frame is
+    turned in its body is the draughtsman's choice and says nothing.
+    """
+    frame = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)]
+    if rig.config.camera_frame is not None or rig.camera_frame not in rig.links:
+        return np.array(frame.placement.rotation)
+    data = rig.model.createData()
+    pin.forwardKinematics(rig.model, data, np.zeros(rig.n))
+    return np.array(data.oMi[frame.parentJoint].rotation.T)
+
+
+def slide(forward: float, left: float, up: float, digits: int = 3) -> str:
+    """``4.2 mm back, 1 mm left``: how to undo a shift of so many metres forward, left and up."""
+    ways = zip((forward, left, up), (("back", "forward"), ("right", "left"), ("down", "up")))
+    return ", ".join(f"{1e3 * abs(d):.{digits}g} mm {names[0] if d > 0 else names[1]}" for d, names in ways if d)
 
 
 def with_added(rig: Rig, body: int, phi: Array, owner: str) -> Rig:

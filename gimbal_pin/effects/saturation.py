@@ -8,7 +8,7 @@ from math import nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
 
@@ -26,10 +26,14 @@ class Saturation(Signal):
 
     name: ClassVar[str] = "saturation"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("limit", nan, "N m", 1e-6, 1e6),)
-    clips: ClassVar[bool] = True
     experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "quadratic-drag", "actuator-lag")
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
+
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return self.limit
 
     def start(self, level: float = 0.0) -> Memory:
         """Nothing to remember."""
@@ -42,7 +46,7 @@ class Saturation(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks."""
-        return tuple(cls(joint, share * seen.torque) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
+        return tuple(cls(joint, limit) for limit in ladder(0.5 * seen.torque, 0.95 * seen.peak, 8, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the limit."""

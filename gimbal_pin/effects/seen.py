@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.parameter import Parameter
+
 
 class Seen(NamedTuple):
     """Ranges of one joint's channels.
@@ -18,6 +20,7 @@ class Seen(NamedTuple):
         rate: What 98 % of the rates stay under, rad/s.
         rate_std: Standard deviation of the rate's noise, rad/s.
         torque: What 98 % of the torques stay under, N m.
+        peak: The largest torque, N m.
         warm: Whether the motor's temperature was logged.
     """
 
@@ -28,9 +31,14 @@ class Seen(NamedTuple):
     rate: float
     rate_std: float
     torque: float
+    peak: float
     warm: bool = False
 
 
-def ladder(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Return `count` values from low to high, each the same multiple of the last; none where high is not above low."""
+def ladder(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:
+    """Return `count` values from low to high, or what the shape parameter's bounds leave of that; none where nothing.
+
+    Each is the same multiple of the last.
+    """
+    low, high = max(low, shape.lower), min(high, shape.upper)
     return tuple(np.geomspace(low, high, count).tolist()) if 0 < low < high else ()

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
+GONE = 1e-12
+"""Memory of a command of 1 N m that is no more felt."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +31,8 @@ class Signal(Cause):
 
     joint: str
 
-    clips: ClassVar[bool] = False
-    """True if it cuts the command: what it cut cannot be told from the torque that was left."""
+    linear: ClassVar[bool] = False
+    """True if it is linear and passes a constant on: its impulse response then says all of it."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
     @abstractmethod
@@ -39,11 +43,53 @@ class Signal(Cause):
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Return the memory and the mean acting torque, N m, after `dt` s of the command `x`, N m."""
 
+    @property
+    def largest(self) -> float:
+        """Largest torque that it passes on, N m."""
+        return inf
+
+    def late(self, dt: float) -> float:
+        """``Σ k dt h_k``, s: the first moment of its impulse response, the delay that it is to slow commands.
+
+        Zero where it is not linear.
+        """
+        if not self.linear:
+            return 0.0
+        A, B, C, _ = self.matrices(dt)
+        settled = np.linalg.solve(np.eye(len(A)) - A, B)
+        return float(dt * C @ np.linalg.solve(np.eye(len(A)) - A, settled))
+
+    def matrices(self, dt: float) -> tuple[Array, Array, Array, float]:
+        """``m' = A m + B x, y = C m + D x`` of a linear signal, (m, m), (m,), (m,): what `step` does every `dt` s."""
+        memory = self.start()
+        while len(longer := self.step(memory, 0.0, dt)[0]) > len(memory):
+            memory = longer
+        still = (0.0,) * len(memory)
+        moved, D = self.step(still, 1.0, dt)
+        rows = [self.step(tuple(row), 0.0, dt) for row in np.eye(len(memory)).tolist()]
+        return np.array([after for after, _ in rows]).T, np.array(moved), np.array([y for _, y in rows]), D
+
+    def command(self, torque: float) -> float:
+        """Return what to command so that this torque acts once it has settled, N m: what a controller compensates."""
+        return torque
+
     def acting(self, command: Array, dt: float) -> Array:
         """Torque that acts, N m, (N,), for a command, N m, (N,), held `dt` s each; settled on the first before it."""
+        if self.linear and len(command):
+            first = float(command[0])
+            return first + fftconvolve(command - first, self.response(dt, len(command)))[: len(command)]
         values = command.tolist()
         memory, out = self.start(values[0] if values else 0.0), []
         for x in values:
             memory, y = self.step(memory, x, dt)
+            out.append(y)
+        return np.array(out)
+
+    def response(self, dt: float, longest: int) -> Array:
+        """What acts after a command of 1 N m over one interval of `dt` s, and none after it, until it has died away."""
+        memory, y = self.step(self.start(), 1.0, dt)
+        out = [y]
+        while len(out) < longest and any(abs(m) > GONE for m in memory):
+            memory, y = self.step(memory, 0.0, dt)
             out.append(y)
         return np.array(out)

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import exp
+from gimbal_pin.effects.functions import exp, size
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -17,16 +17,18 @@ from gimbal_pin.parameter import Parameter
 
 @dataclass(frozen=True)
 class Stribeck(Effect):
-    """``tau = extra exp(-(v/speed)²) slide``: dry friction on top of Coulomb's, lost as the joint gets moving.
+    """``tau = extra exp(-|v/speed|^exponent) slide``: dry friction on top of Coulomb's, lost as the joint gets moving.
 
-    Bo and Pavelescu 1982, with exponent 2.
+    Bo and Pavelescu 1982. An exponent of 1 (Tustin 1947) falls at once and has a long tail, one of 2 keeps its top.
 
     Attributes:
         joint: The joint it acts on.
         speed: Rate at which it has fallen to 1/e, rad/s.
+        exponent: 1 or 2.
     """
 
     speed: float
+    exponent: int = 2
 
     name: ClassVar[str] = "stribeck"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("speed", nan, "rad/s", 0.001, 10.0),)
@@ -38,13 +40,15 @@ class Stribeck(Effect):
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """What is left of it at this rate."""
-        w = at.v / self.speed
-        return (exp(-w * w) * at.slide,)
+        w = size(at.v / self.speed)
+        return (exp(-(w**self.exponent)) * at.slide,)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Speeds from what the rate's noise hides to half of the fastest."""
-        return tuple(cls(joint, speed) for speed in ladder(max(3 * seen.rate_std, 0.01 * seen.rate), seen.rate / 2, 6))
+        slowest = max(3 * seen.rate_std, 0.01 * seen.rate)
+        speeds = ladder(slowest, seen.rate / 2, 6, cls.shapes[0])
+        return tuple(cls(joint, speed, exponent) for speed in speeds for exponent in (2, 1))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size and speed."""

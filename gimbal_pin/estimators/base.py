@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.estimators.colour import coloured
 from gimbal_pin.log import Array
-from gimbal_pin.rows import Block, Regression
+from gimbal_pin.rows import Block
 
 LEAF = 8192
 """Numbers in one leaf of the TSQR: it stays in the cache, and is too small for BLAS to wake threads, which on a busy
@@ -50,10 +50,10 @@ class Estimate:
 class Estimator(Protocol):
     """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once.
 
-    Most need nothing but the blocks, and take any sequence of them.
+    Most need nothing but the blocks; the others ask `rows.standing_for` what the columns stand for.
     """
 
-    def __call__(self, blocks: Regression) -> Estimate:
+    def __call__(self, blocks: Sequence[Block]) -> Estimate:
         """Estimate theta."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gimbal_pin.estimators.base import Estimate
@@ -9,13 +10,13 @@ from gimbal_pin.estimators.instrumental import instrumental
 from gimbal_pin.estimators.physical import physical
 from gimbal_pin.log import Array
 from gimbal_pin.replay import bodies, simulated
-from gimbal_pin.rows import Regression, kept
+from gimbal_pin.rows import Block, kept, standing_for
 
 PASSES = 2
 """Estimates in turn, each with the instruments that the one before simulates; a third would hardly move."""
 
 
-def idim(blocks: Regression) -> Estimate:
+def idim(blocks: Sequence[Block]) -> Estimate:
     """``theta = (Σ ZᵀWA)⁻¹ Σ ZᵀWb`` with Z the regressor along the motion that the current model makes in closed loop.
 
     That motion follows the true one and knows next to nothing of the sensors' noise (Janot, Vandanjon and Gautier
@@ -27,7 +28,8 @@ def idim(blocks: Regression) -> Estimate:
     return found
 
 
-def instruments(blocks: Regression, found: Estimate) -> list[Array]:
+def instruments(blocks: Sequence[Block], found: Estimate) -> list[Array]:
     """Return per block Z, (m, n, k), along the motion of the bodies nearest to an estimate."""
-    model = bodies(blocks.rows, found.theta, found.covariance)
-    return [block.A for block in kept(replace(blocks.rows, logs=simulated(blocks.rows, model)))]
+    rows = standing_for(blocks)
+    model = bodies(rows, found.theta, found.covariance)
+    return [block.A for block in kept(replace(rows, logs=simulated(rows, model)))]

@@ -91,7 +91,7 @@ def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence
         theta, inverse, condition = solved(moment, np.asarray(target))
         squares = sum(np.sum(residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
-        weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-300)
+        weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-30)
     spread = coloured(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from gimbal_pin.estimators.weighted import weighted
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.replay import GAINS, LOOP, WATCHED, Run, bodies, inertia, runs, theta_of
-from gimbal_pin.rows import Block, Channels, Regression, Rows
+from gimbal_pin.rows import Block, Channels, Rows, standing_for
 
 PASSES = 8
 """Most Gauss-Newton steps."""
@@ -25,7 +25,7 @@ CHUNK = 4096
 """Samples of the simulation whose columns are held at once."""
 
 
-def output_error(blocks: Regression) -> Estimate:
+def output_error(blocks: Sequence[Block]) -> Estimate:
     """``argmin Σ ‖(q - q_s(theta)) / σ_j‖²`` with q_s the motion of the model itself, in closed loop along the log.
 
     A Gauss-Newton step is least squares on the angles' error: by a change of theta the model moves by
@@ -33,7 +33,7 @@ def output_error(blocks: Regression) -> Estimate:
     (Gautier, Janot and Vandanjon 2013 take the same derivative for torques). The noise of the recorded angles is then
     noise of the output alone, and biases nothing.
     """
-    rows, found = blocks.rows, physical(blocks)
+    rows, found = standing_for(blocks), physical(blocks)
     for _ in range(PASSES):
         model = bodies(rows, found.theta, found.covariance)
         before, found = found.theta, weighted(tuple(errors(rows, model)))
@@ -51,16 +51,15 @@ def errors(rows: Rows, model: Model) -> Iterator[Block]:
         pad, step = round(signals.settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
         for begin in range(pad, len(run.t) - pad, CHUNK):
             end = min(begin + CHUNK, len(run.t) - pad)
-            part = Run(*(x[begin - pad : end + pad] for x in run))
+            part = run.part(slice(begin - pad, end + pad))
             yield block(rows, model, theta, part, slice(pad, pad + end - begin, step))
 
 
 def block(rows: Rows, model: Model, theta: Array, run: Run, keep: slice) -> Block:
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
-    channels = Channels(
-        run.t, run.q, run.v, signals.differentiate(run.v, dt), np.zeros_like(run.q), np.zeros(rows.rig.n)
-    )
+    a, still = signals.differentiate(run.v, dt), np.zeros_like(run.q)
+    channels = Channels(run.t, run.q, run.v, a, still, still[0], run.platform)
     columns = np.concatenate([rows.rigid_columns(channels), rows.effect_columns(channels)], axis=2)
     data = model.rig.model.createData()
     D = np.array([inertia(model, data, q) for q in run.q])

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gimbal_pin.consistency import fitted
 from gimbal_pin.estimators.base import Estimate, covariance, effective_rows, factor, residual_power, solve, triangle
 from gimbal_pin.estimators.weighted import joint_weights
 from gimbal_pin.log import Array
-from gimbal_pin.rows import Regression, Rows
+from gimbal_pin.rows import Block, Rows, standing_for
 
 PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
 
 
-def physical(blocks: Regression) -> Estimate:
+def physical(blocks: Sequence[Block]) -> Estimate:
     """``argmin Σ_j ‖b_j - A_j (K φ; f)‖² / σ_j²`` over bodies φ that can exist, f in its bounds.
 
     The data themselves are fitted, through their triangular factor, and not an estimate moved afterwards: the global
@@ -22,7 +24,7 @@ def physical(blocks: Regression) -> Estimate:
     not show, the bodies stay as near the URDF as they can. The covariance is that without the constraint, which can
     only take some of it away.
     """
-    rows = blocks.rows
+    rows = standing_for(blocks)
     factors, count = factor(blocks), effective_rows(blocks)
     theta, _, condition = solve(factors, np.ones(len(factors)))
     for _ in range(PASSES):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators.base import Estimate, covariance, effective_rows, factor, residual_power, solve
 from gimbal_pin.estimators.weighted import joint_weights
 from gimbal_pin.log import Array
-from gimbal_pin.rows import Regression, Rows
+from gimbal_pin.rows import Block, Rows, standing_for
 
 PASSES = 4
 
@@ -35,10 +36,10 @@ class Ridge:
         if not 0 < self.trust < np.inf:
             raise UsageError("trust", f"is {self.trust:g}", "give the URDF's relative deviation, such as 0.3")
 
-    def __call__(self, blocks: Regression) -> Estimate:
+    def __call__(self, blocks: Sequence[Block]) -> Estimate:
         """Estimate theta."""
         factors, rows = factor(blocks), effective_rows(blocks)
-        belief = self.belief(blocks.rows, factors.shape[2])
+        belief = self.belief(standing_for(blocks), factors.shape[2])
         scale: Array = np.ones(len(factors))
         theta, _, _ = solve(factors, scale)
         for _ in range(PASSES):

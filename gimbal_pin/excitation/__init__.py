@@ -1,9 +1,10 @@
 """Excitation design: criteria, Fourier series, limits, and the search that joins them."""
 
 from gimbal_pin.excitation.columns import Columns, condition_number
-from gimbal_pin.excitation.criteria import Condition, Criterion, Determinant
+from gimbal_pin.excitation.criteria import Condition, Criterion, Determinant, Sequential
 from gimbal_pin.excitation.design import Excitation, excite
 from gimbal_pin.excitation.fourier import Series
+from gimbal_pin.excitation.known import known, sequential
 from gimbal_pin.excitation.limits import Envelope
 
 __all__ = [
@@ -13,7 +14,10 @@ __all__ = [
     "Determinant",
     "Envelope",
     "Excitation",
+    "Sequential",
     "Series",
     "condition_number",
     "excite",
+    "known",
+    "sequential",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -92,6 +93,51 @@ class Determinant:
     def factors(self, a: Array) -> tuple[Array, Array]:
         """``d value = -tr((P + A'A)^-1 A' dA)``: one pair per column."""
         return -np.linalg.solve(self.information(a), a.T).T, np.eye(a.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Sequential:
+    """``-1/2 log det(r I + K + T/N A'A)``: D-optimal after what earlier logs have shown already.
+
+    Information is torque squared over time, so that logs and designs count alike whatever their sampling.
+
+    Attributes:
+        known: K, ``integral of W'W dt`` over the earlier logs, W the columns in unit torque, s, (p, p).
+        seconds: T, length of the motion, s.
+        joints: Rows of A per sample: N of the formula is the number of samples.
+        prior: r, what is known of every parameter before any log, s.
+    """
+
+    known: Array
+    seconds: float
+    joints: int
+    prior: float = 1e-4
+    name: str = "sequential"
+
+    def weight(self, a: Array) -> float:
+        """``T/N``, the time that each sample stands for, s."""
+        return self.seconds * self.joints / len(a)
+
+    @cached_property
+    def determinant(self) -> Determinant:
+        """The determinant of rows that stand for their time, the earlier logs its prior."""
+        return Determinant(self.known + self.prior * np.eye(len(self.known)), self.name)
+
+    def value(self, a: Array) -> float:
+        """``-1/2 log det`` of the information."""
+        return self.determinant.value(np.sqrt(self.weight(a)) * a)
+
+    def factors(self, a: Array) -> tuple[Array, Array]:
+        """Those of the determinant, per unit of A."""
+        root = np.sqrt(self.weight(a))
+        left, right = self.determinant.factors(root * a)
+        return root * left, right
+
+    def narrowed(self, a: Array) -> Array:
+        """Standard deviations of the columns' coefficients after the motion over those before it, (p,)."""
+        before = self.determinant.information(np.zeros((0, len(self.known))))
+        after = self.determinant.information(np.sqrt(self.weight(a)) * a)
+        return np.sqrt(np.diag(np.linalg.inv(after)) / np.diag(np.linalg.inv(before)))
 
 
 def named(criterion: str | Criterion) -> Criterion:

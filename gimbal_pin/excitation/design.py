@@ -12,7 +12,7 @@ from tqdm import tqdm
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.columns import Columns, condition_number
-from gimbal_pin.excitation.criteria import Criterion, named
+from gimbal_pin.excitation.criteria import Criterion, Sequential, named
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope
 from gimbal_pin.excitation.problem import Problem
@@ -50,6 +50,8 @@ class Excitation:
         condition_number: Of the columns in unit torque (see `condition_number`).
         limits_used: Joint → q, dq, ddq, tau → the largest share of the limit that is used; 0 where there is none.
         finished: False if it was interrupted; it is then the best found until that moment.
+        narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
+            alone, (p,); None where no earlier logs were given.
     """
 
     rig: str
@@ -62,6 +64,7 @@ class Excitation:
     condition_number: float
     limits_used: Mapping[str, Mapping[str, float]]
     finished: bool = True
+    narrowed: Array | None = None
 
     @property
     def seconds(self) -> float:
@@ -79,6 +82,7 @@ class Excitation:
             "seconds": self.seconds,
             "harmonics": self.series.harmonics,
             "finished": self.finished,
+            "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
             "limits_used": {joint: dict(shares) for joint, shares in self.limits_used.items()},
         }
 
@@ -154,7 +158,15 @@ def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exc
         condition_number=condition_number(rig, dense, problem.columns.effects[2 * rig.n :]),
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
         finished=finished,
+        narrowed=narrowed(problem, dense),
     )
+
+
+def narrowed(problem: Problem, dense: Motion) -> Array | None:
+    """How much the motion narrows what earlier logs left open, where there are any."""
+    if not isinstance(problem.criterion, Sequential):
+        return None
+    return problem.criterion.narrowed(problem.columns.unit(dense, np.sign(dense.v)))
 
 
 def optimised(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:

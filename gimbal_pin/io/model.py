@@ -2,50 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identification import Identified
 from gimbal_pin.io.files import write_yaml
-from gimbal_pin.model import Estimated, Model
+from gimbal_pin.model import Estimated, Model, model_from, plain_model
 from gimbal_pin.reading import read_yaml
 from gimbal_pin.rig import Rig
 
 KIND = "gimbal_pin model"
 
 
-def write_model(identified: Identified, path: str | Path) -> None:
-    """Write a model with its parameters' covariance, whole or not at all."""
+def write_model(identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None) -> None:
+    """Write a model with its parameters' covariance, whole or not at all.
+
+    Args:
+        identified: What `identify` returned.
+        path: The file.
+        payloads: The same gimbal with other payloads, by their names: `read_model` takes the one that is mounted.
+    """
+    content = {"kind": KIND, "schema": 1, "joints": list(identified.model.rig.joints), **body(identified, path)}
+    if payloads is not None:
+        content["payloads"] = {name: body(one, path) for name, one in payloads.items()}
+    write_yaml(content, path)
+
+
+def body(identified: Identified, path: str | Path) -> dict[str, Any]:
+    """Return the part of a file that speaks of one payload."""
     model, known = identified.model, identified.model.estimated
     if known is None:
         raise ModelError(str(path), "would hold a model that was not identified", "identify one first")
     report = identified.to_dict()
     report.pop("schema")
-    content = {
-        "kind": KIND,
-        "schema": 1,
-        "joints": list(model.rig.joints),
+    return {
         **report,
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
     }
-    write_yaml(content, path)
 
 
 def write_extended(model: Model, path: str | Path) -> None:
-    """Write a model without its parameters' uncertainty: rig, inertias and terms."""
+    """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
     rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
-    body = {"phi": model.rig.phi.tolist(), "terms": [term.to_dict() for term in model.terms]}
-    write_yaml({"kind": KIND, "schema": 1, **rows, **body}, path)
+    write_yaml({"kind": KIND, "schema": 1, **rows, **plain_model(model), **uncertainty(model.estimated)}, path)
+
+
+def uncertainty(estimated: Estimated | None) -> dict[str, Any]:
+    """Return the parameters' values and covariance as `known` reads them."""
+    if estimated is None:
+        return {}
+    columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
+    rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
+    return {"base_parameters": rows, "covariance": estimated.covariance.tolist()}
 
 
 def read_model(path: str | Path, rig: Rig) -> Model:
-    """Read a model that `write_model` wrote, for a rig with the same joints.
+    """Read a model that `write_model` or `write_extended` wrote for a rig with its joints; of several payloads its own.
 
     Raises:
         ModelError: The file is of another kind, for other joints, or lacks something.
@@ -57,9 +76,8 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     try:
-        terms = tuple(term_from(entry) for entry in data["terms"])
-        estimated = known(data) if "covariance" in data else None
-        return Model(rig.with_phi(np.array(data["phi"], dtype=float)), terms, estimated)
+        data = data.get("payloads", {}).get(rig.payload, data)
+        return replace(model_from(data, rig), estimated=known(data) if "covariance" in data else None)
     except (KeyError, TypeError, ValueError) as error:
         raise ModelError(str(path), f"cannot be read ({error!r})", "write it with 'gimbal-pin identify'") from error
 

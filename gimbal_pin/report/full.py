@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 from tqdm import tqdm
 
+from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
+from gimbal_pin.report.numbers import controller_name
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
 
-STEPS = "All axes to and fro, with the model-based controller; the ghost is the reference."
+STEPS = "All axes to and fro under {}; the ghost is the reference."
 
 
 def full(
@@ -27,7 +28,7 @@ def full(
     tunings: Mapping[str, Tuning],
     result: Tracking,
     animation: str,
-    extra: Sequence[Section] = (),
+    wrong: Diagnosis | None = None,
     plant: str = "the identified model",
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
@@ -36,21 +37,21 @@ def full(
         rig: The rig as given.
         logs: Its logs.
         found: What `identify` returned.
-        tunings: Name → tuning, the model-based one first.
+        tunings: Name → tuning, the one that the animation shows first.
         result: What `track` returned.
         animation: What `view.record` returned.
-        extra: Sections that go before the controller's.
+        wrong: What `diagnose` returned, if it was run.
         plant: What the steps were simulated on, within a sentence.
     """
-    evaluated = evaluate(found, logs)
+    evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [
-        lambda: sections.summary(rig, found, next(iter(tunings.values())), result, logs, plant=plant),
-        lambda: sections.animation(animation, STEPS),
+        lambda: sections.summary(rig, found, next(iter(tunings.values())), result, logs, plant=plant, wrong=wrong),
+        lambda: sections.animation(animation, STEPS.format(controller_name(law))),
         lambda: sections.rig_section(rig),
         lambda: sections.data(rig, logs),
         lambda: sections.parameters(found, evaluated, rig),
         lambda: sections.torque(found, evaluated),
-        *(partial(replace, section) for section in extra),
+        *([] if wrong is None else [partial(sections.diagnosis, wrong)]),
         lambda: sections.margins(*tunings.values()),
         lambda: sections.tracking(
             result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,15 +13,22 @@ from lxml import etree
 from benchmark.data import DT, exciting
 from benchmark.figure import Figure
 from benchmark.timing import alternating
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import nominal
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.profile import profile_s
 from gimbal_pin.rig import GRAVITY, Rig
-from gimbal_pin.simulation import Controller, Reference, Sensors, simulate
+from gimbal_pin.simulation import Controller, Reference, Sensors, plant_with, simulate
 from gimbal_pin.tuning import tune
 
 ROUNDS = 9
 DELAY = 1
 """Samples between measurement and torque."""
+PLANTED = (
+    "cogging:{first}:amplitude=0.03,harmonic=42",
+    "stribeck:{last}:speed=0.1,extra=0.05",
+    "delay:{second}:time=0.002",
+)
 BARE = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
 
 
@@ -41,10 +49,28 @@ def measure() -> Iterator[Figure]:
     apart = np.sqrt(np.mean((ours().q - theirs()) ** 2, axis=0)).max()
     times = alternating({"ours": ours, "mujoco": theirs}, ROUNDS, "simulation")
     seconds = DT * len(reference)
+    yield from moving(plant, reference, controller)
     yield Figure("closed loop, MuJoCo's RK4: simulated time / time", seconds / times.median("mujoco"), "x")
     yield Figure("closed loop, ours: simulated time / time", seconds / times.median("ours"), "x")
     yield Figure("closed loop, real-time factor of ours / MuJoCo's", times.ratio("mujoco", "ours"), at_least=0.8)
     yield Figure("closed loop, rms angle between the two, worst joint", 1e3 * float(apart), "mrad", at_most=0.1)
+
+
+def moving(model: Model, reference: Motion, controller: Controller) -> Iterator[Figure]:
+    """Yield the real-time factor on a platform that moves, with the rig's sensors, all its IMUs and some causes."""
+    rig = model.rig
+    joints = dict(zip(("first", "second", "last"), (rig.joints[0], rig.joints[1], rig.joints[-1])))
+    plant, drive = plant_with(model, [parse_effect(text.format(**joints), rig) for text in PLANTED])
+    times = DT / 2 * np.arange(2 * len(reference))
+    platform, sensors = profile_s(times, np.random.default_rng(0)), Sensors.of(rig, DT)
+
+    def shaken() -> Log:
+        carried = {"platform": platform, "sensors": replace(sensors, imus=rig.config.imus)}
+        return simulate(plant, controller, reference, rng=np.random.default_rng(0), delay=DELAY, drive=drive, **carried)
+
+    taken = alternating({"ours": shaken}, ROUNDS, "simulation on a moving base").median("ours")
+    name = "closed loop, moving base, sensors, effects: simulated time / time"
+    yield Figure(name, DT * len(reference) / taken, "x", at_least=4.0)
 
 
 def mujoco_model(rig: Rig) -> mujoco.MjModel:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from .conventions import PARTS, Reading
+
 Json = Mapping[str, Any]
 VISIBLE = 3.0
 """Projected effect over noise floor from which an effect counts as visible."""
@@ -108,15 +110,18 @@ def gain_recovered(case: Judged) -> float | None:
     return (before - after) / (before - oracle) if before - oracle > 0.1 * before else None
 
 
-def covered(case: Judged, aliases: Mapping[tuple[str, str], str]) -> list[bool]:
+def covered(case: Judged, readings: Mapping[tuple[str, str], Reading]) -> list[bool]:
     """For each parameter of a rightly told cause in a known form: is the truth within 1.96 standard deviations?
 
-    `aliases` maps (cause, the truth's parameter) to the diagnosis's name for it."""
+    `readings` maps (cause, the truth's parameter) to how the diagnosis says it."""
     hits = []
     for cause in (item for item in case.causes if item["comparable"]):
         found = next((f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)), None)
         for name, true in cause["parameters"].items() if found else ():
-            told = found["parameters"].get(aliases.get((cause["cause"], name), name)) if found else None
-            if told is not None and told.get("std") is not None:
-                hits.append(abs(float(told["value"]) - float(true)) <= 1.96 * float(told["std"]))
+            usual = readings.get((cause["cause"], name), Reading(name))
+            reading = PARTS.get((cause["cause"], cause.get("form", ""), name), usual)
+            told = found["parameters"].get(reading.name) if found and reading else None
+            if reading and told is not None and told.get("std") is not None:
+                off = reading.factor * float(told["value"]) + reading.shift - float(true)
+                hits.append(abs(off) <= 1.96 * abs(reading.factor) * float(told["std"]))
     return hits

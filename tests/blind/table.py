@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import sqrt
 from statistics import median
 
+from .conventions import READINGS, Reading
 from .judge import (
     Json,
     Judged,
@@ -21,7 +22,7 @@ from .judge import (
     visible,
 )
 
-Aliases = Mapping[tuple[str, str], str]
+Readings = Mapping[tuple[str, str], Reading]
 Z95 = 1.959964
 
 
@@ -100,7 +101,7 @@ def _ambiguous(cases: Sequence[Judged]) -> list[bool]:
     ]
 
 
-def figures(cases: Sequence[Judged], aliases: Aliases) -> list[Figure]:
+def figures(cases: Sequence[Judged], readings: Readings) -> list[Figure]:
     """Every row of the published table."""
     singles = _seen(_of(cases, "single"))
     known = [case for case in singles if not case.causes[0]["foreign"]]
@@ -118,7 +119,7 @@ def figures(cases: Sequence[Judged], aliases: Aliases) -> list[Figure]:
         _share("outside the library: unknown", (case.verdict == "unknown" for case in outside), p80, p98),
         _share("two effects, both found", map(all_found, pairs), p85, p97),
         _gain(singles),
-        _share("interval coverage at 95 %", (hit for case in cases for hit in covered(case, aliases)), (0.85, 0.99),
+        _share("interval coverage at 95 %", (hit for case in cases for hit in covered(case, readings)), (0.85, 0.99),
                (0.93, 0.97)),
     ]  # fmt: skip
 
@@ -168,10 +169,10 @@ def _fault_told(case: Judged) -> bool:
     return any(planted == found["cause"] or planted in found.get("class", ()) for found in case.diagnosis["findings"])
 
 
-def score(pairs: Iterable[tuple[Json, Json]], aliases: Aliases | None = None) -> list[Figure]:
+def score(pairs: Iterable[tuple[Json, Json]], readings: Readings = READINGS) -> list[Figure]:
     """(truth, diagnosis) pairs → the published figures, then the further ones."""
     cases = [judge(truth, diagnosis) for truth, diagnosis in pairs]
-    return figures(cases, aliases or {}) + further(cases)
+    return figures(cases, readings) + further(cases)
 
 
 def _percent(value: float) -> str:

@@ -25,6 +25,8 @@ from gimbal_pin.rows import (
     Flags,
     Rows,
     Stretch,
+    base_motion,
+    carrying,
     dilated,
     mask,
     smoothed,
@@ -82,7 +84,7 @@ def probe(rig: Rig, log: Log, filtering: Filtering, like: Probe | None = None, t
         twin: 0 or 1: from the even or the odd samples of angle and rate only; two readings of one motion whose white
             noise is independent.
     """
-    rows = Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), filtering)
+    rows = Rows(rig, reduce(rig, base=base_motion(rig, log)), friction_effects(rig.joints), (log,), filtering)
     pieces: list[Piece] = []
     for stretch in stretches(log, filtering.cutoff):
         pad = int(np.ceil(signals.settling(filtering.cutoff * filtering.smoothing) / stretch.dt))
@@ -100,11 +102,11 @@ def halved(stretch: Stretch, first: int) -> Stretch:
 
 def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
     """Return one stretch's columns at four times the smoother's bandwidth, without its `pad` samples at the ends."""
-    full = smoothed(stretch, rows.filtering, 0, stretch.length)
+    full = smoothed(stretch, rows.filtering, 0, stretch.length, carrying(rows.rig, stretch.log))
     band = rows.filtering.cutoff * rows.filtering.smoothing
     keep = slice(pad, stretch.length - pad, max(1, int(1.0 / (4.0 * band * stretch.dt))))
     slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
-    ch = Channels(full.t[keep], full.q[keep], full.v[keep], full.a[keep], full.tau[keep], full.rate_std)
+    ch = full.every(keep)
     moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
     torque = like.b if like is not None else ch.tau * moving
     A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)

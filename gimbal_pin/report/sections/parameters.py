@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.balance import balance
+from gimbal_pin.diagnosis.difference import Difference
+from gimbal_pin.diagnosis.given import given as stated
 from gimbal_pin.identification import Identified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.evaluation import Evaluated
-from gimbal_pin.report.html import Content, bar, folded, heading, join, paragraph, picture, table
+from gimbal_pin.report.html import Content, bar, bullets, folded, heading, join, paragraph, picture, table
 from gimbal_pin.report.numbers import DASH, figures, interval, listed, torque_text, unit
 from gimbal_pin.report.sections.friction import friction
 from gimbal_pin.report.sections.known import Known, known
@@ -44,10 +47,24 @@ def parameters(found: Identified, evaluated: Evaluated | None = None, given: Rig
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         base_table(rigid, given is not None, evaluated is not None),
+        *([] if given is None else [paragraph(line) for line in payload_lines(found, given)]),
+        *balance_part(found),
         heading("Friction and other effects"),
         *friction(found, every, evaluated),
     ]
     return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
+
+
+def payload_lines(found: Identified, rig: Rig) -> tuple[str, ...]:
+    """Say what the base parameters mean for the payload: where it sits and what it weighs, against its URDF."""
+    told = stated(Difference.of_identified(rig, found))
+    return () if told is None else tuple(f"Against the URDF: {line}." for line in told.lines)
+
+
+def balance_part(found: Identified) -> list[Markup]:
+    """Say how to balance the payload, what that saves, and whether the motors hold it as it is."""
+    told = balance(found)
+    return [] if told is None else [heading("Balance"), bullets(told.sentences)]
 
 
 def overall(found: Identified, every: Sequence[Known]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
 from gimbal_pin.report.base import Section
@@ -30,6 +31,7 @@ from gimbal_pin.report.sections.headline import (
     parameter_card,
     ratio_card,
 )
+from gimbal_pin.report.sections.missed import about_gain, extended_card, missed
 from gimbal_pin.report.sections.torque import FAIR, GOOD, grade
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
@@ -47,6 +49,7 @@ def summary(
     logs: Sequence[Log] = (),
     baseline: str = "pid",
     plant: str = "the identified model",
+    wrong: Diagnosis | None = None,
 ) -> Section:
     """Return the verdict on a rig's identification, controller and tracking.
 
@@ -58,20 +61,27 @@ def summary(
         logs: The logs, for their length.
         baseline: The controller that the model-based one is compared with.
         plant: What was simulated in `result`.
+        wrong: What `diagnose` returned, if it was run.
     """
     ratio = {} if result is None else ratios(result, baseline)
     fair = result is None or at_limit(result, baseline)[1] <= SATURATED
     accuracy = found.held_out or found.train
     fit = min(accuracy.fit_percent.values())
-    sentences = [about_fit(rig, found, logs), about_parameters(found)]
-    numbers = [fit_card(found), error_card(found), parameter_card(found)]
+    sentences = [about_fit(rig, found, logs), *about_gain(wrong), about_parameters(found)]
+    numbers = [fit_card(found), *extended_card(wrong), error_card(found), parameter_card(found)]
     if tuning is not None:
         sentences.append(about_tuning(tuning))
         numbers += [bandwidth_card(tuning), margin_card(tuning)]
     if result is not None and ratio:
         sentences.append(about_tracking(rig, result, ratio, baseline, plant))
         numbers.append(ratio_card(ratio, baseline, fair))
-    headline = paragraph(verdict(fit, ratio if fair else {}, baseline), f"headline {grade(fit)}")
+    missing = missed(wrong)
+    spoilt = wrong is not None and wrong.verdict == "data"
+    tone = "poor" if spoilt else "fair" if missing else grade(fit)
+    if wrong is not None and wrong.findings:
+        fit = min(wrong.extended["fit_percent"].values())  # the controllers are built on what was found
+    said = verdict(fit, ratio if fair and not spoilt else {}, baseline, missing)
+    headline = paragraph(said, f"headline {tone}")
     parts = [headline, paragraph(" ".join(sentences), "verdict"), cards(numbers)]
     if warnings := cautions(tuning, result, baseline):
         parts.append(notice("Take care", bullets(warnings)))
@@ -88,18 +98,22 @@ def ratios(result: Tracking, baseline: str) -> Mapping[str, float]:
     return {joint: theirs[joint].rms_error / max(best[joint].rms_error, 1e-300) for joint in theirs}
 
 
-def verdict(fit: float, ratio: Mapping[str, float], baseline: str) -> str:
-    """Return the headline."""
+def verdict(fit: float, ratio: Mapping[str, float], baseline: str, missing: str = "") -> str:
+    """Return the headline; `missing`: what a diagnosis found wrong, see `missed`."""
     if fit < FAIR:
-        return "The model leaves much of the measured torque unexplained: what is simulated with it may not hold."
-    first = f"The model explains {'' if fit >= GOOD else 'most of '}the measured torque"
+        return (
+            f"{missing}."
+            if missing
+            else "The model leaves much of the measured torque unexplained: what is simulated with it may not hold."
+        )
+    first = missing or f"The model explains {'' if fit >= GOOD else 'most of '}the measured torque"
     if not ratio:
         return f"{first}."
     worse = [joint for joint, times in ratio.items() if times <= 1]
-    other = controller_name(baseline)
+    other, law = controller_name(baseline), f"the controller built on {'what is known' if missing else 'it'}"
     if not worse:
-        return f"{first}; the controller built on it tracks better than {other} on every axis."
-    return f"{first}; on {listed(worse)}, {other} tracks at least as well as the controller built on it."
+        return f"{first}; {law} tracks better than {other} on every axis."
+    return f"{first}; on {listed(worse)}, {other} tracks at least as well as {law}."
 
 
 def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:

@@ -1,0 +1,131 @@
+"""Do several logs speak of one rig? Each log's own base parameters against those that all share.
+
+Logs of different cameras, or of a rig that somebody has touched in between, fit one model badly and some cause's name
+well: this comes before any name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.diagnosis.audit import Fault
+from gimbal_pin.diagnosis.difference import outside
+from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.search import Problem, State, solved
+from gimbal_pin.effects import Cause
+from gimbal_pin.errors import DataError
+from gimbal_pin.log import Array, Log
+from gimbal_pin.parameter import Parameter
+from gimbal_pin.reduction import Reduction, reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering, Flags
+
+NAME = "logs-disagree"
+MATERIAL = 0.01
+"""Torque that the disagreement moves, as a share of the joint's rms, under which it does not matter."""
+BEYOND = 2.0
+"""The same over what each log's own fit leaves: less could be a misfit that the logs' motions bring out differently."""
+
+
+class Apart(NamedTuple):
+    """How far a log is from what all logs share.
+
+    Attributes:
+        log: Its name.
+        torque: Torque that the difference of base parameters moves on it, friction refitted, N m rms, (n,): its share
+            of the whitened torque, times the torque's rms.
+        excess: The same over what the log's own fit leaves, (n,).
+        share: The same over the log's torque, (n,).
+    """
+
+    log: str
+    torque: Array
+    excess: Array
+    share: Array
+
+    @property
+    def serious(self) -> Flags:
+        """Joints at which it stands out and matters, (n,)."""
+        return (self.excess > BEYOND) & (self.share > MATERIAL)
+
+
+def agreement(rig: Rig, logs: Sequence[Log], causes: Sequence[Cause], filtering: Filtering) -> Fault | None:
+    """Fit each log on its own and compare.
+
+    Args:
+        rig: The rig.
+        logs: All logs, held-out ones among them.
+        causes: What has been found: it is in every fit.
+        filtering: The band.
+
+    Returns:
+        The fault, or None: the logs agree, or there is only one that is long enough to tell.
+    """
+    if len(logs) < 2:
+        return None
+    reduction = reduce(rig)
+    states = fits(rig, logs, causes, filtering, reduction)
+    if len(states) < 2:
+        return None
+    rows = apart(states, len(reduction.independent))
+    return told(rig, rows) if any(row.serious.any() for row in rows) else None
+
+
+def fits(
+    rig: Rig, logs: Sequence[Log], causes: Sequence[Cause], filtering: Filtering, reduction: Reduction
+) -> Mapping[str, State]:
+    """Fit each log that is long enough."""
+    found = {}
+    for k, log in enumerate(logs):
+        try:
+            problem = Problem.of(gather(rig, [log], filtering, {log.name: float(log.t[0])}), reduction)
+        except DataError:
+            continue
+        found[f"{k + 1}: {log.name}"] = solved(problem, causes, solved(problem, ()))
+    return found
+
+
+def apart(states: Mapping[str, State], width: int) -> list[Apart]:
+    """Compare each log's first `width` parameters with those that all share, ``(Σ H_i)⁻¹ Σ H_i β_i``.
+
+    H_i is the information that a log has of them, friction and causes left open.
+    """
+    parts = {name: free(state, width) for name, state in states.items()}
+    both = np.vstack([columns for columns, _ in parts.values()])
+    shared = np.linalg.lstsq(both, np.concatenate([target for _, target in parts.values()]), rcond=1e-10)[0]
+    return [compared(name, state, parts[name][0], shared) for name, state in states.items()]
+
+
+def free(state: State, width: int) -> tuple[Array, Array]:
+    """Weighted base columns without what friction and causes can take up, (rows n, width), and the torque they fit."""
+    fit = state.fit
+    columns = outside(fit.stack[:, width:], fit.stack[:, :width])
+    return columns, columns @ fit.theta[:width]
+
+
+def compared(name: str, state: State, columns: Array, shared: Array) -> Apart:
+    """Describe one log."""
+    evidence, fit = state.problem.evidence, state.fit
+    n = evidence.rig.n
+    own = fit.residual.reshape(-1, n) / fit.scale
+    apart_by = (columns @ (fit.theta[: len(shared)] - shared)).reshape(-1, n) / fit.scale
+    whole = fit.target.reshape(-1, n) / fit.scale
+    left, size, all_of_it = (np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-300) for x in (own, apart_by, whole))
+    level = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
+    return Apart(name, size / all_of_it * level, size / left, size / all_of_it)
+
+
+def told(rig: Rig, rows: Sequence[Apart]) -> Fault:
+    """Return the fault, described by the joint and the log where the logs are furthest apart."""
+    worst = max(rows, key=lambda row: float(np.max(row.excess * row.serious)))
+    j = int(np.argmax(worst.excess * worst.serious))
+    figures = tuple(Parameter(f"log {row.log}", float(row.torque[j]), "N m") for row in rows)
+    sentence = (
+        f"the logs are not of one rig: what fits each of them apart differs by {worst.torque[j]:.2g} N m rms at "
+        f"{rig.joints[j]} in log {worst.log}, {worst.excess[j]:.2g} times what the fits leave"
+    )
+    mend = "diagnose them one at a time, or tag each with its payload: LOG@PAYLOAD"
+    return Fault(NAME, rig.joints[j], sentence, figures, float(worst.excess[j]), True, mend)

@@ -1,0 +1,185 @@
+"""The given model against the refitted one: how far the payload sits from where its URDF has it, and what it weighs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.diagnosis.difference import Difference, Seen
+from gimbal_pin.effects.rig_effect import carried, facing, payload, shifted, slide
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array
+
+SHOWN = 0.01
+"""Standard deviation of a shift, m, from which a log does not show it."""
+SHOWN_MASS = 0.2
+"""The same of a mass, as a share of the stated one."""
+SHOWN_PRODUCT = 0.1
+"""The same of a product of inertia, as a share of the body's largest moment of inertia."""
+SURE = 0.003
+"""Chance of speaking of a difference where there is none."""
+TOLD = 2.0
+"""Standard deviations from which a direction is spoken of."""
+ALONE = 0.001
+"""Chance under which the difference cannot be the payload's alone."""
+MATTERS = 2e-4
+"""A shift smaller than this, m, is nothing that a hand can mend."""
+AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
+MASS, MOMENTS, INERTIA, PRODUCTS = [0], [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
+"""Places in a body's ten parameters, in the order of `rig.PHI`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What sets the payload apart from its URDF.
+
+    Attributes:
+        link: The payload's link, in whose frame the shift stands.
+        body: The moving link that carries it, in whose joint's frame the products of inertia stand.
+        alone: Whether the payload's parameters explain all of the difference; else the other bodies are left open, and
+            only what shows without them is said.
+        stated: The mass that its URDF states, kg.
+        mass: Difference from it, kg, one value, or none where it does not show.
+        shift: Of the centre of mass, m, forms (3,) with its directions.
+        products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
+        words: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
+        moment: The body's largest moment of inertia as stated, kg m².
+    """
+
+    link: str
+    body: str
+    alone: bool
+    stated: float
+    mass: Seen
+    shift: Seen
+    products: Seen
+    words: Array
+    moment: float
+
+    @property
+    def sentence(self) -> str:
+        """Where the payload is, what it weighs, and how to mend it."""
+        parts = [self.place(), self.weight()]
+        if not self.alone:
+            parts.append("other bodies of the rig differ from the URDF, too")
+        return "; ".join(parts)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All that is to be said."""
+        return tuple(line for line in (self.sentence, self.skew()) if line)
+
+    def place(self) -> str:
+        """Say where it sits, in the camera's own directions."""
+        change, std = self.words.T @ self.shift.change, deviations(self.words.T @ self.shift.spread @ self.words)
+        hidden = [f"{a}/{b}" for (a, b), shown in zip(AXES, shares(self.words.T @ self.shift.basis)) if not shown]
+        unseen = f" ({' and '.join(hidden)} does not show)" if hidden and len(hidden) < 3 else ""
+        if len(hidden) == 3:
+            return "the log does not show where the payload sits"
+        told = np.where(np.abs(change) > np.maximum(TOLD * std, MATTERS), change, 0.0)
+        if self.shift.chance > SURE or not told.any():
+            most = max(float((np.abs(change) + 1.96 * std).max()), MATTERS)
+            return f"the payload sits where its URDF says, to {1e3 * most:.2g} mm{unseen}"
+        away = [
+            f"{1e3 * abs(x):.3g} ± {max(1e3 * s, 0.01):.1g} mm further {names[x < 0]}"
+            for x, s, names in zip(told.tolist(), std.tolist(), AXES)
+            if x
+        ]
+        return f"the payload sits {', '.join(away)} than its URDF says{unseen}: slide the camera {slide(*told)}"
+
+    def weight(self) -> str:
+        """Say what it weighs."""
+        if not len(self.mass.value):
+            return f"its mass does not show: taken as the stated {1e3 * self.stated:.4g} g"
+        extra, std = 1e3 * float(self.mass.change[0]), 1e3 * float(deviations(self.mass.spread)[0])
+        if self.mass.chance > SURE:
+            return f"it weighs the stated {1e3 * self.stated:.4g} g, to {1.96 * std:.2g} g"
+        way = "heavier" if extra > 0 else "lighter"
+        return f"it is {abs(extra):.3g} ± {std:.2g} g {way} than the stated {1e3 * self.stated:.4g} g"
+
+    def skew(self) -> str:
+        """Say that the body's products of inertia are others than stated, or nothing."""
+        size = float(np.abs(self.products.change).max(initial=0.0))
+        if self.products.chance > SURE or size < 0.02 * self.moment:
+            return ""
+        std = deviations(self.products.spread)
+        shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), std.tolist())
+        figures = ", ".join(f"{name} by {x:+.2g} ± {s:.1g}" for name, x, s in shown if abs(x) > TOLD * s)
+        meaning = "turning one axis pushes the others more than the URDF says"
+        return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `given_model` of CONTRACT: grams and millimetres, null where nothing is shown."""
+        shown = shares(self.shift.basis)
+        com, std = 1e3 * self.shift.change, 1e3 * deviations(self.shift.spread)
+        weighed = len(self.mass.value) > 0
+        row = {
+            "mass": 1e3 * float(self.mass.change[0]) if weighed else None,
+            "com_mm": [float(x) if yes else None for x, yes in zip(com, shown)],
+            "std": float(max(s for s, yes in zip(std, shown) if yes)) if any(shown) else None,
+            "sentence": self.sentence,
+            "com_std_mm": [float(s) if yes else None for s, yes in zip(std, shown)],
+            "mass_std": 1e3 * float(deviations(self.mass.spread)[0]) if weighed else None,
+            "stated_mass": 1e3 * self.stated,
+            "link": self.link,
+            "alone": self.alone,
+        }
+        products = self.skewed()
+        return {"camera": row, **({self.body: products} if products else {})}
+
+    def skewed(self) -> dict[str, Any]:
+        """Return the products of inertia that are shown and differ, kg m², or nothing."""
+        shown, spread = shares(self.products.basis), deviations(self.products.spread)
+        rows = zip(("Ixy", "Ixz", "Iyz"), shown, self.products.change.tolist(), spread.tolist())
+        figures = {name: {"value": x, "std": s} for name, yes, x, s in rows if yes}
+        return {**figures, "sentence": self.skew()} if self.skew() else {}
+
+
+def given(found: Difference) -> Given | None:
+    """Explain a difference by the payload's ten parameters; None where the rig carries nothing with a mass.
+
+    Inertias are left open: a shift is read from first moments at the stated mass, a mass from what it alone moves
+    (arms that carry it off an axis). Where the payload cannot explain the difference, every other body is open, too.
+    """
+    rig = found.rig
+    try:
+        body, inertia, frame = payload(rig)
+    except UsageError:
+        return None
+    mine = slice(10 * body, 10 * body + 10)
+    own, others = found.responses[:, mine], np.delete(found.responses, range(10 * body, 10 * body + 10), axis=1)
+    alone = found.lack_of_fit(own) > ALONE
+    rest = np.zeros((len(own), 0)) if alone else others
+    moments = inertia.mass * own[:, MOMENTS] @ frame.rotation
+    heavier = own @ (inertia.toDynamicParameters() / inertia.mass)[:, None]
+    moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
+    mass = found.seen(heavier, np.hstack([moments, own[:, INERTIA], rest]), SHOWN_MASS * inertia.mass)
+    unsure = heavier if len(mass.value) else heavier[:, :0]
+    shift = found.seen(moments, np.hstack([unsure, own[:, INERTIA], rest]), SHOWN)
+    known = shifted(inertia, frame, shift.change) + inertia.toDynamicParameters() * mass.change / inertia.mass
+    left = replace(found, change=found.change - own @ known)
+    diagonal = np.delete(own, PRODUCTS, axis=1)
+    products = left.seen(own[:, PRODUCTS], np.hstack([diagonal, rest]), SHOWN_PRODUCT * moment)
+    return Given(
+        link=carried(rig),
+        body=rig.links[body],
+        alone=alone,
+        stated=float(inertia.mass),
+        mass=mass,
+        shift=shift,
+        products=products,
+        words=np.asarray(frame.rotation.T @ facing(rig)),
+        moment=moment,
+    )
+
+
+def deviations(covariance: Array) -> Array:
+    """Standard deviations, (p,)."""
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def shares(basis: Array) -> list[bool]:
+    """Whether each of p axes lies more than half in the directions shown, (p, r)."""
+    return [bool(np.linalg.norm(row) > 0.5) for row in basis]

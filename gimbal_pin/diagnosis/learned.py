@@ -1,0 +1,98 @@
+"""Can what is left be predicted from the motion at all? A smooth function, learned on some time, tried on other time.
+
+Random features (Rahimi and Recht 2007) of angle, rate, acceleration, torque and way back, ridge regression over folds,
+and the signs of blocks flipped for what the same does with noise of this colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.fit import Fit, project
+from gimbal_pin.log import Array
+
+FEATURES = 80
+FOLDS = 5
+FLIPS = 199
+RIDGE = 0.03
+"""Penalty, as a share of the rows."""
+LEARNT = 0.1
+"""Share of the residual's power, in time not learned from, that must be predicted."""
+WIDTH_OWN, WIDTH_ALL = 2.0, 3.0
+"""How many standard deviations of its arguments a feature is wide: the more arguments, the wider."""
+
+
+def predictable(now: Fit, evidence: Evidence, torque: Sequence[Array], joint: int, rng: np.random.Generator) -> bool:
+    """Whether one joint's residual is a function of its own motion, or of all joints'."""
+    for alone, width in ((True, WIDTH_OWN), (False, WIDTH_ALL)):
+        columns = features(arguments(evidence, torque, joint, alone), width, rng)
+        share, null = explained(now, evidence.whiten(columns, joint), joint, evidence.rig.n, rng)
+        if share > LEARNT and share > np.max(null):
+            return True
+    return False
+
+
+def arguments(evidence: Evidence, torque: Sequence[Array], joint: int, alone: bool) -> list[Array]:
+    """What a torque may depend on, one array (m, d) per part."""
+    others = [k for k in range(evidence.rig.n) if k != joint and not alone]
+    stroke = max(evidence.seen[joint].travel / 8, 1e-3)
+    return [
+        np.column_stack([bent(part.channels.q[:, joint], stroke), *(held(part, x, k) for k in (joint, *others))])
+        for part, x in zip(evidence.parts, torque)
+    ]
+
+
+def held(part: Part, torque: Array, joint: int) -> Array:
+    """Angle, rate, acceleration and torque of one joint, (m, 4)."""
+    c = part.channels
+    return np.stack([c.q[:, joint], c.v[:, joint], c.a[:, joint], torque[:, joint]], axis=1)
+
+
+def bent(q: Array, stroke: float) -> Array:
+    """Play of width 2 over the angle in strokes: where in a hysteresis the way has led, in [-1, 1], (m,)."""
+    out, z, before = [], 0.0, float(q[0])
+    for now in q.tolist():
+        z, before = min(max(z + (now - before) / stroke, -1.0), 1.0), now
+        out.append(z)
+    return np.array(out)
+
+
+def features(arguments: Sequence[Array], width: float, rng: np.random.Generator) -> list[Array]:
+    """``cos(w·z + b)`` of the standardised arguments, one array (m, `FEATURES`) per part."""
+    every = np.concatenate(list(arguments))
+    mean, std = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-12)
+    w = rng.normal(size=(every.shape[1], FEATURES)) / width
+    b = rng.uniform(0.0, 2 * np.pi, FEATURES)
+    return [np.cos((z - mean) / std @ w + b) for z in arguments]
+
+
+def explained(now: Fit, white: Array, joint: int, joints: int, rng: np.random.Generator) -> tuple[float, Array]:
+    """Share of a joint's residual predicted in folds not learned from, and the same with blocks' signs flipped.
+
+    Args:
+        now: The fit that left the residual.
+        white: Whitened features at the joint, (rows, f).
+        joint: The joint.
+        joints: How many there are.
+        rng: For the signs.
+    """
+    values = np.zeros((len(white), joints, white.shape[1]))
+    values[:, joint] = white
+    own = slice(joint, None, joints)
+    rest, block = project(now, values)[own], now.block[own]
+    rest = rest / np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-300)
+    signs = rng.choice([-1.0, 1.0], size=(now.blocks, FLIPS + 1))
+    signs[:, 0] = 1.0
+    left = now.residual[own, None] * signs[block]
+    told = np.zeros_like(left)
+    fold = block * FOLDS // now.blocks
+    for k in range(FOLDS):
+        here = fold == k
+        X = rest[~here]
+        gram = X.T @ X + RIDGE * len(rest) * np.eye(X.shape[1])
+        told[here] = rest[here] @ np.linalg.solve(gram, X.T @ left[~here])
+    share = 1 - np.sum((left - told) ** 2, axis=0) / np.sum(left**2, axis=0)
+    return float(share[0]), share[1:]

@@ -1,0 +1,69 @@
+"""Which causes look alike on this log: how near what one could explain lies to what another could."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.diagnosis.fit import project
+from gimbal_pin.diagnosis.score import HIDDEN
+from gimbal_pin.diagnosis.search import Library, State, without
+from gimbal_pin.effects import Cause
+from gimbal_pin.log import Array
+
+SHOWN = 8
+"""Most causes beside a finding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Likeness:
+    """Candidates in a finding's place.
+
+    Attributes:
+        joint: Where the finding sits, or None.
+        causes: Names: the finding first, then the likest (k).
+        correlation: Largest cosine between what two of them can explain beside the model, in [0, 1], (k, k).
+    """
+
+    joint: str | None
+    causes: tuple[str, ...]
+    correlation: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        rows = [[round(value, 4) for value in row] for row in self.correlation.tolist()]
+        return {"joint": self.joint, "causes": list(self.causes), "correlation": rows}
+
+
+def likeness(state: State, cause: Cause, shelf: Library) -> Likeness:
+    """Compare a chosen cause with every other at its place, and these with each other.
+
+    Columns are whitened, and freed of all that the rigid model, friction and the other findings explain: what is left
+    of two of them is parted by this log only as far as the angle between them is wide.
+    """
+    base = without(state, cause)
+    own = span(base, base.columns(cause).values)
+    best: dict[str, tuple[float, Array]] = {}
+    for columns in shelf.columns(base, cause.place):
+        name, seen = columns.cause.name, span(base, columns.values)
+        if name != cause.name and (near := cosine(own, seen)) > best.get(name, (0.0, own))[0]:
+            best[name] = near, seen
+    ranked = sorted(best.items(), key=lambda entry: -entry[1][0])[:SHOWN]
+    spans = [own, *(seen for _, (_, seen) in ranked)]
+    between = np.array([[cosine(a, b) for b in spans] for a in spans])
+    return Likeness(cause.place if cause.of_joint else None, (cause.name, *(name for name, _ in ranked)), between)
+
+
+def span(state: State, values: Array) -> Array:
+    """Orthonormal columns that span what the state leaves of some others, (rows n, k); none where nothing is left."""
+    whole, rest = state.fit.stacked(values), project(state.fit, values)
+    seen = np.sum(rest**2, axis=0) > HIDDEN * np.maximum(np.sum(whole**2, axis=0), 1e-300)
+    left, size, _ = np.linalg.svd(rest[:, seen], full_matrices=False)
+    return np.asarray(left[:, size > 1e-6 * size.max(initial=0.0)])
+
+
+def cosine(a: Array, b: Array) -> float:
+    """Cosine of the smallest angle between two spans, in [0, 1]."""
+    return float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0))

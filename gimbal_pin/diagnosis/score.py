@@ -1,0 +1,181 @@
+"""What a further cause would gain, judged by blocks of time.
+
+Noise of real sensors is coloured: the score ``zᵀr`` of a candidate column is compared with its own scatter over
+blocks, not with a white noise's, and with what random signs of the blocks make of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy import fft
+from scipy.stats import f as fisher
+
+from gimbal_pin.diagnosis.fit import Fit, project
+from gimbal_pin.log import Array
+
+OVERDONE = 2.0
+"""Torque of a cause over all that its joints carry from which it is none."""
+FEW = 12.0
+"""Blocks under which their own scatter says too little."""
+
+
+class Candidate(Protocol):
+    """Whitened columns with bounds on their coefficients."""
+
+    @property
+    def values(self) -> Array:
+        """Columns, (rows, n, c)."""
+
+    @property
+    def lower(self) -> Array:
+        """Bounds of the coefficients, (c,)."""
+
+    @property
+    def upper(self) -> Array:
+        """The same."""
+
+
+class Score(NamedTuple):
+    """What a candidate would gain.
+
+    Attributes:
+        gain: Fall of the weighted sum of squares.
+        wald: ``sᵀ V⁻¹ s``, s the score, V its scatter once the candidate is in.
+        p: Of `wald`, without regard to how many were tried.
+        beta: Coefficients, (c,).
+        visible: Share of the column's power that the base columns leave.
+        size: Root mean square of what it explains at each joint, in units of the noise floor, (n,).
+    """
+
+    gain: float
+    wald: float
+    p: float
+    beta: Array
+    visible: float
+    size: Array
+
+
+NOTHING = Score(0.0, 0.0, 1.0, np.zeros(0), 0.0, np.zeros(1))
+HIDDEN = 1e-3
+"""Share of a column's power below which the base columns hide it: three hundredths of its size."""
+
+
+def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
+    """Score one candidate; `fixed`: its coefficient is one, as for a drive's signal."""
+    stacked = now.stacked(columns.values)
+    rest = stacked - now.basis @ (now.basis.T @ stacked)
+    whole, left = float(np.sum(stacked**2)), float(np.sum(rest**2))
+    if whole <= 0 or left < HIDDEN * whole:
+        return NOTHING._replace(visible=left / whole if whole > 0 else 0.0)
+    s, gram = rest.T @ now.residual, rest.T @ rest
+    beta = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
+    if np.any(beta < columns.lower) or np.any(beta > columns.upper) or overdone(now, stacked @ beta):
+        return NOTHING._replace(visible=left / whole)
+    applied = np.ones(1) if fixed else beta
+    after = now.residual - rest @ applied
+    gain = now.cost - float(after @ after)
+    V, blocks = scatter(now, rest, now.residual - rest @ beta)
+    wald = float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
+    explained = (rest @ applied).reshape(len(columns.values), -1) / now.scale
+    size = np.sqrt(np.mean(explained**2, axis=0))
+    return Score(gain, wald, float(chance(wald, len(s), blocks)), applied, left / whole, size)
+
+
+def overdone(now: Fit, torque: Array) -> bool:
+    """Whether a cause would take far more torque than there is at its joints: it only works against the rigid model."""
+    rows = torque != 0
+    return float(np.sum(torque**2)) > OVERDONE**2 * float(np.sum(now.target[rows] ** 2))
+
+
+def scatter(now: Fit, rest: Array, residual: Array) -> tuple[Array, float]:
+    """Covariance of the score of projected columns (rows n, c), (c, c), and how many blocks it rests on.
+
+    Its own scatter over blocks, or, for columns that act in few of them, what noise with the residual's spectrum has.
+    """
+    blocks = effective(now, rest)
+    if blocks < FEW:
+        return stationary(now, rest), float(now.blocks)
+    sums = now.by_block(rest * residual[:, None])
+    return sums.T @ sums, blocks
+
+
+def stationary(now: Fit, rest: Array) -> Array:
+    """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr`` for stationary noise r of the residual's spectrum S, (c, c)."""
+    joints = len(now.scale)
+    columns = rest.reshape(-1, joints, rest.shape[1])
+    spectrum = fft.rfft(columns, axis=0)
+    twice = np.full(len(spectrum), 2.0)
+    twice[0] = 1.0
+    if len(columns) % 2 == 0:
+        twice[-1] = 1.0
+    weighted = spectrum * (now.spectrum * twice[:, None] / len(columns))[:, :, None]
+    return np.asarray(np.einsum("fjc,fjd->cd", spectrum.conj(), weighted).real)
+
+
+def effective(now: Fit, rest: Array) -> float:
+    """``k²/Σ_i h_i²``: blocks in which projected columns (rows n, k) act, h_i the leverage of each block.
+
+    What acts in three blocks only has a score of which only three are independent, however long the log.
+    """
+    left, values, _ = np.linalg.svd(rest, full_matrices=False)
+    seen = values > 1e-8 * max(values[0], 1e-300)
+    leverage = now.by_block(np.sum(left[:, seen] ** 2, axis=1, keepdims=True))
+    return float(np.sum(leverage) ** 2 / max(float(np.sum(leverage**2)), 1e-300))
+
+
+def chance(wald: Array | float, width: int, blocks: float) -> Array | float:
+    """Hotelling's T² with `width` coefficients over `blocks` blocks: chance of as much or more."""
+    freedom = max(blocks - width, 1.0)
+    return fisher.sf(wald * freedom / (width * max(blocks - 1, 1.0)), width, freedom)
+
+
+def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator, flips: int = 499) -> Array:
+    """``min over candidates of p`` for random signs of the residual's blocks, (flips,), sorted.
+
+    Where nothing is left to be found the blocks' signs do not matter: what the search makes of flipped residuals is
+    what it makes of noise of this very colour.
+    """
+    signs = rng.choice([-1.0, 1.0], size=(flips, now.blocks))
+    lowest = np.ones(flips)
+    for columns in candidates:
+        rest = project(now, columns.values)
+        if np.sum(rest**2) > HIDDEN * np.sum(now.stacked(columns.values) ** 2):
+            lowest = np.minimum(lowest, flipped_chance(now, rest, signs))
+    return np.sort(lowest)
+
+
+def flipped_chance(now: Fit, rest: Array, signs: Array) -> Array:
+    """P as in `score` for each row of signs of the residual's blocks, (flips,)."""
+    sums, blocks = now.by_block(rest * now.residual[:, None]), effective(now, rest)
+    if blocks < FEW:
+        s = signs @ sums
+        wald = np.sum(s * np.linalg.lstsq(stationary(now, rest), s.T, rcond=1e-12)[0].T, axis=1)
+        return np.asarray(chance(wald, s.shape[1], float(now.blocks)))
+    return np.asarray(chance(flipped_wald(signs, sums, grams(now, rest)), sums.shape[1], blocks))
+
+
+def grams(now: Fit, rest: Array) -> Array:
+    """``Rᵀ R`` of each block, (blocks, c, c)."""
+    products = rest[:, :, None] * rest[:, None, :]
+    return now.by_block(products.reshape(len(rest), -1)).reshape(-1, rest.shape[1], rest.shape[1])
+
+
+def flipped_wald(signs: Array, scatter: Array, gram: Array) -> Array:
+    """``sᵀ V⁻¹ s`` as in `score`, for each row of signs: ``s = Σ ±x``, ``V = Σ (±x - G β)(±x - G β)ᵀ``, (flips,).
+
+    Args:
+        signs: Of each block, (flips, blocks).
+        scatter: Scores x of each block, (blocks, c).
+        gram: G of each block, (blocks, c, c).
+    """
+    s = signs @ scatter
+    beta = s @ np.linalg.pinv(gram.sum(axis=0), rcond=1e-8)
+    crossed = np.einsum("bi,bjk->bijk", scatter, gram)
+    cross = np.einsum("fijk,fk->fij", np.tensordot(signs, crossed, 1), beta)
+    squared = np.einsum("bik,bjl->ijkl", gram, gram)
+    V = scatter.T @ scatter - cross - np.swapaxes(cross, 1, 2) + np.einsum("ijkl,fk,fl->fij", squared, beta, beta)
+    V += 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(s.shape[1])
+    return np.asarray(np.sum(s * np.linalg.solve(V, s[:, :, None])[:, :, 0], axis=1))

@@ -1,0 +1,45 @@
+"""What earlier logs have shown already: the information that a sequential design starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from gimbal_pin.effects import Effect
+from gimbal_pin.excitation.columns import Columns
+from gimbal_pin.excitation.criteria import Sequential
+from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import CHUNK, Filtering, Stretch, smoothed, standstill, stretches
+
+FINE = 100.0
+"""Samples per second that are enough for the information of smoothed channels."""
+
+
+def sequential(rig: Rig, logs: Sequence[Log], seconds: float, effects: Sequence[Effect] = ()) -> Sequential:
+    """Return the criterion of a motion of so many seconds that teaches most beyond the logs: for `excite`."""
+    return Sequential(known(Columns.of(rig, effects), logs), seconds, rig.n)
+
+
+def known(columns: Columns, logs: Sequence[Log], filtering: Filtering | None = None) -> Array:
+    """``integral of W'W dt`` over logs, away from standstill, W the columns in unit torque, s, (p, p)."""
+    filters = filtering or Filtering()
+    total: Array = np.zeros((len(columns.scale), len(columns.scale)))
+    for log in logs:
+        for stretch in stretches(log, filters.cutoff):
+            for dt, rows in seen(columns, stretch, filters):
+                total += dt * rows.T @ rows
+    return total
+
+
+def seen(columns: Columns, stretch: Stretch, filters: Filtering) -> Iterator[tuple[float, Array]]:
+    """Yield the interval, s, and the unit columns of a stretch, chunk by chunk, (rows, p)."""
+    step = max(1, int(1 / (FINE * stretch.dt)))
+    ends = np.linspace(0, stretch.length, max(1, stretch.length // CHUNK) + 1).astype(int).tolist()
+    for first, last in pairwise(ends):
+        channels = smoothed(stretch, filters, first, last)
+        moving = ~standstill(channels, filters)[::step]
+        motion = Motion(*(x[::step] for x in (channels.t, channels.q, channels.v, channels.a)))
+        yield step * stretch.dt, columns.unit(motion, np.sign(motion.v)) * moving.reshape(-1, 1)

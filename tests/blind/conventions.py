@@ -1,0 +1,32 @@
+"""Where a truth's parameter and a diagnosis's say the same in other words: name, factor and shift. Data only."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Reading(NamedTuple):
+    """``truth = factor · value + shift`` for the diagnosis's parameter of this name."""
+
+    name: str
+    factor: float = 1.0
+    shift: float = 0.0
+
+
+PARTS: dict[tuple[str, str, str], Reading | None] = {
+    ("position-dependent-friction", "two-harmonics", "amplitude"): Reading("amplitude", 1.25),
+    ("cogging", "several", "amplitude"): None,
+}
+"""(cause, form, parameter) → the same for one form alone; None where the two do not compare."""
+READINGS: dict[tuple[str, str], Reading] = {
+    ("asymmetric-friction", "coulomb_difference"): Reading("coulomb", 2.0),
+    ("asymmetric-friction", "viscous_difference"): Reading("viscous", 2.0),
+    ("load-dependent-friction", "ratio"): Reading("mu"),
+    ("quadratic-drag", "coefficient"): Reading("drag"),
+    ("torque-ripple", "depth"): Reading("amplitude"),
+    ("torque-gain", "gain"): Reading("gain", 1.0, -1.0),
+    ("torque-bias", "bias"): Reading("bias", -1.0),
+    ("delay", "delay"): Reading("time"),
+    ("joint-flexibility", "resonance_hz"): Reading("frequency"),
+}
+"""(cause, the truth's parameter) → the diagnosis's; where nothing stands the names and meanings agree."""

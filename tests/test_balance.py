@@ -1,0 +1,90 @@
+"""Laws of the balance: slid as it says, gravity takes least and what was foretold; a moved camera is moved back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from gimbal_pin.balance import COUNT, Balance, balance, reported
+from gimbal_pin.checking import gravity_load, poses
+from gimbal_pin.effects import PayloadShift
+from gimbal_pin.identification import Identified, identify
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.regressor import rnea
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+from tests.bench_logs import prescribed
+
+RIGS = ("thesis", "handheld", "turret")
+
+
+@cache
+def found(name: str, shift: tuple[float, ...] = ()) -> Identified:
+    rig = Rig.load(name)
+    log = prescribed(slid(rig, np.array(shift or (0.0, 0.0, 0.0))), 1, seconds=14.0, torque_noise=0.01, dt=0.004)
+    return identify(rig, [log], filtering=Filtering(alignment=0.0))
+
+
+def slid(rig: Rig, way: Array) -> Model:
+    return nominal(PayloadShift(*way.tolist()).apply(rig))
+
+
+def told(name: str, shift: tuple[float, ...] = ()) -> Balance:
+    out = balance(found(name, shift))
+    assert out is not None
+    return out
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_slid_as_it_says_gravity_takes_what_it_says(name: str) -> None:
+    """On the true rig: the load falls to what was foretold, and any other way of a millimetre makes it larger."""
+    rig, said = Rig.load(name), told(name)
+    load = gravity_load(slid(rig, said.way).rig)
+    for joint, torque in zip(rig.joints, load):
+        assert torque == pytest.approx(said.after[joint], abs=0.02 * max(said.before.values()) + 1e-9)
+    best = total(rig, said.way)
+    for axis in np.eye(3):
+        shown = np.abs(said.way) > 0
+        for sign in (-1, 1):
+            assert total(rig, said.way + sign * 2e-3 * axis * shown) >= best - 1e-9
+    assert best <= total(rig, np.zeros(3))
+
+
+def total(rig: Rig, way: Array) -> float:
+    """Gravity over the motors' torque, mean square over poses within the limits."""
+    q = poses(rig, COUNT)
+    torque = rnea(slid(rig, way).rig, q, np.zeros_like(q), np.zeros_like(q))
+    return float(np.mean((torque / rig.tau_max) ** 2))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_camera_that_was_moved_is_to_be_moved_back(name: str) -> None:
+    """The way changes by just what the camera was moved by, against its direction."""
+    moved = (0.012, -0.006, 0.009)
+    before, after = told(name), told(name, moved)
+    shown = np.abs(before.way) > 0
+    std = np.hypot(before.std, after.std)[shown]
+    np.testing.assert_array_less(np.abs(after.way - before.way + np.array(moved))[shown], 4 * std + 1e-6)
+    assert list(shown) == ([True, False, True] if name == "turret" else [True, True, True])
+
+
+def test_the_share_of_the_motor_is_gravity_over_its_torque() -> None:
+    said = told("thesis", (0.02, 0.0, 0.0))
+    load = gravity_load(slid(Rig.load("thesis"), np.array([0.02, 0.0, 0.0])).rig)
+    assert said.held["tilt"] == pytest.approx(load[2] / 3.6, rel=0.02)
+    weak = replace(said, available=dict.fromkeys(said.available, 0.5))
+    assert "cannot hold it" in weak.holding() and "hold it" in said.holding()
+    assert not weak.to_dict()["holds_unbalanced"] and said.to_dict()["holds_unbalanced"]
+
+
+def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> None:
+    row = reported(found("turret"))["balance"]
+    np.testing.assert_allclose(row["slide_mm"], 1e3 * told("turret").way)
+    assert row["slide_mm"][1] == 0.0
+    rig = Rig.load("turret", "none")
+    log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
+    assert reported(identify(rig, [log], filtering=Filtering(alignment=0.0)))["balance"] is None

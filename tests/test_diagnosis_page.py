@@ -1,0 +1,129 @@
+"""What is shown of a diagnosis: look-alikes, gain, residual, and the summary's words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import lxml.html
+import numpy as np
+import pytest
+
+from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.diagnosis.heat import heat
+from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.likeness import cosine
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Log
+from gimbal_pin.report import sections
+from gimbal_pin.report.joints import joints_of
+from gimbal_pin.report.sections.gain import measures
+from gimbal_pin.report.sections.missed import about_gain, extended_card, missed
+from gimbal_pin.report.sections.residuals import ranked
+from gimbal_pin.report.sections.summary import verdict
+from gimbal_pin.rig import Rig
+from tests.bench_logs import prescribed
+from tests.test_compensation import with_causes
+
+FEW = ("cogging", "cable-spring", "torque-ripple", "delay", "actuator-lag", "stribeck")
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    """A turret whose tilt motor cogs."""
+    model = with_causes(rig, "cogging:tilt:amplitude=0.04,harmonic=11")
+    return prescribed(model, seconds=20.0, torque_noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def found(rig: Rig, log: Log) -> Diagnosis:
+    return diagnose(rig, [log], {name: CAUSES[name] for name in FEW}, rng=np.random.default_rng(0))
+
+
+def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
+    assert [(one.cause, one.joint) for one in found.findings] == [("cogging", "tilt")]
+    rows = found.to_dict()["tracking"]
+    assert list(rows) == ["pan", "tilt"]
+    assert 0 < rows["tilt"]["rms_after"] < 0.3 * rows["tilt"]["rms_before"]
+
+
+def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:
+    rows = {joint: {"rms_before": float("nan"), "rms_after": 1e-4} for joint in found.tracking}
+    broken = replace(found, tracking=rows)
+    assert broken.to_dict()["tracking"]["pan"] == {"rms_before": None, "rms_after": 1e-4}
+    assert "not stable" in sections.diagnosis(broken).html
+
+
+def test_the_map_of_look_alikes_is_a_matrix_of_cosines(found: Diagnosis) -> None:
+    (known,) = found.likeness
+    C = known.correlation
+    assert (known.causes[0], known.joint) == ("cogging", "tilt") and len(known.causes) == len(C) >= 4
+    assert np.allclose(C, C.T) and np.allclose(np.diag(C), 1.0) and np.all((C >= 0) & (C <= 1 + 1e-9))
+    assert np.all(np.diff(C[0, 1:]) <= 1e-9)  # the likest first
+    assert np.all(C[0, 1:] < 0.95)  # or the finding would be ambiguous
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 2])
+def test_a_cosine_is_that_of_the_angle_between(angle: float) -> None:
+    a, b = np.eye(4)[:, :1], np.zeros((4, 2))
+    b[0, 0], b[1, 0], b[2, 1] = np.cos(angle), np.sin(angle), 1.0
+    assert cosine(a, b) == pytest.approx(np.cos(angle), abs=1e-12)
+    assert cosine(a, b[:, :0]) == 0.0
+
+
+def test_joints_with_findings_are_drawn_first(rig: Rig, found: Diagnosis) -> None:
+    assert ranked(found, joints_of(rig)) == [1, 0]
+    assert ranked(replace(found, findings=(), residual={}), joints_of(rig)) == [0, 1]
+    left = {"pan": Residual("noise", 0.1, 1.0, ""), "tilt": Residual("structured", 0.1, 9.0, "")}
+    assert ranked(replace(found, findings=(), residual=left), joints_of(rig)) == [1, 0]
+
+
+def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
+    page = lxml.html.fromstring(f"<div>{sections.diagnosis(found).html}</div>")
+    labels = [svg.get("aria-label") for svg in page.iter("svg")]
+    assert [label.split()[0] for label in labels] == ["Correlation", "Held-out", "Errors"]
+    (table,) = [t for t in page.iter("table") if "in the place of cogging" in t.getparent().get("aria-label")]
+    shown = [row.findtext("th") for row in table.find("tbody")]
+    assert shown == [rival.cause for rival in found.findings[0].rivals[:6]] and shown
+    assert "cogging feed-forward by angle" in page.text_content()
+
+
+def test_the_bars_hold_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
+    torque, rolled, followed = measures(found, joints_of(rig))
+    told = found.to_dict()
+    scale = 1e3 if "mN m" in torque.title else 1.0
+    assert torque.after["tilt"] == pytest.approx(scale * told["extended"]["torque_rmse"]["tilt"])
+    assert rolled.before["tilt"] == pytest.approx(np.degrees(told["baseline"]["rollout_rmse"]["tilt"]))
+    assert followed.after["pan"] == pytest.approx(np.degrees(told["tracking"]["pan"]["rms_after"]))
+
+
+def test_a_model_that_knows_leaves_joints_cold(rig: Rig, log: Log, found: Diagnosis) -> None:
+    before, after = (heat(known.model, log) for known in (found.before, found.after))
+    for warm in (before, after):
+        assert warm.shape == log.q.shape and np.all((warm >= 0) & (warm <= 1))
+    assert before[:, 1].mean() > 3 * after[:, 1].mean()
+    louder = replace(log, tau=2 * np.asarray(log.tau))
+    assert heat(found.after.model, louder).mean() > after.mean()
+    with pytest.raises(UsageError, match="torque"):
+        heat(found.after.model, replace(log, tau=None))
+
+
+def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
+    assert missed(found) == "The rigid model misses cogging at tilt"
+    (finding,) = found.findings
+    either = replace(finding, status="ambiguous", alike=("cogging", "cable-spring"))
+    assert missed(replace(found, findings=(either,))).endswith("cogging or cable-spring at tilt")
+    left = {"pan": Residual("structured", 0.1, 9.0, "")}
+    assert "something at pan that no known cause" in missed(
+        replace(found, verdict="unknown", findings=(), residual=left)
+    )
+    assert missed(None) == missed(replace(found, verdict="nothing", findings=())) == ""
+    said = verdict(99.0, {"tilt": 3.0}, "pid", missed(found))
+    assert "cogging at tilt" in said and "explains" not in said and "on every axis" in said
+    assert "tilt" in about_gain(found)[0] and extended_card(found)[0].tone == "good"
+    assert about_gain(replace(found, findings=())) == extended_card(None) == []

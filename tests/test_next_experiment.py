@@ -1,0 +1,175 @@
+"""Laws of the next experiment: it parts what was ambiguous, as far as promised, and knows what no motion parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
+from gimbal_pin.diagnosis.contest import contest, unexplained
+from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
+from gimbal_pin.diagnosis.parting import NAMED, Apart
+from gimbal_pin.effects import CAUSES, Cause
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.excitation.limits import Envelope
+from gimbal_pin.io import read_motion
+from gimbal_pin.io.diagnosis import write_diagnosis
+from gimbal_pin.log import Log, Motion
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import plant_with
+
+DT, SECONDS = 0.005, 20.0
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+def few(*names: str) -> Mapping[str, type[Cause]]:
+    return {name: CAUSES[name] for name in names}
+
+
+def small(travel: float, seconds: float = 18.0) -> Motion:
+    """Two joints to and fro over a part of their travel, at two incommensurable rates."""
+    t = DT * np.arange(round(seconds / DT) + 1)
+    size, slow, fast = travel / 4 * np.array([1.0, 0.7]), np.array([1.38, 2.28]), np.array([2.62, 3.2])
+    q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
+    for w in (slow, fast):
+        q += size * np.sin(np.outer(t, w))
+        v += size * w * np.cos(np.outer(t, w))
+        a -= size * w**2 * np.sin(np.outer(t, w))
+    return Motion(t, q, v, a)
+
+
+def recorded(rig: Rig, motion: Motion, planted: str, seed: int) -> Log:
+    """A log of the motion on a rig that hides a cause; sensors whose noise does not depend on the motion."""
+    plant = plant_with(nominal(rig), [parse_effect(planted, rig)]).plant
+    rng, shape = np.random.default_rng(seed), motion.q.shape
+    q, v = (x + std * rng.standard_normal(shape) for x, std in ((motion.q, 1e-5), (motion.v, 1e-3)))
+    tau = plant.inverse(motion.q, motion.v, motion.a, t=motion.t) + 3e-3 * rng.standard_normal(shape)
+    return Log(f"log {seed}", rig.joints, motion.t, q, v, tau)
+
+
+def said(rig: Rig, logs: list[Log], causes: Mapping[str, type[Cause]]) -> Diagnosis:
+    band = replace(BAND, alignment=0.0)  # the torque is that of the sample itself
+    return diagnose(rig, logs, causes, rng=np.random.default_rng(1), holdout="last-third", filtering=band)
+
+
+def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 24) -> NextExperiment:
+    plan = next_experiment(found, causes, rng=np.random.default_rng(3), seconds=SECONDS, tries=tries, dt=DT)
+    assert plan is not None
+    return plan
+
+
+AMBIGUOUS = {
+    "cogging:pan:amplitude=0.05,harmonic=3": ("cogging", "cable-spring", 0.4),
+    "load-dependent-friction:tilt:mu=0.1": ("load-dependent-friction", "position-dependent-friction", 0.4),
+}
+
+
+@cache
+def begun(planted: str) -> tuple[Log, Diagnosis]:
+    """The first log of a rig that hides one of `AMBIGUOUS`, and what it says."""
+    rig, (name, rival, travel) = Rig.load("turret"), AMBIGUOUS[planted]
+    log = recorded(rig, small(travel), planted, 0)
+    return log, said(rig, [log], few(name, rival))
+
+
+@pytest.mark.parametrize("planted", AMBIGUOUS)
+def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) -> None:
+    """Ambiguous on a first log, named with the next one; measured as far apart as promised."""
+    name, rival, _ = AMBIGUOUS[planted]
+    causes, (first, before) = few(name, rival), begun(planted)
+    assert before.verdict == "ambiguous" and {name, rival} <= set(before.findings[0].alike)
+    plan = designed(before, causes)
+    promised = next(p for p in plan.partings if {p.cause, p.rival} == {name, rival})
+    assert plan.motion is not None and promised.expected is not None
+    assert promised.expected.named and promised.expected.deviations > 3 * promised.now.deviations
+    after = said(rig, [first, recorded(rig, plan.motion, planted, 1)], causes)
+    assert after.verdict == "named" and [(f.cause, f.joint) for f in after.findings] == [(name, planted.split(":")[1])]
+    assert after.state is not None
+    measured = contest(after.state, after.state.causes[0], rival, causes)
+    assert measured is not None and measured.now.deviations > NAMED
+    assert measured.now.deviations > promised.expected.deviations / 3
+    assert planned(after, causes, rng=np.random.default_rng(0)).planned is None
+
+
+@pytest.fixture(scope="module")
+def ambiguous() -> Diagnosis:
+    return begun("cogging:pan:amplitude=0.05,harmonic=3")[1]
+
+
+@pytest.fixture(scope="module")
+def plan(ambiguous: Diagnosis) -> NextExperiment:
+    return designed(ambiguous, few("cogging", "cable-spring"), tries=12)
+
+
+def test_it_keeps_to_the_limits_and_to_rest(rig: Rig, plan: NextExperiment) -> None:
+    motion = plan.motion
+    assert motion is not None and plan.seconds == pytest.approx(SECONDS)
+    assert Envelope.of(rig).shares(nominal(rig), motion).max() <= 1 - 0.99 * MARGIN
+    for end in (0, -1):
+        np.testing.assert_allclose([motion.v[end], motion.a[end]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.gradient(motion.q, DT, axis=0)[1:-1], motion.v[1:-1], atol=1e-2)
+
+
+def test_it_is_a_file_that_others_read(rig: Rig, ambiguous: Diagnosis, plan: NextExperiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    files = write_diagnosis(replace(ambiguous, planned=plan), tmp_path)
+    motion = read_motion(files["next experiment"], rig)
+    np.testing.assert_allclose(motion.q, plan.motion.q if plan.motion else 0.0, atol=1e-12)
+    assert "next experiment" not in write_diagnosis(ambiguous, tmp_path / "none")
+    data = replace(ambiguous, planned=plan).to_dict()["next_experiment"]
+    assert data["partings"][0]["deviations_expected"] > data["partings"][0]["deviations_now"]
+
+
+def test_more_rows_never_bring_two_causes_nearer(ambiguous: Diagnosis, plan: NextExperiment) -> None:
+    """A separation is the smallest sum of squares: rows are only ever added to it."""
+    assert all(p.expected is None or p.expected.deviations >= p.now.deviations * (1 - 1e-9) for p in plan.partings)
+    assert all(p.now.share <= 1 for p in plan.partings)
+
+
+def test_an_interrupted_search_keeps_the_best_so_far(ambiguous: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: Iterator[int] = iter(range(100))
+    tried = Bench.tried
+
+    def interrupted(bench: Bench, *at: object) -> Tried:
+        if next(calls) == 3:
+            raise KeyboardInterrupt
+        return tried(bench, *at)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Bench, "tried", interrupted)
+    plan = designed(ambiguous, few("cogging", "cable-spring"))
+    assert plan.motion is not None and not plan.finished and "interrupted" in plan.lines[-1]
+
+
+def test_no_motion_parts_a_bias_from_asymmetric_friction(rig: Rig) -> None:
+    """They are one torque: no file, and a sentence that says so and what would part them."""
+    causes = few("torque-bias", "asymmetric-friction")
+    found = said(rig, [recorded(rig, small(1.0), "torque-bias:pan:bias=0.03", 4)], causes)
+    assert found.verdict == "ambiguous"
+    plan = designed(found, causes, tries=6)
+    assert plan.motion is None and plan.seconds == 0.0
+    assert [p.expected for p in plan.partings] == [None]
+    assert "no motion parts them" in plan.lines[0] and "holds at rest" in plan.lines[0]
+
+
+def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:
+    rng = np.random.default_rng(0)
+    A, b = rng.standard_normal((50, 4)), rng.standard_normal(50)
+    plain = unexplained(A, b)
+    assert unexplained(np.hstack([A * [1e-9, 1.0, 1e9, 3.0], A[:, :1] - A[:, 1:2], np.zeros((50, 1))]), b) == (
+        pytest.approx(plain, rel=1e-9)
+    )
+    assert plain == pytest.approx(np.linalg.norm(b - A @ np.linalg.pinv(A) @ b), rel=1e-9)
+
+
+def test_deviations_and_share_are_both_worth_something() -> None:
+    least = Apart(4.0, 0.5)
+    assert least.named and not Apart(3.0, 0.5).named and not Apart(4.0, 0.1).named
+    assert Apart(5.0, 0.5).worth > least.worth and Apart(4.0, 0.6).worth > least.worth

@@ -1,0 +1,176 @@
+"""Laws of several cameras on one gimbal: one gimbal in all, each camera its own; a new camera needs ten seconds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gimbal_pin.cli import main
+from gimbal_pin.effects import PayloadShift
+from gimbal_pin.errors import UsageError
+from gimbal_pin.experiment import bench_run
+from gimbal_pin.identification import Identified, identify
+from gimbal_pin.io import write_log
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import nominal
+from gimbal_pin.payloads import Carried, Several, identify_new, identify_several, stated
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+from gimbal_pin.tuning import tune
+from tests.bench_logs import fourier, prescribed
+
+RIGS = ("thesis", "handheld", "turret")
+ALIGNED = Filtering(alignment=0.0)
+
+
+def log_of(rig: Rig, seed: int, seconds: float = 16.0) -> Log:
+    return prescribed(nominal(rig), seed, seconds=seconds, torque_noise=0.02, dt=0.004)
+
+
+@cache
+def several(name: str, payloads: Sequence[str]) -> Several:
+    rigs = {payload: Rig.load(name, payload) for payload in payloads}
+    logs = {payload: [log_of(rig, k)] for k, (payload, rig) in enumerate(rigs.items())}
+    return identify_several(rigs, logs, filtering=ALIGNED)
+
+
+def own_of(found: Several) -> Carried:
+    return Carried.of(found.first.model.rig, found.first.reduction)
+
+
+@pytest.mark.parametrize(
+    ("name", "payloads"),
+    [
+        ("thesis", ("cinema", "none")),
+        ("handheld", ("mirrorless", "cinema", "infrared")),
+        ("turret", ("cinema", "none")),
+    ],
+)
+def test_every_camera_has_its_own_parameters(name: str, payloads: tuple[str, ...]) -> None:
+    """Within their deviations of what its URDF says, and each model predicts its own held-out part."""
+    found, z = several(name, payloads), []
+    assert found.reference == ("none" if "none" in payloads else payloads[0])
+    for payload in payloads:
+        camera = found.cameras[payload]
+        if payload != found.reference:
+            true = own_of(found).shown(stated(Rig.load(name, payload)))
+            z += ((camera.value - true) / camera.std).tolist()
+        assert min(found.identified[payload].held_out.fit_percent.values()) > 97  # type: ignore[union-attr]
+    assert np.max(np.abs(z)) < 4 and np.sqrt(np.mean(np.square(z))) < 1.7
+
+
+def test_the_gimbal_is_one_and_the_same_in_all() -> None:
+    """Base parameters differ only within the reach of the camera's body; friction does not differ at all."""
+    found = several("handheld", ("mirrorless", "cinema", "infrared"))
+    first, width = found.first, len(found.first.reduction.independent)
+    reach = own_of(found).columns
+    for one in found.identified.values():
+        change = one.estimate.theta - first.estimate.theta
+        left = change[:width] - reach @ np.linalg.lstsq(reach, change[:width], rcond=None)[0]
+        np.testing.assert_allclose(left, 0, atol=1e-9)
+        np.testing.assert_array_equal(change[width:], 0)
+
+
+def test_sharing_the_gimbal_is_surer_than_either_log() -> None:
+    """Two logs teach more of friction than one, each camera's rows counting by their own noise."""
+    both = several("turret", ("mirrorless", "infrared"))
+    rig = Rig.load("turret", "mirrorless")
+    alone = identify(rig, [log_of(rig, 0)], filtering=ALIGNED, holdout="last-third")
+    width = len(alone.reduction.independent)
+    assert np.mean(both.first.estimate.std[width:] / alone.estimate.std[width:]) < 0.9
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_new_camera_needs_ten_seconds(name: str) -> None:
+    """Its mass moment within 2 %, its inertia within 5 %, from 10 s of motion on a gimbal that is known."""
+    known = several(name, ("mirrorless", "cinema")).first
+    error, z = new_camera(name, known, lambda rig: log_of(rig, 9, 10.0), ALIGNED)
+    assert error["kg m"] < 0.02 and error["kg m^2"] < 0.05
+    assert np.sqrt(np.mean(np.square(z))) < 2
+
+
+def new_camera(name: str, known: Identified, record, filtering: Filtering):  # type: ignore[no-untyped-def]
+    """Largest error by unit, as a share of the largest such parameter; every parameter's z."""
+    rig = Rig.load(name, "zoom-lens")
+    true = PayloadShift(0.01, -0.005, 0.012).apply(rig)
+    found = identify_new(rig, [record(true)], known.model, filtering=filtering)
+    camera = found.cameras["zoom-lens"]
+    own, reference = Carried.of(rig, known.reduction), Rig.load(name, "mirrorless")
+    mine = slice(10 * own.body, 10 * own.body + 10)
+    truth = own.shown(stated(reference) + true.phi[mine] - reference.phi[mine])
+    away = camera.value - truth
+    return {unit: share(away, truth, camera.units, unit) for unit in ("kg m", "kg m^2")}, away / camera.std
+
+
+def share(away: Array, truth: Array, units: Sequence[str], unit: str) -> float:
+    """Largest error among the parameters of a unit over the largest of them."""
+    these = [k for k, one in enumerate(units) if one == unit]
+    return float(np.abs(away[these]).max() / np.abs(truth[these]).max())
+
+
+def test_ten_seconds_do_in_closed_loop_too() -> None:
+    """A simulated rig with its own encoders and gyros, stick friction and 1 % torque noise."""
+
+    def moved(rig: Rig, seed: int = 2) -> Log:
+        plant, rng = nominal(rig), np.random.default_rng(seed)
+        mover = tune(plant, bandwidth_hz=4.0, dt=0.002).controller
+        return bench_run(plant, mover, rng=rng, reference=fourier(rig, seed, 10.0, 0.002))
+
+    rig = Rig.load("turret", "mirrorless")
+    known = identify(rig, [moved(rig, 1)], holdout="none")
+    error, _ = new_camera("turret", known, moved, Filtering())
+    assert error["kg m"] < 0.02 and error["kg m^2"] < 0.05
+
+
+def test_known_without_uncertainty_or_of_another_rig_is_refused() -> None:
+    rig = Rig.load("turret", "cinema")
+    with pytest.raises(UsageError, match="no uncertainty"):
+        identify_new(rig, [log_of(rig, 0)], nominal(rig))
+    other = several("handheld", ("mirrorless", "cinema", "infrared")).first.model
+    with pytest.raises(UsageError, match="other parameters"):
+        identify_new(rig, [log_of(rig, 0)], other)
+    with pytest.raises(UsageError, match="several payloads"):
+        identify_several({"cinema": rig}, {"cinema": [log_of(rig, 0)]}, holdout="log:2")
+
+
+def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two cameras at once write one model of both; a third is estimated on it; partly tagged logs are refused."""
+    for k, payload in enumerate(("mirrorless", "cinema", "zoom-lens")):
+        log = log_of(Rig.load("turret", payload), k, 10.0 if payload == "zoom-lens" else 16.0)
+        write_log(log, tmp_path / f"{payload}.csv")
+    tagged = [f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema", "zoom-lens")]
+    model, said = tmp_path / "model.yaml", tmp_path / "said.json"
+    main(["identify", "turret", *tagged[:2], "--alignment", "0", "-o", str(model), "--json", str(said)])
+    row = json.loads(said.read_text())
+    assert (
+        set(row["payloads"]) == {"mirrorless", "cinema"}
+        and row["payloads"]["cinema"]["held_out"]["how"] == "last third"
+    )
+    assert row["payloads"]["cinema"]["balance"]["slide_mm"] and row["base_parameters"]
+    main(["identify", "turret", tagged[2], "--alignment", "0", "--known", str(model), "--json", str(said)])
+    row = json.loads(said.read_text())
+    true = Rig.load("turret", "zoom-lens")
+    moment = {one["name"]: one["value"] for one in row["payloads"]["zoom-lens"]["camera"]}
+    assert moment["camera.mx"] == pytest.approx(stated(true)[1], rel=0.02)
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stop:
+        main(["identify", "turret", tagged[0], f"{tmp_path}/cinema.csv"])
+    assert stop.value.code == 2 and "tag each of them" in capsys.readouterr().err
+
+
+def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:
+    from gimbal_pin.io.model import read_model, write_model
+
+    found = several("turret", ("mirrorless", "cinema"))
+    write_model(found.first, tmp_path / "model.yaml", found.identified)
+    for payload, one in found.identified.items():
+        read = read_model(tmp_path / "model.yaml", replace(Rig.load("turret", payload)))
+        np.testing.assert_allclose(read.rig.phi, one.model.rig.phi)

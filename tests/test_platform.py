@@ -1,0 +1,307 @@
+"""Laws of a rig on a platform that moves: MuJoCo's inverse dynamics, the energy balance, the fixed base as a case."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
+
+from gimbal_pin.effects import Coulomb, Term
+from gimbal_pin.effects.base_tilt import BaseTilt
+from gimbal_pin.log import Array, Imu
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.plant import Plant, State
+from gimbal_pin.platform import Platform, integrated, rotations
+from gimbal_pin.profile import ACCELERATION, ATTITUDE, profile_s
+from gimbal_pin.reduction import columns, reduce, scan, stacked, subspace
+from gimbal_pin.regressor import regressor, rnea
+from gimbal_pin.rig import GRAVITY, Rig, bundled_payloads, bundled_rigs
+
+COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
+UP = np.array([0.0, 0.0, GRAVITY])
+
+
+@cache
+def rig_of(name: str, payload: str | None = None) -> Rig:
+    return Rig.load(name, payload)
+
+
+def states(n: int, seed: int, count: int = 20) -> tuple[Array, Array, Array]:
+    draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
+    return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
+
+
+def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
+    """Wild attitudes and motions, with the attitude's matrices and the acceleration in the world."""
+    rng = np.random.default_rng(seed)
+    angles, rates, accelerations = rng.uniform(-1.2, 1.2, (3, count, 3)) * np.array([1, 3, 20]).reshape(3, 1, 1)
+    a = rng.uniform(-10, 10, (count, 3))
+    return Platform.turning(np.arange(float(count)), angles, rates, accelerations, a), rotations(angles), a
+
+
+# --- the equation of the motion itself ------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(-1.4, 1.4), min_size=12, max_size=12))
+def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity(numbers: list[float]) -> None:
+    """R' = R [w]x and w' = dw along ``e(t) = e0 + e1 sin t + e2 cos 2t``, by five-point differences."""
+    e0, e1, e2, a = np.reshape(numbers, (4, 3))
+    h = 1e-3
+    t = h * np.arange(-2, 3)[:, None]
+    e = e0 + e1 * np.sin(t) + e2 * np.cos(2 * t)
+    de, dde = e1 * np.cos(t) - 2 * e2 * np.sin(2 * t), -e1 * np.sin(t) - 4 * e2 * np.cos(2 * t)
+    moving = Platform.turning(t[:, 0], e, de, dde, np.tile(a, (5, 1)))
+    R = rotations(e)
+    weights = np.array([1, -8, 0, 8, -1]) / (12 * h)
+    spin = R[2].T @ np.tensordot(weights, R, 1)
+    np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], moving.w[2], atol=1e-8)
+    np.testing.assert_allclose(weights @ moving.w, moving.dw[2], atol=1e-7)
+    np.testing.assert_allclose(R[2] @ moving.f[2], a + UP, atol=1e-12)
+    w, *xyz = moving.quat[2] if moving.quat is not None else ()
+    np.testing.assert_allclose(pin.Quaternion(np.array([*xyz, w])).toRotationMatrix(), R[2], atol=1e-12)
+
+
+def test_attitude_is_the_integral_of_the_rate() -> None:
+    t = 5e-4 * np.arange(8000)
+    moving = profile_s(t, np.random.default_rng(3))
+    assert moving.quat is not None
+    np.testing.assert_allclose(integrated(moving.w, 5e-4, moving.quat[0]), moving.quat, atol=1e-5)
+
+
+def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:
+    t = 2.5e-3 * np.arange(24_001)
+    one, fine = profile_s(t, np.random.default_rng(1)), profile_s(t[:101] / 2, np.random.default_rng(1))
+    np.testing.assert_allclose(one.f[:51], fine.f[::2], atol=1e-9)
+    spread = np.sqrt(sum(band.rms**2 for band in ACCELERATION))
+    assert np.sqrt(np.mean((np.linalg.norm(one.f, axis=1) - GRAVITY) ** 2)) == pytest.approx(spread, rel=0.1)
+    frequency = np.fft.rfftfreq(len(t), 2.5e-3)
+    power = np.sum(np.abs(np.fft.rfft(one.w, axis=0)) ** 2, axis=1)
+    inside = np.zeros(len(frequency), dtype=bool)
+    for band in ATTITUDE:
+        inside |= (frequency > 0.9 * band.low) & (frequency < 1.1 * band.high)
+    assert power[inside].sum() > 0.97 * power.sum()
+    half = profile_s(t[:1000], np.random.default_rng(1), size=0.5)
+    assert np.std(half.w) == pytest.approx(np.std(one.w[:1000]) / 2, rel=0.02)
+
+
+def test_a_measured_motion_is_the_true_one_below_the_cutoff() -> None:
+    t = 1e-3 * np.arange(6001)
+    e, w = np.array([0.2, 0.1, 0.3]), 2 * np.pi * np.array([0.7, 1.1, 0.4])
+    angles, rates, accelerations = e * np.sin(t[:, None] * w), e * w * np.cos(t[:, None] * w), 0 * t[:, None]
+    true = Platform.turning(t, angles, rates, accelerations - e * w**2 * np.sin(t[:, None] * w), 0 * angles + 0.5)
+    seen = Platform.measured(t, Imu(true.w, true.f, true.quat), "log")
+    for name, size in (("f", 2e-3), ("w", 2e-3), ("dw", 2e-2), ("quat", 1e-5)):
+        np.testing.assert_allclose(getattr(seen, name)[500:-500], getattr(true, name)[500:-500], atol=size)
+    assert seen.quat is not None and true.quat is not None
+    np.testing.assert_allclose(Platform.measured(t, Imu(true.w, true.f), "log").f, seen.f)
+
+
+# --- inverse dynamics -------------------------------------------------------------------------------------------------
+
+
+def mujoco_model(rig: Rig) -> mujoco.MjModel:
+    """The rig's URDF in MuJoCo behind a free joint, nothing in it but rigid bodies."""
+    robot = etree.fromstring(rig.urdf.encode())
+    compiler = {"discardvisual": "true", "fusestatic": "false", "balanceinertia": "false"}
+    etree.SubElement(etree.SubElement(robot, "mujoco"), "compiler", compiler)
+    robot.insert(0, etree.Element("link", name="world"))
+    joint = etree.SubElement(robot, "joint", name="free", type="floating")
+    etree.SubElement(joint, "parent", link="world")
+    etree.SubElement(joint, "child", link=rig.base)
+    model = mujoco.MjModel.from_xml_string(etree.tostring(robot).decode())
+    model.opt.gravity[:] = 0, 0, -GRAVITY
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    for passive in (model.dof_damping, model.dof_frictionloss, model.dof_armature, model.jnt_stiffness):
+        passive[:] = 0
+    return model
+
+
+def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, world: Array) -> Array:
+    """mj_inverse with the base where the world sees it: MuJoCo's free joint has its rate in the body's frame."""
+    model, rng = mujoco_model(rig), np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    at = [int(model.joint(name).dofadr[0]) for name in rig.joints]
+    assert model.nv == rig.n + 6 and platform.quat is not None
+    out = np.empty_like(q)
+    for k, row in enumerate(out):
+        data.qpos[:3], data.qpos[3:7] = rng.normal(size=3), platform.quat[k]
+        data.qvel[:3], data.qvel[3:6] = rng.normal(size=3), platform.w[k]
+        data.qacc[:3], data.qacc[3:6] = world[k], platform.dw[k]
+        data.qpos[[j + 1 for j in at]], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        row[:] = data.qfrc_inverse[at]
+    return out
+
+
+@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
+def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
+    rig = rig_of(name, payload)
+    platform, _, world = shaken(1)
+    at = states(rig.n, 2)
+    ours = rnea(rig, *at, platform)
+    np.testing.assert_allclose(ours, mujoco_torque(rig, *at, platform, world), rtol=0, atol=1e-9)
+    assert np.abs(ours - rnea(rig, *at)).max() > 0.1
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: str) -> None:
+    rig, t = rig_of(name), np.arange(20.0)
+    at = states(rig.n, 4)
+    np.testing.assert_allclose(rnea(rig, *at, Platform.still(t)), rnea(rig, *at), atol=1e-12)
+    np.testing.assert_allclose(regressor(rig, *at, Platform.still(t)), regressor(rig, *at), atol=1e-12)
+    leaning = BaseTilt(roll=0.3, pitch=-0.7).apply(rig)
+    np.testing.assert_allclose(rnea(rig, *at, Platform.still(t, 0.3, -0.7)), rnea(leaning, *at), atol=1e-12)
+    np.testing.assert_allclose(rnea(leaning, *at, Platform.still(t)), rnea(leaning, *at), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
+    rig, platform = rig_of(name), shaken(5)[0]
+    at, phi = states(rig.n, 6), rig.phi * np.random.default_rng(7).uniform(0.5, 2, 10 * rig.n)
+    expected = rnea(rig.with_phi(phi), *at, platform)
+    np.testing.assert_allclose(regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(Model(rig.with_phi(phi), ()).inverse(*at, platform=platform), expected, atol=0)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_power_at_joints_and_base_is_the_rate_of_energy(name: str) -> None:
+    """d/dt (T + V) = q'ᵀ tau + w·M + v·F: energy in the world, where the base really moves and falls; h⁴ errors."""
+    rig = rig_of(name)
+    world = rig.floating.copy()
+    world.gravity.linear = -UP
+    data, h, rng = world.createData(), 1e-3, np.random.default_rng(8)
+    w, size = rng.uniform(1, 4, (3, rig.n + 6)), rng.uniform(0.1, 0.6, (3, rig.n + 6))
+
+    def motion(t: float) -> tuple[Array, Array, Array]:
+        s, c = size * np.sin(w * t), size * np.cos(w * t)
+        return s.sum(0), (w * c).sum(0), (-(w**2) * s).sum(0)
+
+    def at(t: float) -> tuple[Platform, Array, Array]:
+        (x, dx, ddx), one = motion(t), np.zeros(1)
+        platform = Platform.turning(one, x[None, 3:6], dx[None, 3:6], ddx[None, 3:6], ddx[None, :3])
+        R = rotations(x[None, 3:6])[0]
+        q = np.concatenate([x[:3], pin.Quaternion(R).coeffs(), x[6:]])
+        return platform, q, np.concatenate([R.T @ dx[:3], platform.w[0], dx[6:]])
+
+    def energy(t: float) -> float:
+        _, q, v = at(t)
+        return float(pin.computeKineticEnergy(world, data, q, v) + pin.computePotentialEnergy(world, data, q))
+
+    for t in rng.uniform(0, 10, 5):
+        rate = (8 * (energy(t + h) - energy(t - h)) - (energy(t + 2 * h) - energy(t - 2 * h))) / (12 * h)
+        platform, _, v = at(t)
+        x, dx, ddx = motion(t)
+        tau = rnea(rig, x[None, 6:], dx[None, 6:], ddx[None, 6:], platform)[0]
+        lifted = (np.r_[np.zeros(6), 1.0, x[6:]], np.r_[np.zeros(3), platform.w[0], dx[6:]])
+        wrench = pin.rnea(
+            rig.floating, rig.floating.createData(), *lifted, np.r_[platform.f[0], platform.dw[0], ddx[6:]]
+        )
+        np.testing.assert_allclose(wrench[6:], tau, atol=1e-12)
+        assert rate == pytest.approx(v[:6] @ wrench[:6] + v[6:] @ tau, abs=1e-7 * (1 + np.abs(v) @ np.abs(wrench)))
+
+
+# --- what shows -------------------------------------------------------------------------------------------------------
+
+COUNTS = {
+    ("thesis", False): (15, 17, 21),
+    ("thesis", True): (9, 11, 12),
+    ("handheld", False): (15, 17, 21),
+    ("turret", False): (8, 10, 14),
+}
+"""CONTROL, "Identifiable inertial parameters": what a base that stands, leans, turns shows; two axes by n - 1."""
+
+
+@pytest.mark.parametrize(("name", "diagonal"), COUNTS)
+def test_a_lean_adds_two_and_turning_four_more(name: str, diagonal: bool) -> None:
+    rig = rig_of(name)
+    found = [reduce(rig, diagonal, base) for base in ("fixed", "tilted", "rotating")]  # type: ignore[arg-type]
+    assert tuple(len(one.independent) for one in found) == COUNTS[name, diagonal]
+    assert tuple(subspace(stacked(rig, diagonal, one.base)[0]).shape[1] for one in found) == COUNTS[name, diagonal]
+    assert set(found[0].independent) < set(found[1].independent) < set(found[2].independent)
+    assert set(found[2].zero) < set(found[1].zero) < set(found[0].zero)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_one_lean_shows_as_much_as_many_and_translation_adds_nothing_to_turning(name: str) -> None:
+    rig, (names, places) = rig_of(name), columns(rig_of(name))
+    at, lean = states(rig.n, 9, 200), Platform.still(np.arange(200.0), 0.4, 0.3)
+    turning, R, _ = shaken(10, 200)
+    in_place = Platform(turning.t, R.transpose(0, 2, 1) @ UP, turning.w, turning.dw)
+    for base, platform in (("tilted", lean), ("rotating", in_place)):
+        matrix = regressor(rig, *at, platform)[:, :, places].reshape(-1, len(places))
+        assert scan(matrix, names).independent == reduce(rig, base=base).independent  # type: ignore[arg-type]
+
+
+def test_the_level_of_a_motion_is_told_from_it() -> None:
+    t = 1e-3 * np.arange(5000)
+    noise = np.random.default_rng(0).normal(0, 0.005, (5000, 3))
+    upright = Platform(t, UP + noise, noise + 0.01, 0 * noise)
+    assert upright.motion == "fixed"
+    assert Platform.still(t, 0.05).motion == "tilted"
+    assert profile_s(t, np.random.default_rng(0), size=0.5).motion == "rotating"
+
+
+# --- forward dynamics -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
+    rig = rig_of(name)
+    platform, model, t = shaken(11)[0], nominal(rig), np.arange(20)
+    q, v, a = states(rig.n, 12)
+    tau = model.inverse(q, v, a, platform=platform)
+    plant = Plant(model, platform)
+    for k in t[1:-1]:
+        state = State(q[k], v[k])
+        contact = plant.contact(float(k), state, tau[k])
+        np.testing.assert_allclose(plant.acceleration(float(k), state, tau[k], contact), a[k], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_a_platform_at_rest_carries_the_plant_along_the_fixed_ones_way(name: str) -> None:
+    """Friction, sticking and all: the two ways of computing the same torque part by rounding alone."""
+    rig, dt = rig_of(name), 1e-3
+    model, n = nominal(rig), 300
+    still, fixed = Plant(model, Platform.still(dt / 2 * np.arange(2 * n + 1))), Plant(model)
+    one = other = State(np.full(rig.n, 0.2), np.full(rig.n, 0.4))
+    for k in range(n):
+        tau = 0.2 * np.sin(20 * k * dt + np.arange(rig.n))
+        one, other = still.step(k * dt, one, tau, dt), fixed.step(k * dt, other, tau, dt)
+    np.testing.assert_allclose(one.q, other.q, atol=1e-10)
+    np.testing.assert_allclose(one.v, other.v, atol=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "order"), [(3.0, 4), (0.5, 2)])
+def test_the_plant_on_a_shaken_platform_converges(rate: float, order: int) -> None:
+    """Of fourth order while the joints slide; stops and starts, where dry friction jumps, leave two orders."""
+    rig, ends = rig_of("turret"), []
+    model, v = nominal(rig), rate * np.array([1.0, -1.0])
+    for parts in (1, 2, 16):
+        dt = 1e-3 / parts
+        platform = profile_s(dt / 2 * np.arange(200 * parts + 1), np.random.default_rng(5))
+        plant, state = Plant(model, platform), State(np.array([0.3, 0.2]), v)
+        for k in range(100 * parts):
+            state = plant.step(k * dt, state, np.array([0.05, -0.05]), dt)
+        ends.append(state.q)
+    coarse, fine = (np.abs(end - ends[-1]).max() for end in ends[:2])
+    assert coarse < 1e-4 and fine < 2.0 ** (1 - order) * coarse
+
+
+def test_shaking_moves_a_joint_only_when_it_breaks_its_dry_friction() -> None:
+    rig, dt = rig_of("turret"), 1e-3
+    platform = profile_s(dt / 2 * np.arange(201), np.random.default_rng(5))
+    q, none = np.array([0.3, 0.2]), np.zeros(2)
+    need = np.abs(rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)).max(axis=0)
+    for share, moves in ((1.001, False), (0.5, True)):
+        rubbing = tuple(Term(Coulomb(joint), (share * level,)) for joint, level in zip(rig.joints, need.tolist()))
+        plant, state = Plant(Model(rig, rubbing), platform), State(q, none)
+        for k in range(100):
+            state = plant.step(k * dt, state, none, dt)
+        assert bool(np.any(state.q != q)) == moves
