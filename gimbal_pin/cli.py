@@ -255,6 +255,7 @@ def identify(
             help_behavior_hint="",
         ),
     ] = None,
+    bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
@@ -274,7 +275,7 @@ def identify(
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)
-    found = run(loaded, read, **options)
+    found = run(loaded, read, **options, examined="always" if bias else "noisy")
     if output is not None:
         write_model(found, output)
     if urdf is not None:

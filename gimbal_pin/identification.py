@@ -13,8 +13,7 @@ from gimbal_pin.calibration import Mounting, rectified
 from gimbal_pin.consistency import Consistent, nearest
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimators import Estimate, Estimator, Hausman, hausman, physical, weighted
-from gimbal_pin.estimators.idim import instruments
+from gimbal_pin.estimators import Estimate, Estimator, weighted
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
@@ -23,10 +22,8 @@ from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, settling
+from gimbal_pin.suspicion import Asked, Suspicion, suspicion
 from gimbal_pin.urdf import with_friction
-
-EXAMINED = 60.0
-"""Time of a log on which least squares is tested for bias, s."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ class Identified:
     filtering: Filtering
     mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    bias: Hausman | None = None
+    bias: Suspicion | None = None
 
     @property
     def physical(self) -> bool:
@@ -131,7 +128,7 @@ def identify(
     estimator: Estimator = weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
-    examined: bool = False,
+    examined: Asked = "never",
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
@@ -146,7 +143,7 @@ def identify(
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults.
-        examined: Test whether least squares is biased on these logs, too (`hausman`).
+        examined: Whether to test if least squares is biased on these logs, see `suspicion`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -164,7 +161,7 @@ def identify(
     tested = kept(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
-    judged = bias(blocks) if examined else None
+    judged = suspicion(blocks, examined)
     return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged)
 
 
@@ -197,17 +194,6 @@ def assembled(
         logs=tuple(log.name for log in rows.logs),
         filtering=rows.filtering,
     )
-
-
-def bias(blocks: Regression) -> Hausman:
-    """Test whether least squares is biased, on the first minute of the first log: a longer one costs more than it says.
-
-    The instruments are simulated with bodies fitted to the same rows.
-    """
-    rows, first = blocks.rows, blocks.rows.logs[0]
-    some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
-    judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else kept(replace(rows, logs=(some,)))
-    return hausman(judged, instruments(judged, physical(judged)))
 
 
 def fitted(

@@ -82,16 +82,23 @@ def theta_of(rows: Rows, model: Model) -> Array:
     return np.concatenate([rows.mixing @ model.rig.phi, values])
 
 
-def runs(rows: Rows, model: Model) -> list[list[Run]]:
-    """Run a model along every stretch of every log."""
-    cutoff = rows.filtering.cutoff
-    return [
-        [run(rows, model, stretch, carrying(rows.rig, log)) for stretch in stretches(log, cutoff)] for log in rows.logs
-    ]
+def runs(rows: Rows, model: Model, log: Log, calm: bool) -> list[Run]:
+    """Run a model along every stretch of a log, on a base that moves as the log says; `calm` as for `run`."""
+    carrier = carrying(rows.rig, log)
+    return [run(rows, model, stretch, carrier, calm) for stretch in stretches(log, rows.filtering.cutoff)]
 
 
-def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None) -> Run:
-    """Run a model along one stretch, on a base that moves as the link `carrier` says."""
+def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None, calm: bool) -> Run:
+    """Run a model along one stretch.
+
+    Args:
+        rows: Rig, effects and filter.
+        model: The model.
+        stretch: The stretch.
+        carrier: The link whose IMU says how the base moves; None where it stands.
+        calm: Smooth the torque like the motion. The recording's own controller answered to its sensors' noise: what of
+            the torque lies above the motion is that answer, and a motion made with it would know the noise.
+    """
     whole = smoothed(stretch, rows.filtering, 0, stretch.length, carrier)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / stretch.dt)
     q, v = (signals.zero_phase(x, slow) for x in (whole.q, whole.v))
@@ -99,6 +106,7 @@ def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None) -> Run:
     knots = np.arange(0, stretch.length, step)
     # What acts over a step is the torque's mean over it.
     tau = torque(rows, stretch, whole.t)
+    tau = signals.zero_phase(tau, slow) if calm else tau
     impulse = np.zeros_like(tau)
     impulse[1:] = np.cumsum((tau[1:] + tau[:-1]) / 2, axis=0)
     mean = np.diff(impulse[knots], axis=0) / step
@@ -109,7 +117,7 @@ def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None) -> Run:
 
 
 def torque(rows: Rows, stretch: Stretch, grid: Array) -> Array:
-    """Return the log's torque at the times at which it acts, N m, (m, n), not smoothed: friction's jumps are its own."""
+    """Return the log's torque at the times at which it acts, N m, (m, n), not smoothed: friction jumps."""
     part, alignment = stretch.log.part(stretch.rows), rows.filtering.alignment
     shift = stretch.dt / 2 if alignment is None else alignment
     return signals.resample(part.t + shift, np.asarray(part.tau), grid)
@@ -140,10 +148,10 @@ def inertia(model: Model, data: pin.Data, q: Array) -> Array:
 def simulated(rows: Rows, model: Model) -> tuple[Log, ...]:
     """Return the logs with the model's motion in the place of the measured one: rates, and no noise."""
     made = []
-    for log, each in zip(rows.logs, runs(rows, model)):
+    for log in rows.logs:
         q = np.array(log.q)
         v = np.gradient(q, log.t, axis=0)
-        for one in each:
+        for one in runs(rows, model, log, calm=True):
             inside = (log.t >= one.t[0]) & (log.t <= one.t[-1])
             q[inside], v[inside] = (signals.resample(one.t, x, log.t[inside]) for x in (one.q, one.v))
         made.append(replace(log, q=q, v=v))

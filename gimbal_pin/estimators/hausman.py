@@ -45,11 +45,12 @@ class Hausman:
     @property
     def sentence(self) -> str:
         """What it says, and what to use instead."""
-        shift = f"{100 * self.change:.2g} % of the torque"
+        chance = f"p = {self.p_value:.2g}" if self.p_value > 1e-12 else "p < 1e-12"
         if not self.biased:
-            return f"least squares shows no bias on this log (p = {self.p_value:.2g})"
+            return f"least squares shows no bias on this log ({chance})"
+        shift = f"{100 * self.change:.2g} % of the torque"
         return (
-            f"least squares is biased on this log by noise in the motion (p = {self.p_value:.2g}, {shift}): "
+            f"least squares is biased on this log by noise in the motion ({chance}, {shift}): "
             "use --estimator output-error or instrumental, or a lower cutoff"
         )
 
@@ -73,7 +74,7 @@ def hausman(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
         instruments: Per block its Z, (m, n, k).
     """
     found = instrumental(blocks, instruments)
-    weight = 1.0 / np.maximum(found.residual_std**2, 1e-6 * np.max(found.residual_std**2) + 1e-300)
+    weight = 1.0 / np.maximum(found.residual_std**2, 1e-6 * np.max(found.residual_std**2) + 1e-30)
     gains, thetas = [], []
     for columns in (instruments, [block.A for block in blocks]):
         target = sum((np.einsum("tjk,j,tj->k", z, weight, block.b) for z, block in zip(columns, blocks)), 0.0)

@@ -46,7 +46,7 @@ def output_error(blocks: Sequence[Block]) -> Estimate:
 def errors(rows: Rows, model: Model) -> Iterator[Block]:
     """Yield the rows ``A theta = A theta_s + (q_s - q)``, rad, along what a model with theta_s does."""
     theta = theta_of(rows, model)
-    for run in (run for each in runs(rows, model) for run in each):
+    for run in (run for log in rows.logs for run in runs(rows, model, log, calm=False)):
         dt = float(run.t[1] - run.t[0])
         pad, step = round(signals.settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
         for begin in range(pad, len(run.t) - pad, CHUNK):

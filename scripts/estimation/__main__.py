@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import tyro
 
+from estimation.biased import biased
 from estimation.coverage import coverage
 from estimation.physical import physical
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"physical": physical, "coverage": coverage})
+    tyro.extras.subcommand_cli_from_dict({"physical": physical, "biased": biased, "coverage": coverage})

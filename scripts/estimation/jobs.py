@@ -11,7 +11,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-CORES = os.cpu_count() or 1
+CORES = min(2, os.cpu_count() or 1)
 
 
 def results(
