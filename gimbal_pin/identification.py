@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.bodies import TRUST, Body, bodies
 from gimbal_pin.calibration import Mounting, rectified
 from gimbal_pin.consistency import Consistent, nearest
 from gimbal_pin.effects import ALWAYS, Effect
@@ -21,7 +22,7 @@ from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, settling
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, over_phi, settling
 from gimbal_pin.suspicion import Asked, Suspicion, suspicion
 from gimbal_pin.urdf import with_friction
 
@@ -60,9 +61,11 @@ class Identified:
         torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
         logs: Names of the logs.
         filtering: The filter in force.
+        given: Inertial parameters of the rig as it was given, (10 n,).
         mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
         notes: What of the logs was not used, in sentences.
         bias: Whether least squares is biased on these logs; None where that was not asked.
+        trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
     """
 
     model: Model
@@ -76,14 +79,24 @@ class Identified:
     torque_change: Mapping[str, float]
     logs: tuple[str, ...]
     filtering: Filtering
+    given: Array
     mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     bias: Suspicion | None = None
+    trust: float = TRUST
 
     @property
     def physical(self) -> bool:
         """Whether bodies exist that have the estimated base parameters, to a thousandth of their deviation."""
         return self.consistent.distance < 1e-3 * np.sqrt(len(self.reduction.independent))
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """Mass, centre of mass and inertia of the nearest physical bodies, with their deviations."""
+        width, rig = len(self.reduction.independent), self.model.rig
+        covariance = self.estimate.covariance[:width, :width]
+        mixing = over_phi(rig, self.reduction)
+        return bodies(rig.links, self.given, self.consistent.phi, mixing, covariance, self.trust)
 
     def to_urdf(self) -> str:
         """Return the rig's URDF with the nearest physical inertias and the identified friction; other tags are kept."""
@@ -102,6 +115,7 @@ class Identified:
             "payload": self.model.rig.payload,
             "logs": list(self.logs),
             "estimator": self.estimate.method,
+            "uncertainty": self.estimate.uncertainty,
             "samples": self.estimate.rows,
             "condition_number": self.estimate.condition_number,
             "base_motion": self.reduction.base,
@@ -114,6 +128,8 @@ class Identified:
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
+            "trust": self.trust,
+            "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
             "least_squares": None if self.bias is None else self.bias.to_dict(),
@@ -193,6 +209,7 @@ def assembled(
         torque_change=dict(zip(rig.joints, change.tolist())),
         logs=tuple(log.name for log in rows.logs),
         filtering=rows.filtering,
+        given=rig.phi,
     )
 
 

@@ -16,7 +16,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config floating rig"
 SENSED = "signals platform profile calibration regressor imu"
-MATHS = f"{SENSED} reduction inertia consistency effects model carrier plant rows replay estimators simulation"
+MATHS = f"{SENSED} reduction inertia consistency bodies effects model carrier plant rows replay estimators simulation"
 VERBS = "suspicion identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
 WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"

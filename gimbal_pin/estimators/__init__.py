@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from gimbal_pin.estimators.base import Estimate, Estimator
+from gimbal_pin.estimators.bootstrap import Bootstrap
 from gimbal_pin.estimators.hausman import Hausman, hausman
 from gimbal_pin.estimators.idim import idim
 from gimbal_pin.estimators.ols import ols
@@ -28,6 +29,7 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
 
 __all__ = [
     "ESTIMATORS",
+    "Bootstrap",
     "Estimate",
     "Estimator",
     "Hausman",

@@ -31,6 +31,7 @@ class Estimate:
         rows: Rows per joint.
         method: The estimator's name.
         phi: The bodies whose base parameters theta holds, (10 n,), where it was fitted through them; else None.
+        uncertainty: What the covariance stands on.
     """
 
     theta: Array
@@ -40,6 +41,7 @@ class Estimate:
     rows: int
     method: str
     phi: Array | None = None
+    uncertainty: str = "coloured residuals"
 
     @property
     def std(self) -> Array:

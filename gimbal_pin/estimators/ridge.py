@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gimbal_pin.bodies import TRUST
 from gimbal_pin.consistency import spread
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators.base import Estimate, covariance, effective_rows, factor, residual_power, solve
@@ -29,7 +30,7 @@ class Ridge:
         trust: Relative standard deviation of the URDF's masses, 1; lengths to half of that.
     """
 
-    trust: float = 0.3
+    trust: float = TRUST
 
     def __post_init__(self) -> None:
         """Check the trust."""

@@ -35,7 +35,8 @@ def noisy(plant: Model, rng: np.random.Generator, seconds: float, share: float, 
     """Return a log with coloured torque noise of so large a share of each joint's rms, and one without any noise."""
     clean = prescribed(plant, int(rng.integers(2**31)), seconds)
     sensors, tau = Sensors.of(plant.rig, clean.dt), np.asarray(clean.tau)
-    q = np.stack([sensors.angle(row) for row in clean.q])
+    step = np.where(sensors.encoder_step > 0, sensors.encoder_step, 1e-15)
+    q = np.round(clean.q / step) * step
     v = np.asarray(clean.v) + sensors.rate_std * rng.standard_normal(tau.shape)
     noise = share * np.sqrt(np.mean(tau**2, axis=0)) * coloured(rng, (len(tau), tau.shape[1]), corner, clean.dt)
     return replace(clean, q=q, v=v, tau=tau + noise), clean
