@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
 from gimbal_pin import signals
+from gimbal_pin.errors import DataError
 from gimbal_pin.estimators.base import Estimate, residuals
 from gimbal_pin.estimators.physical import physical
 from gimbal_pin.estimators.weighted import weighted
@@ -21,6 +23,8 @@ PASSES = 8
 """Most Gauss-Newton steps."""
 SETTLED = 0.1
 """Change of every parameter, in its standard deviations, at which they stop."""
+HALVINGS = 5
+"""Most times that a step is halved."""
 CHUNK = 4096
 """Samples of the simulation whose columns are held at once."""
 
@@ -33,14 +37,55 @@ def output_error(blocks: Sequence[Block]) -> Estimate:
     (Gautier, Janot and Vandanjon 2013 take the same derivative for torques). The noise of the recorded angles is then
     noise of the output alone, and biases nothing.
     """
-    rows, found = standing_for(blocks), physical(blocks)
+    rows = standing_for(blocks)
+    first = physical(blocks)
+    now = followed(rows, first.theta, first.covariance)
+    if now is None:
+        what, mend = "cannot be followed by the model that was estimated from it", "use another estimator"
+        raise DataError(rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'")
+    before, found = now.theta, weighted(now.blocks)
     for _ in range(PASSES):
-        model = bodies(rows, found.theta, found.covariance)
-        before, found = found.theta, weighted(tuple(errors(rows, model)))
-        if np.all(np.abs(found.theta - before) <= SETTLED * found.std):
+        # What least squares says may lie beyond the bodies that can exist: it then says the same once more.
+        if any(np.all(np.abs(found.theta - each) <= SETTLED * found.std) for each in (before, now.theta)):
             break
-    left = np.concatenate([residuals(block, found.theta) for block in blocks])
+        after = shortened(rows, now, found)
+        if after is None:
+            break
+        before, now, found = found.theta, after, weighted(after.blocks)
+    left = np.concatenate([residuals(block, found.theta) for block in now.blocks])
     return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method="output-error")
+
+
+class Followed(NamedTuple):
+    """A model's motion along the logs as rows, and the parameters that it was made with, (k,)."""
+
+    theta: Array
+    blocks: tuple[Block, ...]
+
+    def cost(self, scale: Array) -> float:
+        """``Σ ‖(q - q_s) / σ‖²`` with σ per joint, rad."""
+        return float(sum(np.sum((residuals(block, self.theta) / scale) ** 2) for block in self.blocks))
+
+
+def followed(rows: Rows, theta: Array, covariance: Array) -> Followed | None:
+    """Run the bodies nearest to parameters along the logs; None where they run away."""
+    model = bodies(rows, theta, covariance)
+    try:
+        return Followed(theta_of(rows, model), tuple(errors(rows, model)))
+    except DataError:
+        return None
+
+
+def shortened(rows: Rows, now: Followed, found: Estimate) -> Followed | None:
+    """Take a Gauss-Newton step, halved until the model follows the logs better than before; None if it never does."""
+    scale, share = np.maximum(found.residual_std, 1e-12), 1.0
+    cost = now.cost(scale)
+    for _ in range(HALVINGS):
+        after = followed(rows, now.theta + share * (found.theta - now.theta), found.covariance)
+        if after is not None and after.cost(scale) <= cost:
+            return after
+        share /= 2
+    return None
 
 
 def errors(rows: Rows, model: Model) -> Iterator[Block]:

@@ -6,7 +6,9 @@ import tyro
 
 from estimation.biased import biased
 from estimation.coverage import coverage
+from estimation.pendulum import pendulum
 from estimation.physical import physical
 
 if __name__ == "__main__":
-    tyro.extras.subcommand_cli_from_dict({"physical": physical, "biased": biased, "coverage": coverage})
+    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "pendulum": pendulum}
+    tyro.extras.subcommand_cli_from_dict(verbs)
