@@ -19,8 +19,8 @@ TOLD = 0.3
 """A row's residual is drawn from where at least this share of its samples was not masked out."""
 LEAST = 20
 """Fewest estimates that tell a deviation."""
-FEWEST = 5
-"""Blocks of residuals that must fit into the rows."""
+LONGEST, FEWEST = 2.0, 5
+"""Length of a block where none is given, s, or shorter where fewer than so many would fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +35,19 @@ class Bootstrap:
         estimator: Estimator of rows; those that simulate the log itself have no rows to draw for.
         rng: Source of the draws.
         count: Number of estimates.
-        seconds: Length of a block, s.
+        seconds: Length of a block, s; None: 2 s, or a fifth of the log's rows where that is less.
     """
 
     estimator: Estimator
     rng: np.random.Generator
     count: int = 200
-    seconds: float = 2.0
+    seconds: float | None = None
 
     def __post_init__(self) -> None:
         """Check the count and the length."""
         if self.count < LEAST:
             raise UsageError("bootstrap", f"of {self.count} estimates tells no deviation", f"give at least {LEAST}")
-        if not 0 < self.seconds < np.inf:
+        if self.seconds is not None and not 0 < self.seconds < np.inf:
             raise UsageError("bootstrap", f"in blocks of {self.seconds:g} s", "give a positive length")
 
     def __call__(self, blocks: Sequence[Block]) -> Estimate:
@@ -63,7 +63,7 @@ class Bootstrap:
         blind = ~np.isfinite(np.diag(found.covariance))
         covariance = np.atleast_2d(np.cov(thetas.T))
         covariance[blind, blind] = np.inf
-        return replace(found, covariance=covariance, uncertainty=f"bootstrap, {self.count} of {self.seconds:g} s")
+        return replace(found, covariance=covariance, uncertainty=f"bootstrap, {self.count} of {drawn.seconds:.2g} s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,30 +74,33 @@ class Drawn:
         residual: Residual per unmasked row, N m, (m, n); as large in total as what the fit left, and what it took.
         starts: Rows at which a block may start, (s,).
         length: Rows of a block.
+        seconds: The same, s.
     """
 
     residual: Array
     starts: Array
     length: int
+    seconds: float
 
     @staticmethod
-    def of(blocks: Sequence[Block], theta: Array, seconds: float) -> Drawn:
+    def of(blocks: Sequence[Block], theta: Array, seconds: float | None) -> Drawn:
         """Take the residuals of an estimate; `DataError` if too few blocks fit in."""
         whole = series(blocks)
-        step = min(float(np.median(np.diff(part.t))) for part in whole if len(part.t) > 1)
-        length = max(1, round(seconds / step))
+        step = min((float(np.median(np.diff(part.t))) for part in whole if len(part.t) > 1), default=np.inf)
+        rows = sum(len(part.t) for part in whole)
+        length = max(1, min(round(LONGEST / step), rows // FEWEST) if seconds is None else round(seconds / step))
         edges = np.cumsum([0, *(len(part.t) for part in whole)])
         starts = np.concatenate([np.arange(a, max(b - length + 1, a)) for a, b in itertools.pairwise(edges)])
-        if edges[-1] < FEWEST * length or not len(starts):
-            what = f"holds fewer than {FEWEST} blocks of {seconds:g} s"
+        if rows < FEWEST * length or not len(starts):
+            what = f"holds fewer than {FEWEST} blocks of {length * step:.2g} s"
             raise DataError("the log", what, "record more, or draw shorter blocks")
         error, share = (np.concatenate(x) for x in zip(*((residuals(part, theta), part.share) for part in whole)))
         told = share >= TOLD
         residual = np.where(told, error / np.where(told, share, 1.0), 0.0)
-        rows = effective_rows(blocks)
-        free = np.sum(error**2, axis=0) / np.maximum(rows - len(theta) / len(rows), 1.0)
+        count = effective_rows(blocks)
+        free = np.sum(error**2, axis=0) / np.maximum(count - len(theta) / len(count), 1.0)
         size = np.mean(residual**2, axis=0)
-        return Drawn(residual * np.sqrt(free / np.where(size > 0, size, 1.0)), starts, length)
+        return Drawn(residual * np.sqrt(free / np.where(size > 0, size, 1.0)), starts, length, length * step)
 
     def again(self, blocks: Sequence[Block], theta: Array, rng: np.random.Generator) -> Sequence[Block]:
         """Return the blocks with other residuals."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
-from gimbal_pin.estimators import ESTIMATORS
+from gimbal_pin.estimators import ESTIMATORS, Bootstrap
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rows import Filtering
@@ -21,12 +21,13 @@ BAND = (0.93, 0.97)
 CORNERS = (0.3, 10.0)
 
 
-def one(estimator: str, seconds: float, noise: float, seed: int) -> dict[str, Any]:
+def one(estimator: str, bootstrap: int, seconds: float, noise: float, seed: int) -> dict[str, Any]:
     """Identify one log; return every parameter's error in its own deviations."""
     rig, plant, rng = drawn(seed)
     corner = float(np.exp(rng.uniform(*np.log(CORNERS))))
     log = noisy(plant, rng, seconds, noise, corner)[0]
     method = ESTIMATORS[estimator]
+    method = Bootstrap(method, rng, bootstrap) if bootstrap else method
     found = identify(rig, [log], estimator=method, holdout="none", filtering=Filtering(alignment=0.0))
     truth = np.concatenate([given_beta(plant.rig, reduce(rig)), plant.rig.friction.ravel()])
     return {"corner": corner, "z": ((found.estimate.theta - truth) / found.estimate.std).tolist()}
@@ -36,7 +37,8 @@ def coverage(
     logs: int = 500,
     seconds: float = 40.0,
     noise: float = 0.05,
-    estimator: Literal["ols", "weighted", "robust", "reweighted"] = "weighted",
+    estimator: Literal["ols", "weighted", "robust", "instrumental", "output-error", "ridge", "physical"] = "weighted",
+    bootstrap: int = 0,
     workers: int = CORES,
     resume: Path | None = None,
 ) -> None:
@@ -49,10 +51,11 @@ def coverage(
         seconds: Length of each, s.
         noise: Noise, as a share of each joint's torque rms.
         estimator: Estimator.
+        bootstrap: Deviations from so many repetitions; 0: from the residuals' colour.
         workers: Processes.
         resume: File of results to go on from.
     """
-    rows = results(partial(one, estimator, seconds, noise), range(logs), workers, resume)
+    rows = results(partial(one, estimator, bootstrap, seconds, noise), range(logs), workers, resume)
     middle = float(np.sqrt(CORNERS[0] * CORNERS[1]))
     for name, some in (
         ("below", [r for r in rows if r["corner"] < middle]),
