@@ -10,6 +10,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ from gimbal_pin import text
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.estimators import Estimator
     from gimbal_pin.log import Array, Log
     from gimbal_pin.model import Model
     from gimbal_pin.payloads import Several
@@ -79,7 +81,18 @@ Holdout = Annotated[
         help_behavior_hint="(default: the last third of one log, the last of several)",
     ),
 ]
-EstimatorName = Literal["weighted", "ols", "robust"]
+EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
+Trust = Annotated[
+    float | None,
+    arg(
+        metavar="SHARE",
+        help="how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
+        help_behavior_hint="(default: 0.3)",
+    ),
+]
+Bootstrap = Annotated[
+    int, arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour")
+]
 Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
 Damping = Annotated[float, arg(help="damping of the tracking error")]
 Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]
@@ -255,16 +268,22 @@ def identify(
             help_behavior_hint="",
         ),
     ] = None,
+    bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
+    trust: Trust = None,
+    bootstrap: Bootstrap = 0,
+    seed: Seed = 0,
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.balance import reported
-    from gimbal_pin.estimators import ESTIMATORS
+    from gimbal_pin.bodies import TRUST
     from gimbal_pin.identification import identify as run
     from gimbal_pin.io.files import atomic_write
     from gimbal_pin.io.model import write_model
 
-    options: Any = {"estimator": ESTIMATORS[estimator], "holdout": holdout, "filtering": filtering(cutoff, alignment)}
+    trusted = TRUST if trust is None else trust
+    method = estimator_of(estimator, trusted, bootstrap, seed)
+    options: Any = {"estimator": method, "holdout": holdout, "filtering": filtering(cutoff, alignment)}
     if known is not None or len(tags_of(logs)) > 1:
         several = cameras(rig, payload, logs, map, known, options)
         if urdf is not None:
@@ -274,12 +293,25 @@ def identify(
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)
-    found = run(loaded, read, **options)
+    found = replace(run(loaded, read, **options, examined="always" if bias else "noisy"), trust=trusted)
     if output is not None:
         write_model(found, output)
     if urdf is not None:
         atomic_write(urdf, found.to_urdf())
     present(text.identified(found), reported(found), json)
+
+
+def estimator_of(name: EstimatorName, trust: float, bootstrap: int, seed: int) -> Estimator:
+    """Return the estimator of a name, its deviations by repetition if so many are asked for."""
+    from gimbal_pin.estimators import ESTIMATORS, Bootstrap, Ridge
+
+    ridge = Ridge(trust)  # it checks the trust, which matters to all
+    chosen = ridge if name == "ridge" else ESTIMATORS[name]
+    if bootstrap == 0:
+        return chosen
+    import numpy as np
+
+    return Bootstrap(chosen, np.random.default_rng(seed), bootstrap)
 
 
 def tune(

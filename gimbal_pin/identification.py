@@ -9,18 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.bodies import TRUST, Body, bodies
 from gimbal_pin.calibration import Mounting, rectified
-from gimbal_pin.effects import ALWAYS, Effect, Term
+from gimbal_pin.consistency import Consistent, nearest
+from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimate, Estimator, weighted
-from gimbal_pin.inertia import Consistent, nearest, to_urdf
+from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
 from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Rows, base_motion, columns_of, kept, settling
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, over_phi, settling
+from gimbal_pin.suspicion import Asked, Suspicion, suspicion
 from gimbal_pin.urdf import with_friction
 
 
@@ -58,8 +61,11 @@ class Identified:
         torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
         logs: Names of the logs.
         filtering: The filter in force.
+        given: Inertial parameters of the rig as it was given, (10 n,).
         mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
         notes: What of the logs was not used, in sentences.
+        bias: Whether least squares is biased on these logs; None where that was not asked.
+        trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
     """
 
     model: Model
@@ -73,13 +79,24 @@ class Identified:
     torque_change: Mapping[str, float]
     logs: tuple[str, ...]
     filtering: Filtering
+    given: Array
     mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    bias: Suspicion | None = None
+    trust: float = TRUST
 
     @property
     def physical(self) -> bool:
         """Whether bodies exist that have the estimated base parameters, to a thousandth of their deviation."""
         return self.consistent.distance < 1e-3 * np.sqrt(len(self.reduction.independent))
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """Mass, centre of mass and inertia of the nearest physical bodies, with their deviations."""
+        width, rig = len(self.reduction.independent), self.model.rig
+        covariance = self.estimate.covariance[:width, :width]
+        mixing = over_phi(rig, self.reduction)
+        return bodies(rig.links, self.given, self.consistent.phi, mixing, covariance, self.trust)
 
     def to_urdf(self) -> str:
         """Return the rig's URDF with the nearest physical inertias and the identified friction; other tags are kept."""
@@ -98,6 +115,7 @@ class Identified:
             "payload": self.model.rig.payload,
             "logs": list(self.logs),
             "estimator": self.estimate.method,
+            "uncertainty": self.estimate.uncertainty,
             "samples": self.estimate.rows,
             "condition_number": self.estimate.condition_number,
             "base_motion": self.reduction.base,
@@ -110,8 +128,11 @@ class Identified:
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
+            "trust": self.trust,
+            "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
+            "least_squares": None if self.bias is None else self.bias.to_dict(),
         }
 
 
@@ -123,6 +144,7 @@ def identify(
     estimator: Estimator = weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
+    examined: Asked = "never",
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
@@ -137,6 +159,7 @@ def identify(
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults.
+        examined: Whether to test if least squares is biased on these logs, see `suspicion`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -150,10 +173,12 @@ def identify(
     logs = [one.log for one in calibrated]
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
-    rows, blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
-    found = assembled(rows, blocks, estimate, kept(replace(rows, logs=test)) if test else None, how)
+    blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
+    tested = kept(replace(blocks.rows, logs=test)) if test else None
+    found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
-    return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes)
+    judged = suspicion(blocks, examined)
+    return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged)
 
 
 def assembled(
@@ -184,6 +209,7 @@ def assembled(
         torque_change=dict(zip(rig.joints, change.tolist())),
         logs=tuple(log.name for log in rows.logs),
         filtering=rows.filtering,
+        given=rig.phi,
     )
 
 
@@ -194,7 +220,7 @@ def fitted(
     filters: Filtering,
     estimator: Estimator,
     base: BaseMotion,
-) -> tuple[Rows, tuple[Block, ...], Estimate]:
+) -> tuple[Regression, Estimate]:
     """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
 
     Raises:
@@ -207,7 +233,7 @@ def fitted(
     if base != "fixed" and unseen(rows.names, blocks, estimate):
         return fitted(rig, effects, logs, filters, estimator, MOTIONS[MOTIONS.index(base) - 1])
     check_seen(logs[0].name, rows.names, blocks, estimate)
-    return rows, blocks, estimate
+    return blocks, estimate
 
 
 def moved(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
@@ -277,30 +303,25 @@ def thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
 def to_model(rows: Rows, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
-    The reduction's independent columns take the change; the others stay as the URDF has them. No other split is
-    more right, as no torque can tell them apart; `inertia.consistent` looks for a physical one.
+    Bodies that were fitted are taken as they are. Else the reduction's independent columns take the change; the others
+    stay as the URDF has them. No other split is more right, as no torque can tell them apart; `consistency.nearest`
+    looks for a physical one.
     """
-    rig, reduction = rows.rig, rows.reduction
-    width = len(reduction.independent)
-    given = given_beta(rig, reduction)
-    phi = rig.phi.copy()
-    phi[columns_of(rig, reduction)] += estimate.theta[:width] - given
-    terms, at = [], width
-    for effect in rows.effects:
-        size = len(effect.coefficients)
-        terms.append(Term(effect, tuple(float(x) for x in estimate.theta[at : at + size])))
-        at += size
+    rig, width = rows.rig, len(rows.reduction.independent)
+    phi = rig.phi.copy() if estimate.phi is None else estimate.phi.copy()
+    if estimate.phi is None:
+        phi[columns_of(rig, rows.reduction)] += estimate.theta[:width] - given_beta(rig, rows.reduction)
     known = Estimated(rows.names, units_of(rows), estimate.theta, estimate.covariance)
-    return Model(rig.with_phi(phi), tuple(terms), known)
+    return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
 
 
 def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]:
     """Return the physical parameters nearest to the estimate, and the change in base parameters, (b,)."""
-    rig, reduction = rows.rig, rows.reduction
-    width = len(reduction.independent)
-    mixing = over_phi(rig, reduction)
-    found = nearest(rig.phi, mixing, estimate.theta[:width], estimate.covariance[:width, :width])
-    return found, mixing @ found.phi - estimate.theta[:width]
+    width = len(rows.reduction.independent)
+    if estimate.phi is not None:
+        return Consistent(estimate.phi, 0.0), np.zeros(width)
+    found = nearest(rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width])
+    return found, rows.mixing @ found.phi - estimate.theta[:width]
 
 
 def rms(parts: Sequence[Array]) -> Array:
@@ -311,13 +332,6 @@ def rms(parts: Sequence[Array]) -> Array:
 def given_beta(rig: Rig, reduction: Reduction) -> Array:
     """Base parameters of the URDF as it stands, (b,)."""
     return reduction.mixing @ rig.phi[columns(rig)[1]]
-
-
-def over_phi(rig: Rig, reduction: Reduction) -> Array:
-    """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
-    out = np.zeros((len(reduction.independent), 10 * rig.n))
-    out[:, columns(rig)[1]] = reduction.mixing
-    return out
 
 
 def units_of(rows: Rows) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Physical consistency: the inertias that bodies can have, and the nearest such set to an estimate.
+"""Physical consistency: the inertias that bodies can have.
 
 A body is physical if its pseudo-inertia ``[[Σ, h], [hᵀ, m]]`` is positive definite (Wensing, Kim and Slotine 2018):
 positive mass, and principal inertias that satisfy the triangle inequality strictly. Log-Cholesky parameters reach
@@ -8,7 +8,6 @@ these bodies and no others (Rucker and Wensing 2022).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -17,22 +16,6 @@ from gimbal_pin import urdf
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
-
-PULL = 1e-3
-"""Weight of one unit of log-Cholesky distance from the URDF against one standard deviation of an estimate."""
-
-
-@dataclass(frozen=True, eq=False)
-class Consistent:
-    """The physical parameters nearest to an estimate.
-
-    Attributes:
-        phi: Inertial parameters, (10 n,), every body physical.
-        distance: Distance of their base parameters from the estimate in standard deviations (Mahalanobis).
-    """
-
-    phi: Array
-    distance: float
 
 
 def pseudo_inertia(phi: Array) -> Array:
@@ -74,41 +57,6 @@ def from_log_cholesky(theta: Array) -> tuple[Array, Array]:
     """Ten inertial parameters of one body, and their Jacobian (10, 10)."""
     parameters = pin.LogCholeskyParameters(np.asarray(theta))
     return np.array(parameters.toDynamicParameters()), np.array(parameters.calculateJacobian())
-
-
-def nearest(start: Array, mixing: Array, beta: Array, covariance: Array) -> Consistent:
-    """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ, pulled weakly towards `start` where K shows nothing.
-
-    Args:
-        start: Parameters to start from and to stay near, physical or on the edge of it (a flat plate), (10 n,).
-        mixing: K: base parameters per entry of φ, (b, 10 n).
-        beta: Estimated base parameters, (b,).
-        covariance: P, their covariance, (b, b).
-
-    """
-    from scipy.optimize import least_squares
-
-    bodies = [strictly(body) for body in np.reshape(start, (-1, 10))]
-    # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
-    std = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
-    whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
-    origin = np.concatenate([log_cholesky(body) for body in bodies])
-
-    def residual(theta: Array) -> Array:
-        phi = np.concatenate([from_log_cholesky(part)[0] for part in np.reshape(theta, (-1, 10))])
-        return np.concatenate([whiten @ (mixing @ phi - beta), PULL * (theta - origin)])
-
-    def jacobian(theta: Array) -> Array:
-        blocks = [from_log_cholesky(part)[1] for part in np.reshape(theta, (-1, 10))]
-        J = np.zeros((len(theta), len(theta)))
-        for body, block in enumerate(blocks):
-            J[10 * body : 10 * body + 10, 10 * body : 10 * body + 10] = block
-        return np.vstack([whiten @ mixing @ J, PULL * np.eye(len(theta))])
-
-    found = least_squares(residual, origin, jac=jacobian, method="trf", xtol=1e-12, ftol=1e-12, max_nfev=500)
-    phi = np.concatenate([from_log_cholesky(part)[0] for part in np.reshape(found.x, (-1, 10))])
-    return Consistent(phi, float(np.linalg.norm(residual(found.x)[: len(beta)])))
 
 
 def to_urdf(rig: Rig, phi: Array) -> str:

@@ -18,13 +18,13 @@ from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators import Estimate, Estimator, weighted
 from gimbal_pin.estimators.base import residuals
-from gimbal_pin.identification import Identified, assembled, check_seen, enough, over_phi, split, units, within
+from gimbal_pin.identification import Identified, assembled, check_seen, enough, split, units, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model, friction_effects
 from gimbal_pin.reduction import Reduction, reduce, scan, stacked
 from gimbal_pin.regressor import SCAN
 from gimbal_pin.rig import PHI, Rig
-from gimbal_pin.rows import Block, Filtering, Rows, kept
+from gimbal_pin.rows import Block, Filtering, Rows, kept, over_phi
 
 BARE = "none"
 """The payload that weighs nothing: where there is a log of it, the others are measured from it."""

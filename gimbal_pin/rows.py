@@ -6,16 +6,16 @@ log → uniform grid → smoothed q, v, a → columns at full rate → low-pass 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin import signals
-from gimbal_pin.effects import Effect, Sample
+from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.holes import filled, holes, inside
 from gimbal_pin.log import Array, Log
@@ -139,6 +139,20 @@ class Rows:
             f"{effect.joint}.{coefficient.name}" for effect in self.effects for coefficient in effect.coefficients
         )
 
+    @property
+    def mixing(self) -> Array:
+        """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+        return over_phi(self.rig, self.reduction)
+
+    def terms(self, theta: Array) -> tuple[Term, ...]:
+        """Return the effects with their coefficients out of theta, (k,)."""
+        out, at = [], len(self.reduction.independent)
+        for effect in self.effects:
+            size = len(effect.coefficients)
+            out.append(Term(effect, tuple(float(x) for x in theta[at : at + size])))
+            at += size
+        return tuple(out)
+
     def __iter__(self) -> Iterator[Block]:
         """Yield the blocks of every trajectory in time order."""
         for log in self.logs:
@@ -253,6 +267,13 @@ def columns_of(rig: Rig, reduction: Reduction) -> Array:
     return np.array([index[reduction.names[j]] for j in reduction.independent])
 
 
+def over_phi(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+    out = np.zeros((len(reduction.independent), 10 * rig.n))
+    out[:, columns(rig)[1]] = reduction.mixing
+    return out
+
+
 def carrying(rig: Rig, log: Log) -> str | None:
     """Return the base link if its IMU says that the base moves or leans; None where it stands or nobody says."""
     return None if base_motion(rig, log) == "fixed" else rig.base
@@ -365,6 +386,41 @@ def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) 
     return out, rate_std
 
 
-def kept(rows: Rows) -> tuple[Block, ...]:
+@dataclass(frozen=True, eq=False)
+class Regression(Sequence[Block]):
+    """Blocks, computed once, and the rows that they are: for estimators that must know what the columns stand for.
+
+    Attributes:
+        rows: What they were computed from.
+        blocks: The blocks.
+    """
+
+    rows: Rows
+    blocks: tuple[Block, ...]
+
+    @overload
+    def __getitem__(self, at: int) -> Block: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> tuple[Block, ...]: ...
+
+    def __getitem__(self, at: int | slice) -> Block | tuple[Block, ...]:
+        """Return a block, or some."""
+        return self.blocks[at]
+
+    def __len__(self) -> int:
+        """Number of blocks."""
+        return len(self.blocks)
+
+
+def standing_for(blocks: Sequence[Block]) -> Rows:
+    """Return the rows that blocks are; `UsageError` where they are mixed from several."""
+    if not isinstance(blocks, Regression):
+        what = "needs to know the rig behind its rows, and these are mixed from several payloads'"
+        raise UsageError("this estimator", what, "use weighted, ols or robust, or identify each payload alone")
+    return blocks.rows
+
+
+def kept(rows: Rows) -> Regression:
     """Compute every block once and keep them: after decimation even a million samples are some 20 MB."""
-    return tuple(rows)
+    return Regression(rows, tuple(rows))

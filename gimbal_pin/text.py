@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees, inf
+from math import degrees, floor, inf, log10
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gimbal_pin.base import Base
+    from gimbal_pin.bodies import Figure
     from gimbal_pin.calibration import Mounting
     from gimbal_pin.checking import Checked
     from gimbal_pin.diagnosis import Diagnosis
@@ -126,9 +127,33 @@ def identified(found: Identified) -> str:
     parts += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
+    parts += physique(found)
+    if found.bias is not None:
+        parts.append(found.bias.sentence)
     balanced = balance(found)
     parts += [] if balanced is None else balanced.sentences
     return "\n".join(parts)
+
+
+def physique(found: Identified) -> list[str]:
+    """The nearest bodies with 95 % intervals, and what of them is the URDF's."""
+    rows = []
+    for body in found.bodies:
+        com = ", ".join(within(figure, 1e3) for figure in body.com)
+        diagonal = ", ".join(within(body.inertia[k]) for k in (0, 2, 5))
+        products = ", ".join(within(body.inertia[k]) for k in (1, 3, 4))
+        rows.append((body.link, within(body.mass), com, diagonal, products))
+    heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz")
+    trust = f"± 95 %; *: not shown by the log, ± holds if the URDF is right to {100 * found.trust:.3g} % (--trust)"
+    return ["", table(*heads, rows=rows), trust, ""]
+
+
+def within(figure: Figure, factor: float = 1.0) -> str:
+    """A figure and its 95 % interval, no finer than that tells."""
+    half = 1.96 * figure.std * factor
+    places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
+    value = f"{figure.value * factor:.{places}f} ± {number(half, 2)}"
+    return value if figure.shown else f"{value}*"
 
 
 def several(found: Several) -> str:

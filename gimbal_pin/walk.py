@@ -110,7 +110,7 @@ def auto(
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
-    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
+    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
     wrong = examined(rig, logs, rng, holdout)
     extended = wrong is not None and bool(wrong.findings)
     model = wrong.after.model if wrong is not None and extended else identified.model

@@ -99,10 +99,13 @@ def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> N
 
 
 def test_estimators_agree_without_noise(clean: Log, turret: Rig) -> None:
-    found = (identify(turret, [clean], estimator=method, filtering=EXACT) for method in ESTIMATORS.values())
-    first, *others = (each.estimate.theta for each in found)
-    for other in others:
-        assert np.allclose(first, other, atol=1e-4 * np.abs(first).max())
+    """Output error integrates a torque whose jumps lie between its samples, and so sees them a sample off."""
+    found = {name: identify(turret, [clean], estimator=each, filtering=EXACT) for name, each in ESTIMATORS.items()}
+    first = found["ols"].estimate.theta
+    for name, other in found.items():
+        near = 1e-3 if name == "output-error" else 1e-4
+        assert np.abs(first - other.estimate.theta).max() < near * np.abs(first).max(), name
+        assert other.estimate.method == name
 
 
 def test_outliers_do_not_move_the_robust_estimate() -> None:

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin import urdf
+from gimbal_pin.consistency import nearest
 from gimbal_pin.errors import ModelError
 from gimbal_pin.experiment import perturbed
-from gimbal_pin.inertia import from_log_cholesky, log_cholesky, nearest, physical, strictly, to_urdf
+from gimbal_pin.inertia import from_log_cholesky, log_cholesky, physical, strictly, to_urdf
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio

@@ -16,8 +16,10 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config floating rig"
 SENSED = "signals platform profile calibration regressor imu"
-MATHS = f"{SENSED} reduction inertia effects model carrier plant holes rows estimators simulation"
-VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
+MATHS = (
+    f"{SENSED} reduction inertia consistency bodies effects model carrier plant holes rows replay estimators simulation"
+)
+VERBS = "suspicion identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
 WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
@@ -25,7 +27,8 @@ ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 
 SHARED = {
     "effects": {"cause", "base", "signal", "rig_effect", "functions", "harmonic", "seen"},
-    "estimators": {"base", "weighted"},  # the robust estimate starts from the weighted one
+    # Some estimates start from simpler ones: the robust from the weighted, those that simulate from the physical.
+    "estimators": {"base", "colour", "weighted", "physical", "instrumental"},
 }
 """Files in a folder of plug-ins that the others there may import."""
 READERS = {"__init__", "parse", "plain", "resistance"}

@@ -8,11 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from gimbal_pin.estimators.colour import coloured
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
 
-LAGS = 8
-"""Rows over which residuals may be correlated: four periods of the cutoff."""
 LEAF = 8192
 """Numbers in one leaf of the TSQR: it stays in the cache, and is too small for BLAS to wake threads, which on a busy
 machine cost a hundred times the work they share."""
@@ -31,6 +30,8 @@ class Estimate:
         condition_number: Of the factor with columns scaled to unit norm.
         rows: Rows per joint.
         method: The estimator's name.
+        phi: The bodies whose base parameters theta holds, (10 n,), where it was fitted through them; else None.
+        uncertainty: What the covariance stands on.
     """
 
     theta: Array
@@ -39,6 +40,8 @@ class Estimate:
     condition_number: float
     rows: int
     method: str
+    phi: Array | None = None
+    uncertainty: str = "coloured residuals"
 
     @property
     def std(self) -> Array:
@@ -47,7 +50,10 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once."""
+    """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once.
+
+    Most need nothing but the blocks; the others ask `rows.standing_for` what the columns stand for.
+    """
 
     def __call__(self, blocks: Sequence[Block]) -> Estimate:
         """Estimate theta."""
@@ -137,23 +143,11 @@ def residuals(block: Block, theta: Array) -> Array:
     return block.b - block.A @ theta
 
 
-def autocorrelation(blocks: Sequence[Block], theta: Array, lags: int = LAGS) -> Array:
-    """Autocovariance of each joint's residual at lags 0 ... `lags`, (lags + 1, n), never across a block's ends."""
-    total = np.zeros((lags + 1, blocks[0].b.shape[1]))
-    count = np.zeros_like(total)
-    for block in blocks:
-        error, share = residuals(block, theta), block.share
-        for lag in range(min(lags, len(error) - 1) + 1):
-            total[lag] += np.sum(error[: len(error) - lag] * error[lag:], axis=0)
-            count[lag] += np.sum(share[: len(share) - lag] * share[lag:], axis=0)
-    return total / np.maximum(count, 1.0)
-
-
 def covariance(blocks: Sequence[Block], theta: Array, information: Array, scale: Array) -> Array:
     """Covariance of weighted least squares under coloured, joint-wise different residuals, (k, k).
 
-    ``H⁻¹ S H⁻¹`` with H = AᵀWA and S = Σ_j w_j² Σ_l γ_j(l) Σ_t (A_t A_{t+l}ᵀ + transpose): the residual's own
-    autocovariance γ_j, tapered over `LAGS` rows (Newey and West 1987), instead of the assumption that it is white.
+    ``H⁻¹ S H⁻¹`` with H = AᵀWA and S the covariance of AᵀWe: the residual's own colour instead of the assumption that
+    it is white.
 
     Args:
         blocks: Rows.
@@ -161,18 +155,8 @@ def covariance(blocks: Sequence[Block], theta: Array, information: Array, scale:
         information: H⁻¹, (k, k), from `solve`.
         scale: Square root of each joint's weight, (n,).
     """
-    rows = effective_rows(blocks)
-    freedom = rows / np.maximum(rows - len(theta) / len(scale), 1.0)
-    gamma = autocorrelation(blocks, theta) * freedom * scale**4
-    taper = 1.0 - np.arange(LAGS + 1) / (LAGS + 1)
-    score = np.zeros((len(theta), len(theta)))
-    for block in blocks:
-        for lag in range(min(LAGS, len(block.t) - 1) + 1):
-            early, late = block.A[: len(block.t) - lag], block.A[lag:]
-            product = np.einsum("tjk,j,tjl->kl", early, gamma[lag] * taper[lag], late, optimize=True)
-            score += product if lag == 0 else product + product.T
     finite = np.where(np.isfinite(information), information, 0.0)
-    out = finite @ score @ finite
+    out = coloured(blocks, [block.A for block in blocks], theta, finite, scale**2)
     blind = ~np.isfinite(np.diag(information))
     out[blind, blind] = np.inf
     return out

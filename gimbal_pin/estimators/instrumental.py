@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimators.base import LAGS, RANK, Estimate, autocorrelation, effective_rows, residuals
+from gimbal_pin.estimators.base import RANK, Estimate, effective_rows, residuals
+from gimbal_pin.estimators.colour import coloured
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
 
@@ -91,7 +92,7 @@ def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence
         squares = sum(np.sum(residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
         weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-30)
-    spread = inverse @ score(blocks, [Z for Z, _ in pairs], theta, weight) @ inverse.T
+    spread = coloured(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
     return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), method)
@@ -114,16 +115,3 @@ def solved(moment: Array, target: Array) -> tuple[Array, Array, float]:
     seen = values > RANK * values[0]
     inverse = (right.T * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)) @ left.T / np.outer(unit, unit)
     return inverse @ target, inverse, float(values[0] / values[-1]) if seen.all() else float("inf")
-
-
-def score(blocks: Sequence[Block], instruments: Sequence[Array], theta: Array, weight: Array) -> Array:
-    """Covariance of ``Σ ZᵀW residual``, (k, k): the residual's own autocovariance over `LAGS` rows, tapered."""
-    gamma = autocorrelation(blocks, theta) * weight**2
-    taper = 1.0 - np.arange(LAGS + 1) / (LAGS + 1)
-    out = np.zeros((len(theta), len(theta)))
-    for Z in instruments:
-        for lag in range(min(LAGS, len(Z) - 1) + 1):
-            early, late = Z[: len(Z) - lag], Z[lag:]
-            product = np.einsum("tjk,j,tjl->kl", early, gamma[lag] * taper[lag], late, optimize=True)
-            out += product if lag == 0 else product + product.T
-    return out

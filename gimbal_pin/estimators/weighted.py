@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.estimators.base import Estimate, covariance, effective_rows, factor, residual_power, solve
+from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
 
 PASSES = 4
@@ -20,12 +21,19 @@ def weighted(blocks: Sequence[Block]) -> Estimate:
     """
     factors = factor(blocks)
     rows = sum(len(block.t) for block in blocks)
-    scale = np.ones(len(factors))
+    scale: Array = np.ones(len(factors))
     for _ in range(PASSES):
         theta, information, condition = solve(factors, scale)
         power = residual_power(factors, theta, effective_rows(blocks))
-        # A joint that never moved has no residual: without a floor it would take all the weight.
-        scale = 1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30))
+        scale = joint_weights(power)
     theta, information, condition = solve(factors, scale)
     spread = covariance(blocks, theta, information, scale)
     return Estimate(theta, spread, np.sqrt(power), condition, rows, "weighted")
+
+
+def joint_weights(power: Array) -> Array:
+    """``1 / σ_j`` from each joint's mean square residual, (n,).
+
+    A joint that never moved has no residual: without a floor it would take all the weight.
+    """
+    return np.asarray(1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30)), dtype=np.float64)

@@ -74,6 +74,8 @@ def overall(found: Identified, every: Sequence[Known]) -> str:
     condition = figures(found.estimate.condition_number, 2)
     method = f"{len(every)} parameters by the {found.estimate.method} estimator"
     text = f"{method}, {doubt}; condition number {condition} (columns of unit size)."
+    if found.bias is not None:
+        text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
     if found.physical:
         return f"{text} Bodies exist that have these parameters."
     change = torque_text(max(found.torque_change.values()))

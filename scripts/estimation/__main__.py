@@ -1,0 +1,14 @@
+"""One table per promise; each prints PASS or FAIL in its last line and leaves with 1 if it is missed."""
+
+from __future__ import annotations
+
+import tyro
+
+from estimation.biased import biased
+from estimation.coverage import coverage
+from estimation.pendulum import pendulum
+from estimation.physical import physical
+
+if __name__ == "__main__":
+    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "pendulum": pendulum}
+    tyro.extras.subcommand_cli_from_dict(verbs)

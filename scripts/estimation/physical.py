@@ -1,0 +1,144 @@
+"""Physical fit of noisy logs: always consistent, hardly ever worse, and every program loads what is written."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from estimation.jobs import CORES, results
+from estimation.logs import drawn, noisy
+from gimbal_pin.estimators import physical as physical_fit
+from gimbal_pin.estimators import weighted
+from gimbal_pin.estimators.colour import autocovariance, colour, series
+from gimbal_pin.identification import accuracy, given_beta, identify
+from gimbal_pin.inertia import physical as can_exist
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import Model, friction_effects
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig, to_pinocchio
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, kept
+
+EXACT = Filtering(alignment=0.0)
+WORSE = 1.01
+
+
+def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any]:
+    """Fit one log with and without the constraint; compare the torque of another motion, as noisy and without noise."""
+    rig, plant, rng = drawn(seed)
+    log = noisy(plant, rng, seconds, noise, corner)[0]
+    found, free = (identify(rig, [log], estimator=e, holdout="none", filtering=EXACT) for e in (physical_fit, weighted))
+    limit = bound(rig, plant, log)
+    ratios, joint, apart = [], 0.0, 0.0
+    for test in noisy(plant, rng, 30.0, noise, corner):
+        blocks = rows(rig, test)
+        apart = moved(blocks, found.estimate.theta - free.estimate.theta) / unavoidable(blocks, limit)
+        errors = np.array([left(rig, blocks, each.estimate.theta) for each in (found, free)])
+        whole = np.linalg.norm(errors, axis=1)
+        ratios.append(float(whole[0] / whole[1]))
+        joint = joint or float((errors[0] / errors[1]).max())
+    return {
+        "consistent": bool(can_exist(found.consistent.phi) and found.physical),
+        "ratio": ratios[0],
+        "joint": joint,
+        "clean": ratios[1],
+        "moved": not bool(free.physical),
+        "apart": apart,
+        "loads": loads(rig, found.to_urdf()),
+    }
+
+
+def rows(rig: Rig, log: Log) -> Regression:
+    """Return the rows of a log."""
+    return kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), EXACT))
+
+
+def bound(rig: Rig, plant: Model, log: Log) -> Array:
+    """Cramér and Rao's bound on the covariance of unbiased estimates, (k, k), by the colour of the noise itself."""
+    whole = series(rows(rig, log))
+    truth = np.concatenate([given_beta(plant.rig, reduce(rig)), plant.rig.friction.ravel()])
+    gamma = autocovariance([block.b - block.A @ truth for block in whole], [block.share for block in whole])
+    information = np.zeros((len(truth), len(truth)))
+    for block in whole:
+        for j, column in enumerate(gamma.T):
+            polynomial, power = colour(column, float(np.sum(block.share[:, j] ** 2)))
+            white = lfilter(polynomial, [1.0], block.A[:, j], axis=0)
+            information += white.T @ white / power
+    return np.linalg.inv(information)
+
+
+def moved(blocks: Sequence[Block], change: Array) -> float:
+    """Torque that a change of parameters moves, N m rms."""
+    return float(np.sqrt(np.mean(np.concatenate([block.A @ change for block in blocks]) ** 2)))
+
+
+def unavoidable(blocks: Sequence[Block], covariance: Array) -> float:
+    """Torque by which estimates of this covariance are off, N m rms."""
+    A = np.concatenate([block.A for block in blocks]).reshape(-1, len(covariance))
+    return float(np.sqrt(np.mean(np.sum(A @ covariance * A, axis=1))))
+
+
+def left(rig: Rig, blocks: Sequence[Block], theta: Array) -> list[float]:
+    """Return each joint's torque error, N m rms."""
+    return list(accuracy(rig.joints, blocks, theta, "held out").torque_rmse.values())
+
+
+def loads(rig: Rig, text: str) -> bool:
+    """Whether Pinocchio, yourdfpy and MuJoCo take a URDF."""
+    import mujoco
+    import yourdfpy
+
+    source = io.BytesIO(text.encode())
+    robot = yourdfpy.URDF.load(source, load_meshes=False, build_scene_graph=False)
+    bodies = mujoco.MjModel.from_xml_string(text).nv
+    return bool(to_pinocchio(text, "written").nv == rig.n == bodies and len(robot.robot.links) > rig.n)
+
+
+def physical(
+    logs: int = 200,
+    seconds: float = 20.0,
+    noise: float = 0.1,
+    corner: float = 2.0,
+    workers: int = CORES,
+    resume: Path | None = None,
+) -> None:
+    """Measure the physical fit against weighted least squares.
+
+    Args:
+        logs: Number of logs.
+        seconds: Length of each, s.
+        noise: Coloured noise on the torque, as a share of each joint's torque rms.
+        corner: Corner of that noise, Hz.
+        workers: Processes.
+        resume: File of results to go on from.
+    """
+    found = results(partial(one, seconds, noise, corner), range(logs), workers, resume)
+    ratio = np.array([row["ratio"] for row in found])
+    consistent, loaded = (sum(row[name] for row in found) for name in ("consistent", "loads"))
+    moved = sum(row["moved"] for row in found)
+    passed = consistent == loaded == len(found) and ratio.max() <= WORSE
+    over = [row["apart"] for row in found if row["ratio"] > WORSE]
+    if over:
+        print(
+            f"{len(over)} over {WORSE}: there the two fits differ by {min(over):.2f} to {max(over):.2f} of what the "
+            "Cramér-Rao bound leaves of error in that torque: the log does not tell which is the better one"
+        )
+    clean = np.array([row["clean"] for row in found if row["moved"]])
+    print(
+        f"held-out error of all joints over that without the constraint: median {np.median(ratio):.4f}, "
+        f"least {ratio.min():.4f}; "
+        f"worst of a single joint {max(row['joint'] for row in found):.3f}; "
+        f"of the noise-free torque, where the constraint acts: median {np.median(clean):.3f}, worst {clean.max():.3f}"
+    )
+    print(
+        f"{len(found)} logs ({moved} of them left what can exist without the constraint): {consistent} consistent, "
+        f"{loaded} URDFs load in three programs, worst ratio {ratio.max():.4f} ({WORSE}): "
+        f"{'PASS' if passed else 'FAIL'}"
+    )
+    sys.exit(not passed)

@@ -1,0 +1,172 @@
+"""Laws of deviations: repetitions with blocks of residuals, bodies' figures, and what the controller makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from gimbal_pin.bodies import bodies, deviations, figures, slopes
+from gimbal_pin.consistency import nearest, spread
+from gimbal_pin.control.uncertainty import bounds
+from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.estimators import Bootstrap, Estimate, ols, physical, weighted
+from gimbal_pin.identification import Identified, identify
+from gimbal_pin.inertia import pseudo_inertia
+from gimbal_pin.log import Array
+from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rows import Block, Filtering, Rows, kept, over_phi
+from tests.bench_logs import prescribed
+
+EXACT = Filtering(alignment=0.0)
+
+
+@pytest.fixture(scope="module")
+def found() -> Identified:
+    rig = Rig.load("turret", "cinema")
+    return identify(rig, [prescribed(nominal(rig), 2, 12.0, torque_noise=0.1)], filtering=EXACT, holdout="none")
+
+
+# --- block bootstrap --------------------------------------------------------------------------------------------------
+
+
+def repeatable(rng: np.random.Generator, pole: float, rows: int = 800) -> Block:
+    t = 0.1 * np.arange(rows)
+    A = np.stack([np.ones_like(t), np.sin(0.3 * t), np.sin(5 * t)], axis=1)[:, None, :]
+    noise = lfilter([1.0], [1.0, -pole], rng.standard_normal(rows + 200))[200:]
+    return Block(t, A, (A[:, 0].sum(axis=1) + noise)[:, None], np.ones((rows, 1)), np.ones((rows, 1)))
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+def test_repetition_tells_the_deviations_of_white_and_of_slow_noise(pole: float) -> None:
+    """Estimates from a hundred logs scatter as the repetitions of one log's residuals do."""
+    rng = np.random.default_rng(4)
+    true = np.std([ols([repeatable(rng, pole)]).theta for _ in range(100)], axis=0)
+    told = np.mean([Bootstrap(ols, rng, 30, 5.0)([repeatable(rng, pole)]).std for _ in range(5)], axis=0)
+    assert np.all(np.abs(told / true - 1) < 0.3)
+
+
+def test_repetition_changes_deviations_alone_and_follows_its_seed(found: Identified) -> None:
+    blocks = [repeatable(np.random.default_rng(1), 0.5)]
+    one, same, other = (Bootstrap(weighted, np.random.default_rng(seed), 20)(blocks) for seed in (0, 0, 1))
+    assert np.array_equal(one.theta, weighted(blocks).theta) and np.array_equal(one.covariance, same.covariance)
+    assert not np.array_equal(one.covariance, other.covariance) and "bootstrap" in one.uncertainty
+
+
+def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None:
+    rig = Rig.load("turret")
+    log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.1)
+    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), EXACT))
+    told = Bootstrap(physical, np.random.default_rng(0), 20, 0.5)(blocks)
+    assert told.phi is not None and np.all(told.std < 3 * physical(blocks).std) and told.std.min() > 0
+    with pytest.raises(DataError, match="fewer than"):
+        Bootstrap(ols, np.random.default_rng(0), 20, 5.0)(blocks)
+    with pytest.raises(UsageError, match="simulates the log"):
+        Bootstrap(simulating, np.random.default_rng(0), 20)(blocks)
+    with pytest.raises(UsageError, match="tells no deviation"):
+        Bootstrap(ols, np.random.default_rng(0), 2)
+
+
+def simulating(blocks: object) -> Estimate:
+    return Estimate(np.zeros(1), np.eye(1), np.ones(1), 1.0, 1, "output-error")
+
+
+# --- bodies -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_figures_are_pinocchios(name: str) -> None:
+    for phi in Rig.load(name, "cinema").phi.reshape(-1, 10):
+        own, body = figures(phi), pin.Inertia.FromDynamicParameters(phi)
+        assert own[0] == pytest.approx(body.mass) and np.allclose(own[1:4], body.lever)
+        assert np.allclose(own[4:], body.inertia[np.tril_indices(3)], atol=1e-12)
+
+
+CARRIED = Rig.load("turret", "cinema").phi[:10]
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_slopes_are_those_of_the_figures(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    phi, step = CARRIED, 1e-7 * rng.standard_normal(10)
+    change = figures(phi + step) - figures(phi - step)
+    assert np.allclose(slopes(phi) @ (2 * step), change, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+@pytest.mark.parametrize("trust", [0.01, 1.0])
+def test_bodies_deviate_as_their_base_parameters_do(name: str, trust: float) -> None:
+    """K C Kᵀ is the covariance of the estimate, whatever the trust in the rest."""
+    rig = Rig.load(name, "cinema")
+    mixing = over_phi(rig, reduce(rig))
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((len(mixing), len(mixing))) * 10.0 ** rng.uniform(-6, -2, len(mixing))[:, None]
+    through = mixing @ deviations(rig.phi, mixing, root @ root.T, trust)
+    size = np.linalg.norm(root, axis=1)
+    assert np.allclose(through @ through.T / np.outer(size, size), root @ root.T / np.outer(size, size), atol=1e-6)
+
+
+def test_intervals_of_bodies_hold_the_truth() -> None:
+    """Bodies drawn as far from the URDF's as the trust says, base parameters with noise: 95 % are inside."""
+    rig, trust, rng = Rig.load("turret", "cinema"), 0.1, np.random.default_rng(3)
+    mixing, root, hits = over_phi(rig, reduce(rig)), trust * spread(rig.phi), []
+    std = 1e-3 * np.abs(mixing @ rig.phi) + 1e-5
+    for _ in range(25):
+        true = rig.phi + root @ rng.standard_normal(root.shape[1])
+        if min(np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in true.reshape(-1, 10)) <= 0:
+            continue
+        beta = mixing @ true + std * rng.standard_normal(len(std))
+        phi = nearest(rig.phi, mixing, beta, np.diag(std**2)).phi
+        said = bodies(rig.links, rig.phi, phi, mixing, np.diag(std**2), trust)
+        for body, own in zip(said, true.reshape(-1, 10)):
+            every = (body.mass, *body.com, *body.inertia)
+            hits += [abs(f.value - x) <= 1.96 * f.std for f, x in zip(every, figures(own)) if f.std > 1e-12]
+    assert len(hits) > 300 and 0.90 < np.mean(hits) < 0.99
+
+
+def test_what_the_log_shows_is_said_and_what_the_urdf_says_too(found: Identified) -> None:
+    by_link = {body.link: body for body in found.bodies}
+    assert set(by_link) == set(found.model.rig.links)
+    written = found.to_dict()["bodies"]
+    assert [body["link"] for body in written] == list(found.model.rig.links)
+    first, last = found.bodies[0], found.bodies[-1]
+    # Nothing that turns about one axis alone shows its mass; the camera's balance about its own axis shows.
+    assert not first.mass.shown and any(figure.shown for figure in (*last.com, *last.inertia))
+    assert first.mass.std == pytest.approx(found.trust * first.mass.value, rel=0.3)
+    low, high = written[0]["mass"]["interval"]
+    assert low < first.mass.value < high
+
+
+# --- the controller's bound -------------------------------------------------------------------------------------------
+
+
+def test_the_controller_draws_from_the_estimates_own_covariance(found: Identified) -> None:
+    """Twice the deviations, twice the bounds; and a repetition's covariance goes the same way."""
+    model = found.model
+    assert model.estimated is not None and model.estimated.covariance is found.estimate.covariance
+
+    def scaled(factor: float) -> Array:
+        assert model.estimated is not None
+        known = replace(model.estimated, covariance=factor**2 * model.estimated.covariance)
+        told = bounds(replace(model, estimated=known), np.random.default_rng(0))
+        return np.array([told.alpha, told.phi])
+
+    assert np.allclose(scaled(0.02), 2 * scaled(0.01), rtol=0.02)
+
+
+def test_slow_noise_makes_the_controllers_bound_larger_than_fast_noise_of_its_size() -> None:
+    rig = Rig.load("turret")
+    log, rng = prescribed(nominal(rig), 0, 15.0), np.random.default_rng(0)
+    told = []
+    for pole in (0.0, 0.999):
+        noise = lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], rng.standard_normal((len(log) + 5000, rig.n)), axis=0)
+        loud = replace(log, tau=np.asarray(log.tau) + 0.02 * noise[5000:])
+        told.append(bounds(identify(rig, [loud], filtering=EXACT).model, np.random.default_rng(0)))
+    assert told[1].phi > 3 * told[0].phi and told[1].alpha > 2 * told[0].alpha
