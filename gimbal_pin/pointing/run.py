@@ -1,0 +1,173 @@
+"""Closed loop of plant, moving platform, sensors, delay and a controller that holds the camera still."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from tqdm import tqdm
+
+from gimbal_pin.effects import Signal
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model
+from gimbal_pin.plant import Plant, State
+from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.navigator import Known, Navigator, carried
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.seen import Seen, Station
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.simulation import Controller, Drive, halved
+
+
+class Held(NamedTuple):
+    """Memory of a `Pointer`: navigation's, the law's, and what happened."""
+
+    known: Known
+    law: Any
+    events: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Pointer:
+    """Navigation and a control law: from sensors to torques.
+
+    Attributes:
+        navigator: Tells the law where the joints are and should be.
+        law: Any control law; those that know of a platform read its motion from the reference.
+    """
+
+    navigator: Navigator
+    law: Controller
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return self.law.dt
+
+    def start(self, seen: Seen, camera: Array, base: Array) -> Held:
+        """Memory at the first sample, see `Navigator.start`."""
+        return Held(self.navigator.start(seen, camera, base), self.law.start())
+
+    def torque(self, seen: Seen, memory: Held) -> tuple[Array, Held]:
+        """Return the torque, N m, (n,), and the next memory."""
+        fix, known = self.navigator.fix(seen, memory.known)
+        tau, law = self.law.torque(seen.t, fix.q, fix.v, fix.aim, memory.law)  # type: ignore[arg-type]
+        return tau, Held(known, law, memory.events)
+
+
+class Sensed:
+    """The sensors along a run: they see the plant's state and the platform."""
+
+    def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
+        """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
+        self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
+        self.noise = station.draws(len(t), float(t[1] - t[0]), rng)
+        self.w, self.f = np.asarray(platform.w[::2]), np.asarray(platform.f[::2])
+        self.rows = np.hstack([platform.w, platform.f, platform.dw])
+        self.before: Seen | None = None
+
+    def see(self, k: int, state: State, lead: int) -> Seen:
+        """Return what the sensors say at sample k; the oracle sees the platform `lead` half-samples ahead."""
+        camera, platform, force = self.noise[k]
+        gyro = self.sight.rate(state.q, state.v, self.w[k]) + camera
+        true = carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
+        seen = Seen(
+            self.t[k], self.station.angles(state.q), gyro, self.w[k] + platform, self.f[k] + force, true
+        )
+        for fault in self.station.faults:
+            seen = fault.apply(k, seen, self.before)
+        self.before = seen
+        return seen
+
+
+def point(
+    plant: Model,
+    pointer: Pointer,
+    platform: Platform,
+    *,
+    rng: np.random.Generator,
+    seconds: float = 30.0,
+    station: Station | None = None,
+    delay: int = 1,
+    drive: Sequence[Signal] = (),
+    name: str = "pointing",
+    motion: str = "S",
+    seed: int = 0,
+) -> Pointing:
+    """Run the loop; the camera starts where it should look, turning with nothing.
+
+    At sample k the controller sees the sensors at `t[k]`; its torque acts `delay` samples later, clipped, for one
+    sample. The plant is integrated by RK4, one step per sample, the platform seen at half steps.
+
+    Args:
+        plant: The plant.
+        pointer: The controller.
+        platform: Motion of the base with its attitude, best sampled at half the control interval.
+        rng: Source of the sensors' noise.
+        seconds: Length, s.
+        station: The sensors; None: the benchmark's.
+        delay: Samples between measurement and torque.
+        drive: What stands between the command and the torque that acts, after the plant's own.
+        name: The controller's name.
+        motion: What the platform's motion is called.
+        seed: What the seed is called.
+
+    Raises:
+        UsageError: The platform's motion is too short or has no attitude, or the state left the finite numbers.
+    """
+    dt, rig = pointer.dt, plant.rig
+    t = dt * np.arange(round(seconds / dt) + 1)
+    base = halved(platform, t)
+    if base.quat is None:
+        raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
+    attitudes = rotations(np.asarray(base.quat[::2]))
+    sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
+    system, motors = Plant(plant, base), Drive((*plant.drive, *drive), rig, dt)
+    state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
+    lead = round(2 * max(pointer.navigator.leads) / dt)
+    memory, pending, limit = None, deque([np.zeros(rig.n)] * delay), rig.tau_max
+    q, tau = np.empty((len(t), rig.n)), np.empty((len(t), rig.n))
+    for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
+        if not isfinite(sum(state.q.tolist())):
+            raise UsageError(name, f"diverged {t[k]:.3g} s after its start", "lower the bandwidth or the delay")
+        seen = sensed.see(k, state, lead)
+        if memory is None:
+            memory = pointer.start(seen, attitudes[0] @ sensed.sight.view(state.q).R, attitudes[0])
+        command, memory = pointer.torque(seen, memory)
+        pending.append(command)
+        q[k], tau[k] = state.q, np.minimum(np.maximum(pending.popleft(), -limit), limit)
+        state = system.step(sensed.t[k], state, motors.acting(tau[k]), dt)
+    error = errors(sensed.sight, q, attitudes, wanted)
+    events = () if memory is None else memory.events
+    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, np.asarray(base.quat[::2]), events)
+
+
+def ready(sensed: Sensed, base: Array, wanted: Array) -> State:
+    """Return the state in which the camera looks as wanted and does not turn."""
+    sight = sensed.sight
+    q = sight.reached(base, wanted, sight.home)
+    view = sight.view(q)
+    return State(q, -view.inverse @ (view.R.T @ sensed.w[0])[sight.rows])
+
+
+def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:
+    """``log(R_dᵀ R)`` along a run, rad, (N, 3)."""
+    left = wanted.T @ base @ sight.attitudes(q)
+    return np.array([pin.log3(turn) for turn in left])
+
+
+def rotations(quat: Array) -> Array:
+    """Rotation matrices, (N, 3, 3), of quaternions (w, x, y, z), (N, 4)."""
+    w, x, y, z = quat.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
