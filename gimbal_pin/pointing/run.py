@@ -130,7 +130,7 @@ def point(
     sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
     system, motors = Plant(plant, base), Drive((*plant.drive, *drive), rig, dt)
     state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
-    lead = round(2 * max(pointer.navigator.leads) / dt)
+    lead = round(2 * max(pointer.navigator.forecast.leads) / dt)
     memory, pending, limit = None, deque([np.zeros(rig.n)] * delay), rig.tau_max
     q, tau = np.empty((len(t), rig.n)), np.empty((len(t), rig.n))
     for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
