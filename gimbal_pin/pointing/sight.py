@@ -43,17 +43,17 @@ class Sight:
         """Take the rig's floating model; a rig of two axes commands the line of sight alone, not the roll about it."""
         self.rig, self.model, n = rig, rig.floating, rig.n
         self.data = self.model.createData()
-        self.frame = self.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)
+        self.fixed, self.own = rig.model, rig.model.createData()
+        self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
         self.rows = slice(0, 3) if n > 2 else slice(1, 3)
         self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
         self.q[6] = 1.0
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
-        self.q[7:] = q
-        pin.computeJointJacobians(self.model, self.data, self.q)
-        R = pin.updateFramePlacement(self.model, self.data, self.frame).rotation.copy()
-        J = pin.getFrameJacobian(self.model, self.data, self.frame, pin.LOCAL)[3:, 6:][self.rows]
+        pin.computeJointJacobians(self.fixed, self.own, q)
+        R = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation.copy()
+        J = pin.getFrameJacobian(self.fixed, self.own, self.there, pin.LOCAL)[3:][self.rows]
         inverse, steep = inverted(J)
         return View(R, J, inverse, steep)
 
@@ -74,9 +74,8 @@ class Sight:
         """Attitudes in the base link at many angles, (N, n) → (N, 3, 3)."""
         out = np.empty((len(q), 3, 3))
         for row, angles in zip(out, q):
-            self.q[7:] = angles
-            pin.forwardKinematics(self.model, self.data, self.q)
-            row[...] = pin.updateFramePlacement(self.model, self.data, self.frame).rotation
+            pin.forwardKinematics(self.fixed, self.own, angles)
+            row[...] = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation
         return out
 
     def error(self, actual: Array, wanted: Array) -> Array:
@@ -96,8 +95,9 @@ class Sight:
     def centre(self) -> Array:
         """The point in the base link that is nearest to all axes at home, m, (3,): where they meet, if they do."""
         self.view(self.home)
-        places = [self.data.oMi[j] for j in range(2, self.model.njoints)]
-        axes = [pin.getJointJacobian(self.model, self.data, j, pin.WORLD)[3:, 4 + j] for j in range(2, len(places) + 2)]
+        joints = range(1, self.fixed.njoints)
+        places = [self.own.oMi[j] for j in joints]
+        axes = [pin.getJointJacobian(self.fixed, self.own, j, pin.WORLD)[3:, j - 1] for j in joints]
         across = [np.eye(3) - np.outer(axis, axis) for axis in axes]
         right = sum(P @ place.translation for P, place in zip(across, places))
         return np.asarray(np.linalg.lstsq(sum(across), right, rcond=1e-9)[0])
@@ -109,12 +109,24 @@ class Sight:
 
 
 def inverted(J: Array) -> tuple[Array, bool]:
-    """``J⁻¹``, and ``Jᵀ(J Jᵀ + λ²)⁻¹`` where that is steep or J is not square: near roll ±90° of three axes."""
-    if J.shape[0] == J.shape[1] and abs(np.linalg.det(J)) > 1e-9:
-        inverse = np.linalg.inv(J)
-        if -STEEP < inverse.min() and inverse.max() < STEEP:
-            return inverse, False
+    """``J⁻¹``, and ``Jᵀ(J Jᵀ + λ²)⁻¹`` where that is steep, near roll ±90° of three axes; Moore and Penrose's for more."""
     m, n = J.shape
-    if m < n and np.linalg.det(J @ J.T) > STEEP**-2:
-        return J.T @ np.linalg.inv(J @ J.T), False
+    if m == n == 3:
+        exact = cofactors(J.tolist())
+    else:
+        own = J @ J.T
+        exact = J.T @ np.linalg.inv(own) if np.linalg.det(own) > STEEP ** (-2 * m) else None
+    if exact is not None and float(np.abs(exact).max()) < STEEP:
+        return exact, False
     return J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(m)), True
+
+
+def cofactors(J: list[list[float]]) -> Array | None:
+    """Inverse of a 3 by 3 matrix, on floats as that is faster; None where there is none."""
+    (a, b, c), (d, e, f), (g, h, i) = J
+    x, y, z = e * i - f * h, f * g - d * i, d * h - e * g
+    size = a * x + b * y + c * z
+    if abs(size) < 1e-9:
+        return None
+    rows = [[x, c * h - b * i, b * f - c * e], [y, a * i - c * g, c * d - a * f], [z, b * g - a * h, a * e - b * d]]
+    return np.array(rows) / size
