@@ -6,7 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import exp, pi
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from gimbal_pin.control.base import Pid
+from gimbal_pin.control.loop import Margins, assessed, driven, frequencies, sampled_plant
+from gimbal_pin.effects import Signal
+
+if TYPE_CHECKING:
+    import control
 
 
 class Observed(NamedTuple):
@@ -69,3 +78,47 @@ class Observer:
         ]
         disturbance = [d - out * e if ok else d for d, e, ok in zip(memory.disturbance, gap, free)]
         return Observed(tuple(rates), tuple(disturbance), queue[1:])
+
+
+def observed_loop(
+    gains: Pid, observer: Observer, delay: float, drive: tuple[Signal, ...] = (), gain: float = 1.0
+) -> control.StateSpace:
+    """Loop gain of an outer loop with the observer, broken at the plant's input, in discrete state space.
+
+    Broken anywhere else, the observer would still see its own command act, and look harmless. Its queue holds what it
+    commanded; the plant gets what comes in at the break.
+
+    Args:
+        gains: Outer loop.
+        observer: The observer.
+        delay: Time from measurement to torque, s; the hold comes on top.
+        drive: What stands between the command and the torque that acts.
+        gain: Nominal over true inertia.
+    """
+    import control
+
+    dt, m = observer.dt, observer.delay
+    plant, B = driven(sampled_plant(dt, delay), drive, dt)
+    n, (own, out) = len(plant), observer.gains
+    s, rate, lost, queue = n, n + 1, n + 2, n + 3
+    size = n + 3 + m
+    command = np.zeros(size)  # u = K ξ - d, of angle and rate of the plant, whose error they are with the sign changed
+    command[:2], command[s], command[lost] = (-gains.kp - gains.ki * dt, -gains.kd), gains.ki, -1.0
+    A = np.zeros((size, size))
+    A[:n, :n] = plant
+    A[s, 0], A[s, s] = -dt, 1.0
+    A[rate, 1], A[rate, rate], A[rate, lost] = -own, 1 - own, -dt
+    A[rate] -= dt * (np.eye(size)[queue] if m else command)
+    A[lost, 1], A[lost, rate], A[lost, lost] = out, out, 1.0
+    for k in range(m - 1):
+        A[queue + k, queue + k + 1] = 1.0
+    if m:
+        A[size - 1] = command
+    inputs = np.vstack([B, np.zeros((size - n, 1))])
+    keep = np.arange(size) if gains.integrates else np.delete(np.arange(size), s)
+    return control.ss(A[np.ix_(keep, keep)], inputs[keep], -gain * command[None, keep], 0.0, dt)
+
+
+def observed_margins(gains: Pid, observer: Observer, delay: float, drive: tuple[Signal, ...] = ()) -> Margins:
+    """Return the margins of `observed_loop`."""
+    return assessed(observed_loop(gains, observer, delay, drive), frequencies(gains, observer.dt))

@@ -12,6 +12,7 @@ import pinocchio as pin
 from gimbal_pin.control.aim import Ahead, Aim, Carried
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.forecast import Forecast
+from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.seen import Seen
 from gimbal_pin.pointing.sight import Sight, View
 
@@ -26,13 +27,13 @@ class Known(NamedTuple):
         R: Attitude in the world of the camera, or of the platform where that is what is integrated, (3, 3).
         turning: The rate that was integrated last, rad/s, (3,).
         past: Last samples of the platform's IMU, see `Forecast`.
-        v: Joint rates, rad/s, (n,).
+        fused: What fusion remembers; None without it.
     """
 
     R: Array
     turning: Array
     past: Array
-    v: Array
+    fused: Fused | None = None
 
 
 class Fix(NamedTuple):
@@ -66,6 +67,7 @@ class Navigator:
         source: Whose gyro tells the attitude.
         accelerates: False takes no wanted acceleration from inverse kinematics.
         oracle: The platform's true motion ahead is known, not predicted.
+        fusion: Brings the other gyros in; None: the camera's attitude comes from its own alone.
     """
 
     sight: Sight
@@ -75,11 +77,13 @@ class Navigator:
     source: ErrorFrom = "camera"
     accelerates: bool = True
     oracle: bool = False
+    fusion: Fusion | None = None
 
     def start(self, seen: Seen, camera: Array, base: Array) -> Known:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
         own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
-        return Known(own, turning, self.forecast.start(seen.w, seen.f), np.zeros(len(seen.q)))
+        fused = None if self.fusion is None else self.fusion.start((base,), (seen.w,))
+        return Known(own, turning, self.forecast.start(seen.w, seen.f), fused)
 
     def fix(self, seen: Seen, known: Known) -> tuple[Fix, Known]:
         """Return where the joints are and should be, and the next memory."""
@@ -89,11 +93,15 @@ class Navigator:
         view = self.sight.view(seen.q)
         v = view.inverse @ (seen.gyro - view.R.T @ seen.w)[self.sight.rows]
         actual = R if self.source == "camera" else R @ view.R
+        gyro, fused = seen.gyro, known.fused
+        if self.fusion is not None and fused is not None:
+            turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (view.R,))
+            actual, gyro = R @ pin.exp3(turn), seen.gyro + rate
         error = view.inverse @ self.sight.error(actual, self.wanted)
-        drop = view.inverse @ seen.gyro[self.sight.rows]
+        drop = view.inverse @ gyro[self.sight.rows]
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
-        return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, v)
+        return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, fused)
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead."""
