@@ -26,6 +26,7 @@ class Pointing:
         q: True angles, rad, (N, n).
         tau: Torque that was commanded for each interval, clipped, N m, (N, n).
         base: Attitude of the platform in the world, (w, x, y, z), (N, 4).
+        tau_max: Largest torque of each motor, N m, (n,).
         events: What happened, in sentences.
     """
 
@@ -38,6 +39,7 @@ class Pointing:
     q: Array
     tau: Array
     base: Array
+    tau_max: Array
     events: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -65,6 +67,12 @@ class Pointing:
     def jitter(self) -> tuple[float, float, float]:
         """Jitter rms, jitter max, drift, rad."""
         return jitter(self.sight, self.dt)
+
+    @property
+    def at_limit(self) -> Mapping[str, float]:
+        """Joint → share of the samples that count at the motor's limit."""
+        share = np.mean(np.abs(self.tau[self.counted]) >= self.tau_max * (1 - 1e-9), axis=0)
+        return dict(zip(self.joints, share.tolist()))
 
     @property
     def torque_rms(self) -> Mapping[str, float]:

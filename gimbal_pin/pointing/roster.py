@@ -22,11 +22,14 @@ from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.run import Pointer
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.reduction import reduce
+from gimbal_pin.regressor import columns
 
 NAMES = (
     "pid-joint",
     "pid-world",
     "computed-torque-fixed",
+    "without-hidden",
     "computed-torque",
     "with-friction",
     "with-prediction",
@@ -36,7 +39,8 @@ NAMES = (
     "switch",
     "oracle",
 )
-"""All controllers, each from "computed-torque" on with all that the one before it has, but where said."""
+"""All controllers, each from "without-hidden" on with all that the one before it has; those from "with-observer" to
+"switch" stand beside each other, on top of "with-gyros", and the oracle too."""
 OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
 
 
@@ -106,7 +110,8 @@ class Roster:
         rank = NAMES.index(name)
         predicts, fuses = rank >= NAMES.index("with-prediction"), rank >= NAMES.index("with-gyros")
         navigator = self.navigator(gains, predicts, fuses)
-        law = CarriedTorque(self.model, (gains,) * self.model.rig.n, self.dt, rank > NAMES.index("computed-torque"))
+        model = without_hidden(self.model) if name == "without-hidden" else self.model
+        law = CarriedTorque(model, (gains,) * self.model.rig.n, self.dt, rank > NAMES.index("computed-torque"))
         return Pointer(replace(navigator, oracle=name == ORACLE), replace(law, **extra))
 
     def loop(self, name: str) -> tuple[Pid, dict[str, object]]:
@@ -133,6 +138,18 @@ class Roster:
     def looking(self) -> Array:
         """Angles at which the camera looks as wanted from a level platform, rad, (n,)."""
         return self.sight.reached(np.eye(3), self.wanted, self.sight.home)
+
+
+def without_hidden(model: Model) -> Model:
+    """Return the model with what only a moving base shows set to zero: the least parameters of all that a fixed one fits.
+
+    ``φ' = M⁺ M φ``, M the mixing of the base parameters of a fixed base.
+    """
+    rig = model.rig
+    places, mixing = columns(rig)[1], reduce(rig, base="fixed").mixing
+    phi = rig.phi
+    phi[places] = np.linalg.pinv(mixing) @ mixing @ phi[places]
+    return replace(model, rig=rig.with_phi(phi))
 
 
 def pointers(roster: Roster, names: Sequence[str] = NAMES) -> dict[str, Pointer]:

@@ -145,7 +145,7 @@ def point(
         state = system.step(sensed.t[k], state, motors.acting(tau[k]), dt)
     error = errors(sensed.sight, q, attitudes, wanted)
     events = () if memory is None else memory.events
-    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, np.asarray(base.quat[::2]), events)
+    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, np.asarray(base.quat[::2]), limit, events)
 
 
 def ready(sensed: Sensed, base: Array, wanted: Array) -> State:
