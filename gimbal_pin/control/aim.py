@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from gimbal_pin.log import Array
 
@@ -17,9 +17,9 @@ class Carried(NamedTuple):
         dw: Angular acceleration, rad/s².
     """
 
-    f: Sequence[float]
-    w: Sequence[float]
-    dw: Sequence[float]
+    f: Sequence[float] | Array
+    w: Sequence[float] | Array
+    dw: Sequence[float] | Array
 
 
 class Ahead(NamedTuple):
@@ -52,3 +52,17 @@ class Aim(NamedTuple):
     v: Array
     a: Array
     ahead: tuple[Ahead, ...]
+
+
+class Law(Protocol):
+    """A `simulation.Controller` whose reference may be an `Aim`: of this, any law reads the part that it knows."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+
+    def start(self) -> Any:
+        """Return the memory before the first sample."""
+
+    def torque(self, t: float, q: Array, v: Array, reference: Any, memory: Any) -> tuple[Array, Any]:
+        """Return the torque, N m, (n,), within the limits, and the next memory."""

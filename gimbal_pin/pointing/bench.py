@@ -17,10 +17,13 @@ from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.contest import Course
 from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.pointing.trust import trusted
 from gimbal_pin.profile import profile_s
 from gimbal_pin.rig import Rig
 
@@ -99,31 +102,54 @@ class Learned:
         log: The log, of a platform that was shaken by hand.
         model: The model from it.
         spectrum: How the platform moves, from its IMU.
+        trusted: Joints at which the model is worth more than its uncertainty.
     """
 
     log: Log
     model: Model
     spectrum: Spectrum
+    trusted: tuple[bool, ...]
 
 
-def taught(plant: Model, effects: Sequence[Effect] = (), drive: Sequence[Signal] = (), seconds: float = 60.0) -> Learned:
-    """Simulate a log of the plant on a platform shaken by hand, profile S at half its size, and identify from it.
+def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
+    """Simulate a log of the plant on a platform shaken by hand: profile S at half its size, with sensor noise.
 
     Args:
         plant: The plant.
-        effects: Effects that are known to be in it.
         drive: What stands between its command and the torque that acts.
-        seconds: Length of the log, s.
+        seconds: Length, s.
     """
     rig, rng = plant.rig, np.random.default_rng(LEARNED)
     ground = Shaken(Sight(rig).centre, seconds, size=HALF)(LEARNED)
-    log = bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive)
-    return learned(rig, log, effects)
+    return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
 
-def learned(rig: Rig, log: Log, effects: Sequence[Effect] = ()) -> Learned:
-    """Identify a model from a log, and learn from its base's IMU how the platform moves, if it has one."""
-    found = identify(rig, [log], effects, holdout="none")
+def learned(rig: Rig, log: Log, effects: Sequence[Effect] = (), model: Model | None = None) -> Learned:
+    """Identify a model from a log, and learn from its base's IMU how the platform moves, if it has one.
+
+    Args:
+        rig: The rig.
+        log: Its log.
+        effects: Effects that are known to be in it.
+        model: The model, where it is known already.
+    """
+    known = identify(rig, [log], effects, holdout="none").model if model is None else model
     imu = log.imus.get(rig.base)
-    spectrum = Spectrum.assumed(log.dt, GYRO, ACCELEROMETER) if imu is None else Spectrum.of(imu, log.dt, log.name)
-    return Learned(log, found.model, spectrum)
+    if imu is None:
+        return Learned(log, known, Spectrum.assumed(log.dt, GYRO, ACCELEROMETER), (True,) * rig.n)
+    platform = Platform.measured(log.t - log.t[0], imu, log.name)
+    return Learned(log, known, Spectrum.of(imu, log.dt, log.name), trusted(known, WANTED, platform))
+
+
+def entered(taught: Learned, course: Course) -> Roster:
+    """Return the controllers that a log's lesson makes for a course."""
+    station = course.station
+    return Roster(
+        taught.model,
+        WANTED,
+        taught.spectrum,
+        station.noise,
+        float(station.step.max()),
+        taught.trusted,
+        delay=course.delay,
+    )

@@ -68,7 +68,9 @@ class Row:
             "jitter_max_deg": degrees(self.jitter_max),
             "drift_deg": degrees(self.drift),
             "torque_rms": dict(self.torque_rms),
-            "at_limit": {joint: float(np.mean([run.at_limit[joint] for run in self.runs])) for joint in self.runs[0].joints},
+            "at_limit": {
+                joint: float(np.mean([run.at_limit[joint] for run in self.runs])) for joint in self.runs[0].joints
+            },
             "events": list(self.events),
         }
 

@@ -59,7 +59,7 @@ class Fusion:
     def step_on(
         self, memory: Fused, rates: Sequence[Array], camera: Array, between: Sequence[Array]
     ) -> tuple[Array, Array, Fused]:
-        """Return what to turn the camera's attitude by, rad, (3,), what to add to its rate, rad/s, (3,), and the memory.
+        """Return what to turn the camera's attitude by, rad, what to add to its rate, rad/s, (3,) each, and the memory.
 
         Args:
             memory: The memory.
@@ -72,9 +72,7 @@ class Fusion:
             [R @ pin.exp3((before + now) * half) for R, before, now in zip(memory.attitudes, memory.turning, rates)]
         )
         own, share = camera.T, 1 / (len(rates) + 1)
-        changes = [
-            self.gain * (pin.log3(own @ R @ to) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)
-        ]
+        changes = [self.gain * (pin.log3(own @ R @ to) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)]
         gaps = tuple([gap + change for gap, change in zip(memory.gaps, changes)])
         turn, rate = share * sum(gaps), share / self.dt * sum(changes)
         return turn, rate, Fused(attitudes, tuple(rates), gaps)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +95,9 @@ class Roster:
         """Return navigation for an outer loop."""
         leads = self.leads if predicts else tuple(0.0 for _ in self.leads)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
-        return Navigator(self.sight, self.wanted, self.dt, Forecast(self.spectrum, gains, self.dt, leads), fusion=fusion)
+        return Navigator(
+            self.sight, self.wanted, self.dt, Forecast(self.spectrum, gains, self.dt, leads), fusion=fusion
+        )
 
     def pointer(self, name: str) -> Pointer:
         """Return one controller.
@@ -114,7 +117,7 @@ class Roster:
         law = CarriedTorque(model, (gains,) * self.model.rig.n, self.dt, rank > NAMES.index("computed-torque"))
         return Pointer(replace(navigator, oracle=name == ORACLE), replace(law, **extra))
 
-    def loop(self, name: str) -> tuple[Pid, dict[str, object]]:
+    def loop(self, name: str) -> tuple[Pid, dict[str, Any]]:
         """Return the outer loop of a model-based controller, and what of the law goes with it."""
         if name == "with-observer":
             return self.equal.observed, {"observer": self.equal.observer}
@@ -141,14 +144,16 @@ class Roster:
 
 
 def without_hidden(model: Model) -> Model:
-    """Return the model with what only a moving base shows set to zero: the least parameters of all that a fixed one fits.
+    """Return the model with what only a moving base shows dropped: the least moments that give the same on a fixed one.
 
-    ``φ' = M⁺ M φ``, M the mixing of the base parameters of a fixed base.
+    ``min ‖φ'‖`` over first and second moments with ``M φ' = M φ``, M the mixing of a fixed base; masses stay.
     """
     rig = model.rig
-    places, mixing = columns(rig)[1], reduce(rig, base="fixed").mixing
-    phi = rig.phi
-    phi[places] = np.linalg.pinv(mixing) @ mixing @ phi[places]
+    names, places = columns(rig)
+    mixing, phi = reduce(rig, base="fixed").mixing, rig.phi
+    free = np.array([not name.endswith(".m") for name in names])
+    left = mixing @ phi[places] - mixing[:, ~free] @ phi[places[~free]]
+    phi[places[free]] = np.linalg.pinv(mixing[:, free]) @ left
     return replace(model, rig=rig.with_phi(phi))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
+from gimbal_pin.control.aim import Law
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
@@ -20,9 +21,9 @@ from gimbal_pin.plant import Plant, State
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.navigator import Known, Navigator, carried
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.seen import Seen, Station
+from gimbal_pin.pointing.seen import Seen, Station, rotations
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.simulation import Controller, Drive, halved
+from gimbal_pin.simulation import Drive, halved
 
 
 class Held(NamedTuple):
@@ -43,7 +44,7 @@ class Pointer:
     """
 
     navigator: Navigator
-    law: Controller
+    law: Law
 
     @property
     def dt(self) -> float:
@@ -57,7 +58,7 @@ class Pointer:
     def torque(self, seen: Seen, memory: Held) -> tuple[Array, Held]:
         """Return the torque, N m, (n,), and the next memory."""
         fix, known = self.navigator.fix(seen, memory.known)
-        tau, law = self.law.torque(seen.t, fix.q, fix.v, fix.aim, memory.law)  # type: ignore[arg-type]
+        tau, law = self.law.torque(seen.t, fix.q, fix.v, fix.aim, memory.law)
         return tau, Held(known, law, memory.events)
 
 
@@ -77,9 +78,7 @@ class Sensed:
         camera, platform, force = self.noise[k]
         gyro = self.sight.rate(state.q, state.v, self.w[k]) + camera
         true = carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
-        seen = Seen(
-            self.t[k], self.station.angles(state.q), gyro, self.w[k] + platform, self.f[k] + force, true
-        )
+        seen = Seen(self.t[k], self.station.angles(state.q), gyro, self.w[k] + platform, self.f[k] + force, true)
         for fault in self.station.faults:
             seen = fault.apply(k, seen, self.before)
         self.before = seen
@@ -131,7 +130,8 @@ def point(
     system, motors = Plant(plant, base), Drive((*plant.drive, *drive), rig, dt)
     state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
     lead = round(2 * max(pointer.navigator.forecast.leads) / dt)
-    memory, pending, limit = None, deque([np.zeros(rig.n)] * delay), rig.tau_max
+    pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
+    memory, limit = None, rig.tau_max
     q, tau = np.empty((len(t), rig.n)), np.empty((len(t), rig.n))
     for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
         if not isfinite(sum(state.q.tolist())):
@@ -160,14 +160,3 @@ def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:
     """``log(R_dᵀ R)`` along a run, rad, (N, 3)."""
     left = wanted.T @ base @ sight.attitudes(q)
     return np.array([pin.log3(turn) for turn in left])
-
-
-def rotations(quat: Array) -> Array:
-    """Rotation matrices, (N, 3, 3), of quaternions (w, x, y, z), (N, 4)."""
-    w, x, y, z = quat.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

@@ -17,6 +17,7 @@ STEEP = 4.0
 DAMPING = 1 / (2 * STEEP)
 """λ of the damped inverse: no singular value then gives more than 1/(2 λ), which is `STEEP`."""
 ITERATIONS, STRIDE = 40, 0.3
+REACHED = 1e-13
 """Newton steps to the angles of an attitude, and the longest of them, rad: longer ones may end a turn away."""
 
 
@@ -57,14 +58,14 @@ class Sight:
         inverse, steep = inverted(J)
         return View(R, J, inverse, steep)
 
-    def drift(self, q: Array, v: Array, w: Sequence[float], dw: Sequence[float]) -> Array:
+    def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
         self.q[7:], self.v[3:6], self.v[6:], self.a[3:6] = q, w, v, dw
         pin.forwardKinematics(self.model, self.data, self.q, self.v, self.a)
         acceleration = pin.getFrameAcceleration(self.model, self.data, self.frame, pin.LOCAL).angular
         return np.asarray(acceleration[self.rows])
 
-    def rate(self, q: Array, v: Array, w: Sequence[float]) -> Array:
+    def rate(self, q: Array, v: Array, w: Sequence[float] | Array) -> Array:
         """Camera's angular rate in its own frame, rad/s, (3,): what a gyro beside it reports."""
         self.q[7:], self.v[3:6], self.v[6:] = q, w, v
         pin.forwardKinematics(self.model, self.data, self.q, self.v)
@@ -87,20 +88,32 @@ class Sight:
         q = start
         for _ in range(ITERATIONS):
             view = self.view(q)
-            step = view.inverse @ self.error(base @ view.R, wanted)
+            left = self.error(base @ view.R, wanted)
+            if float(np.abs(left).max()) < REACHED:
+                break
+            step = view.inverse @ left
             q = q + step * min(1.0, STRIDE / max(float(np.abs(step).max()), 1e-12))
         return q
 
     @cached_property
     def centre(self) -> Array:
         """The point in the base link that is nearest to all axes at home, m, (3,): where they meet, if they do."""
+        across, places = self.axes
+        right = sum(P @ place for P, place in zip(across, places))
+        return np.asarray(np.linalg.lstsq(sum(across), right, rcond=1e-9)[0])
+
+    @cached_property
+    def apart(self) -> float:
+        """Largest distance of an axis from that point, m."""
+        return max(float(np.linalg.norm(P @ (place - self.centre))) for P, place in zip(*self.axes))
+
+    @cached_property
+    def axes(self) -> tuple[list[Array], list[Array]]:
+        """Per axis at home, the projection across it, (3, 3), and a point on it in the base link, m, (3,)."""
         self.view(self.home)
         joints = range(1, self.fixed.njoints)
-        places = [self.own.oMi[j] for j in joints]
-        axes = [pin.getJointJacobian(self.fixed, self.own, j, pin.WORLD)[3:, j - 1] for j in joints]
-        across = [np.eye(3) - np.outer(axis, axis) for axis in axes]
-        right = sum(P @ place.translation for P, place in zip(across, places))
-        return np.asarray(np.linalg.lstsq(sum(across), right, rcond=1e-9)[0])
+        ways = [pin.getJointJacobian(self.fixed, self.own, j, pin.LOCAL_WORLD_ALIGNED)[3:, j - 1] for j in joints]
+        return [np.eye(3) - np.outer(way, way) for way in ways], [self.own.oMi[j].translation.copy() for j in joints]
 
     @cached_property
     def home(self) -> Array:
@@ -109,7 +122,7 @@ class Sight:
 
 
 def inverted(J: Array) -> tuple[Array, bool]:
-    """``J⁻¹``, and ``Jᵀ(J Jᵀ + λ²)⁻¹`` where that is steep, near roll ±90° of three axes; Moore and Penrose's for more."""
+    """``J⁻¹``, ``Jᵀ(J Jᵀ)⁻¹`` for more axes, and ``Jᵀ(J Jᵀ + λ²)⁻¹`` where that is steep, as near roll ±90°."""
     m, n = J.shape
     if m == n == 3:
         exact = cofactors(J.tolist())

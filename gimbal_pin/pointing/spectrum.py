@@ -58,7 +58,7 @@ class Spectrum:
 
     @staticmethod
     def assumed(dt: float, gyro: float, accelerometer: float) -> Spectrum:
-        """A hand's or an airframe's motion, 0.3 rad/s and 1.5 m/s² rms, for noise densities in rad/s/√Hz and m/s²/√Hz."""
+        """A hand's motion, 0.3 rad/s and 1.5 m/s² rms, for noise densities in rad/s/√Hz and m/s²/√Hz."""
         f = np.linspace(0.0, 0.5 / dt, round(0.5 / dt / RESOLUTION) + 1)
         shape = 1 / ((1 + (f / HAND[0]) ** 2) * (1 + (f / HAND[1]) ** 4))
         shape /= shape.sum() * RESOLUTION
