@@ -57,7 +57,7 @@ class Fusion:
         return Fused(tuple(attitudes), tuple(rates), tuple(np.zeros(3) for _ in rates))
 
     def step_on(
-        self, memory: Fused, rates: Sequence[Array], camera: Array, between: Sequence[Array]
+        self, memory: Fused, rates: Sequence[Array], camera: Array, between: Sequence[Array], elapsed: float
     ) -> tuple[Array, Array, Fused]:
         """Return what to turn the camera's attitude by, rad, what to add to its rate, rad/s, (3,) each, and the memory.
 
@@ -66,8 +66,9 @@ class Fusion:
             rates: Readings of the other gyros, rad/s, (3,) each.
             camera: Attitude that the camera's own gyro gives, (3, 3).
             between: Attitude of the camera in each other gyro's link, (3, 3).
+            elapsed: Time since the last sample, s.
         """
-        half = self.dt / 2
+        half = elapsed / 2
         attitudes = tuple(
             [R @ pin.exp3((before + now) * half) for R, before, now in zip(memory.attitudes, memory.turning, rates)]
         )

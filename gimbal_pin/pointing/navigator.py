@@ -27,12 +27,16 @@ class Known(NamedTuple):
         R: Attitude in the world of the camera, or of the platform where that is what is integrated, (3, 3).
         turning: The rate that was integrated last, rad/s, (3,).
         past: Last samples of the platform's IMU, see `Forecast`.
+        t: Time of the sample, s.
+        v: Joint rates, rad/s, (n,).
         fused: What fusion remembers; None without it.
     """
 
     R: Array
     turning: Array
     past: Array
+    t: float
+    v: Array
     fused: Fused | None = None
 
 
@@ -83,25 +87,26 @@ class Navigator:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
         own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
         fused = None if self.fusion is None else self.fusion.start((base,), (seen.w,))
-        return Known(own, turning, self.forecast.start(seen.w, seen.f), fused)
+        return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
 
     def fix(self, seen: Seen, known: Known) -> tuple[Fix, Known]:
         """Return where the joints are and should be, and the next memory."""
         turning = seen.gyro if self.source == "camera" else seen.w
-        R = known.R @ pin.exp3((known.turning + turning) * (self.dt / 2))
+        elapsed = seen.t - known.t
+        R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
         past = self.forecast.step(known.past, seen.w, seen.f)
         view = self.sight.view(seen.q)
         v = view.inverse @ (seen.gyro - view.R.T @ seen.w)[self.sight.rows]
         actual = R if self.source == "camera" else R @ view.R
         gyro, fused = seen.gyro, known.fused
         if self.fusion is not None and fused is not None:
-            turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (view.R,))
+            turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (view.R,), elapsed)
             actual, gyro = R @ pin.exp3(turn), seen.gyro + rate
         error = view.inverse @ self.sight.error(actual, self.wanted)
         drop = view.inverse @ gyro[self.sight.rows]
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
-        return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, fused)
+        return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead."""
@@ -117,6 +122,13 @@ class Navigator:
                 there = self.sight.view(q)
             out.append(self.wished(q, there, base))
         return tuple(out)
+
+    def stand_in(self, seen: Seen, rates: Array, alone: bool) -> Array:
+        """Return what a lost camera gyro would say, rad/s, (3,), by the platform's gyro and the encoders' rates.
+
+        Where the platform's gyro is lost, too (`alone`), the platform counts as standing.
+        """
+        return self.sight.rate(seen.q, rates, np.zeros(3) if alone else seen.w)
 
     def wished(self, q: Array, view: View, base: Carried) -> Ahead:
         """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""

@@ -11,16 +11,18 @@ import numpy as np
 
 from gimbal_pin.config import Noise
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Pid, bounds
+from gimbal_pin.control.aim import Law
 from gimbal_pin.control.carried import CarriedTorque
-from gimbal_pin.control.equal import Equal
+from gimbal_pin.control.equal import DAMPING, INTEGRAL, Equal, bandwidth
 from gimbal_pin.control.uncertainty import inertia
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.pointing.forecast import Forecast
 from gimbal_pin.pointing.fusion import Fusion
-from gimbal_pin.pointing.navigator import Navigator
-from gimbal_pin.pointing.run import Pointer
+from gimbal_pin.pointing.guard import Guard
+from gimbal_pin.pointing.navigator import ErrorFrom, Navigator
+from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.reduction import reduce
@@ -42,6 +44,8 @@ NAMES = (
 )
 """All controllers, each from "without-hidden" on with all that the one before it has; those from "with-observer" to
 "switch" stand beside each other, on top of "with-gyros", and the oracle too."""
+FALLEN = 0.5
+"""Share of the bandwidth of the PID that is fallen back to."""
 OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
 
 
@@ -115,7 +119,7 @@ class Roster:
         navigator = self.navigator(gains, predicts, fuses)
         model = without_hidden(self.model) if name == "without-hidden" else self.model
         law = CarriedTorque(model, (gains,) * self.model.rig.n, self.dt, rank > NAMES.index("computed-torque"))
-        return Pointer(replace(navigator, oracle=name == ORACLE), replace(law, **extra))
+        return self.guarded(replace(navigator, oracle=name == ORACLE), replace(law, **extra))
 
     def loop(self, name: str) -> tuple[Pid, dict[str, Any]]:
         """Return the outer loop of a model-based controller, and what of the law goes with it."""
@@ -128,14 +132,25 @@ class Roster:
 
     def plain(self, name: str) -> Pointer:
         """Return one of the controllers that know nothing of the platform's acceleration."""
-        gains, rig = (self.equal.pid,) * self.model.rig.n, self.model.rig
+        gains = (self.equal.pid,) * self.model.rig.n
         navigator = self.navigator(self.equal.pid)
         if name == "computed-torque-fixed":
             law = ComputedTorque(replace(self.model, terms=()), gains, self.dt)
-            return Pointer(replace(navigator, accelerates=False), law)
+            return self.guarded(replace(navigator, accelerates=False), law)
+        source: ErrorFrom = "platform" if name == "pid-joint" else "camera"
+        return self.guarded(replace(navigator, source=source), self.pid(self.equal.pid))
+
+    def guarded(self, navigator: Navigator, law: Law) -> Pointer:
+        """Return a controller with its guard, and a PID at half the bandwidth to fall back to."""
+        half = Pid.placed(FALLEN * bandwidth(self.equal.pid), DAMPING, INTEGRAL)
+        noisy = self.noise.gyro > 0 and self.noise.accelerometer > 0
+        return Pointer(navigator, law, Guard(self.dt, noisy), self.pid(half))
+
+    def pid(self, gains: Pid) -> JointPid:
+        """Return a PID on the inertias that the joints have where the camera looks as wanted."""
+        rig = self.model.rig
         seen = np.diagonal(inertia(self.model, self.looking[None])[0]).tolist()
-        pid = JointPid(gains, tuple(seen), tuple(rig.tau_max.tolist()), self.dt)
-        return Pointer(replace(navigator, source="platform" if name == "pid-joint" else "camera"), pid)
+        return JointPid((gains,) * rig.n, tuple(seen), tuple(self.model.tau_max.tolist()), self.dt)
 
     @cached_property
     def looking(self) -> Array:

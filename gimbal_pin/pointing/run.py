@@ -4,62 +4,24 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite
-from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
-from gimbal_pin.control.aim import Law
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.platform import Platform
-from gimbal_pin.pointing.navigator import Known, Navigator, carried
+from gimbal_pin.pointing.navigator import carried
+from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.seen import Seen, Station, rotations
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.simulation import Drive, halved
-
-
-class Held(NamedTuple):
-    """Memory of a `Pointer`: navigation's, the law's, and what happened."""
-
-    known: Known
-    law: Any
-    events: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Pointer:
-    """Navigation and a control law: from sensors to torques.
-
-    Attributes:
-        navigator: Tells the law where the joints are and should be.
-        law: Any control law; those that know of a platform read its motion from the reference.
-    """
-
-    navigator: Navigator
-    law: Law
-
-    @property
-    def dt(self) -> float:
-        """Sampling interval, s."""
-        return self.law.dt
-
-    def start(self, seen: Seen, camera: Array, base: Array) -> Held:
-        """Memory at the first sample, see `Navigator.start`."""
-        return Held(self.navigator.start(seen, camera, base), self.law.start())
-
-    def torque(self, seen: Seen, memory: Held) -> tuple[Array, Held]:
-        """Return the torque, N m, (n,), and the next memory."""
-        fix, known = self.navigator.fix(seen, memory.known)
-        tau, law = self.law.torque(seen.t, fix.q, fix.v, fix.aim, memory.law)
-        return tau, Held(known, law, memory.events)
 
 
 class Sensed:
@@ -73,16 +35,17 @@ class Sensed:
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
         self.before: Seen | None = None
 
-    def see(self, k: int, state: State, lead: int) -> Seen:
-        """Return what the sensors say at sample k; the oracle sees the platform `lead` half-samples ahead."""
+    def see(self, k: int, state: State, lead: int) -> Seen | None:
+        """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
         camera, platform, force = self.noise[k]
         gyro = self.sight.rate(state.q, state.v, self.w[k]) + camera
         true = carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
         seen = Seen(self.t[k], self.station.angles(state.q), gyro, self.w[k] + platform, self.f[k] + force, true)
+        arrived: Seen | None = seen
         for fault in self.station.faults:
-            seen = fault.apply(k, seen, self.before)
-        self.before = seen
-        return seen
+            arrived = None if arrived is None else fault.apply(arrived, self.before)
+        self.before = self.before if arrived is None else arrived
+        return arrived
 
 
 def point(
@@ -131,20 +94,22 @@ def point(
     state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
     lead = round(2 * max(pointer.navigator.forecast.leads) / dt)
     pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
+    command: Array = np.zeros(rig.n)
     memory, limit = None, rig.tau_max
     q, tau = np.empty((len(t), rig.n)), np.empty((len(t), rig.n))
     for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
         if not isfinite(sum(state.q.tolist())):
             raise UsageError(name, f"diverged {t[k]:.3g} s after its start", "lower the bandwidth or the delay")
         seen = sensed.see(k, state, lead)
-        if memory is None:
-            memory = pointer.start(seen, attitudes[0] @ sensed.sight.view(state.q).R, attitudes[0])
-        command, memory = pointer.torque(seen, memory)
+        if memory is None and seen is not None:
+            memory = pointer.start(seen, attitudes[k] @ sensed.sight.view(state.q).R, attitudes[k])
+        if memory is not None and seen is not None:
+            command, memory = pointer.torque(seen, memory)
         pending.append(command)
         q[k], tau[k] = state.q, np.minimum(np.maximum(pending.popleft(), -limit), limit)
         state = system.step(sensed.t[k], state, motors.acting(tau[k]), dt)
     error = errors(sensed.sight, q, attitudes, wanted)
-    events = () if memory is None else memory.events
+    events = () if memory is None else memory.told
     return Pointing(name, motion, seed, rig.joints, t, error, q, tau, np.asarray(base.quat[::2]), limit, events)
 
 

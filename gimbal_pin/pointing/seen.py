@@ -44,8 +44,8 @@ class Seen(NamedTuple):
 class Fault(Protocol):
     """A sensor that fails."""
 
-    def apply(self, k: int, seen: Seen, before: Seen | None) -> Seen:
-        """Return what arrives at sample `k` in place of `seen`; `before` is what arrived last."""
+    def apply(self, seen: Seen, before: Seen | None) -> Seen | None:
+        """Return what arrives in place of `seen`, None if nothing does; `before` is what arrived last."""
 
 
 @dataclass(frozen=True, eq=False)

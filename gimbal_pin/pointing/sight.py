@@ -49,6 +49,7 @@ class Sight:
         self.rows = slice(0, 3) if n > 2 else slice(1, 3)
         self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
         self.q[6] = 1.0
+        self.limits = rig.tau_max
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""

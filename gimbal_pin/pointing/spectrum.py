@@ -12,12 +12,16 @@ from gimbal_pin.log import Array, Imu
 
 RESOLUTION = 0.5
 """Width of a frequency bin, Hz."""
+MEAN = 2
+"""First bin that gravity, a constant, does not leak into."""
 SMEARED = 0.02
 """Share of its frequency over which a line is smeared: rotors do not keep their speed."""
 QUIET = (0.6, 0.95)
 """Part of the band, in shares of half the sampling rate, whose median power is taken for the sensor's noise."""
-HAND = (0.5, 12.0)
-"""Corners of the motion that is assumed where none was recorded, Hz: as 1/f² between, as 1/f⁴ above."""
+HAND = (0.5, 30.0)
+"""Corners of a motion that is assumed where nothing is known, Hz: as 1/f² between, as 1/f⁶ above."""
+SURPRISE = 0.05
+"""Share of a measured motion's power that may come as a motion of that shape instead, next time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +58,24 @@ class Spectrum:
         _, force = welch(imu.accel, 1 / dt, nperseg=width, axis=0, detrend=False)
         parted = [without_noise(f, smeared(f, power.mean(axis=1))) for power in (rate, force)]
         (rate, rate_noise), (force, force_noise) = parted
+        surprise = SURPRISE * assumed(f)
+        rate = rate + rate.sum() * RESOLUTION * surprise
+        force = force + force[MEAN:].sum() * RESOLUTION * surprise
         return Spectrum(f, rate, force, rate_noise, force_noise)
 
     @staticmethod
     def assumed(dt: float, gyro: float, accelerometer: float) -> Spectrum:
         """A hand's motion, 0.3 rad/s and 1.5 m/s² rms, for noise densities in rad/s/√Hz and m/s²/√Hz."""
         f = np.linspace(0.0, 0.5 / dt, round(0.5 / dt / RESOLUTION) + 1)
-        shape = 1 / ((1 + (f / HAND[0]) ** 2) * (1 + (f / HAND[1]) ** 4))
-        shape /= shape.sum() * RESOLUTION
-        force = 1.5**2 * shape
+        force = 1.5**2 * assumed(f)
         force[0] += 100.0 / RESOLUTION
-        return Spectrum(f, 0.3**2 * shape, force, max(gyro, 1e-9) ** 2, max(accelerometer, 1e-9) ** 2)
+        return Spectrum(f, 0.3**2 * assumed(f), force, max(gyro, 1e-9) ** 2, max(accelerometer, 1e-9) ** 2)
+
+
+def assumed(f: Array) -> Array:
+    """The motion of `HAND`, of unit power, 1/Hz."""
+    shape = 1 / ((1 + (f / HAND[0]) ** 2) * (1 + (f / HAND[1]) ** 4))
+    return np.asarray(shape / (shape.sum() * RESOLUTION))
 
 
 def smeared(f: Array, power: Array) -> Array:

@@ -131,11 +131,18 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[str,
 
 
 def ground(rig: Rig, asked: Asked) -> tuple[Ground, str, float]:
-    """Return the platform's motion, its name, and how long a run may last, s."""
+    """Return the platform's motion, its name, and how long a run may last, s.
+
+    As profile S, a recorded motion is taken for that of the point where the axes meet, see `Shaken`.
+    """
     if asked.recorded is None:
         return Shaken(Sight(rig).centre, asked.seconds, size=asked.size), "S", asked.seconds
     lasting = float(asked.recorded.t[-1] - asked.recorded.t[0])
-    return Recorded(asked.recorded), "log", min(asked.seconds, np.floor(lasting * 1000 - 1) / 1000)
+    return (
+        Recorded(asked.recorded.about(Sight(rig).centre)),
+        "log",
+        min(asked.seconds, np.floor(lasting * 1000 - 1) / 1000),
+    )
 
 
 def shared(course: Course, asked: Asked, names: Sequence[str], roster: Any) -> Contest:
