@@ -20,11 +20,13 @@ NAMES = {
 }
 HELD = 20
 """Samples over which a reading that fails is bridged; then the sensor counts as lost."""
-REPEATS = 20
+REPEATS = 5
 """A noisy reading that repeats itself so often is frozen."""
+MOVED = 2e-3
+"""An angle that stays the same while the gyros say that the joint moved by this is frozen, rad."""
 BACK = 100
 """Good samples after which a lost sensor is believed again."""
-GAP = 0.05
+GAP = 0.2
 """A longer step of the clock is the clock's own, s."""
 FASTEST = 100.0
 """No gyro of a gimbal reads more, rad/s."""
@@ -43,6 +45,7 @@ class Watch(NamedTuple):
         failing: Failing samples in a row, per channel.
         repeating: Equal samples in a row, per channel.
         healthy: Good samples in a row since it was lost, per channel; None for a channel that is not lost.
+        moved: What the gyros say that each joint has moved since its angle last changed, rad, (n,).
         rates: Joint rates from the encoders, rad/s, (n,).
         clock: What to add to a stamp for an even clock, s.
         events: What happened, in sentences.
@@ -53,6 +56,7 @@ class Watch(NamedTuple):
     failing: tuple[int, ...]
     repeating: tuple[int, ...]
     healthy: tuple[int | None, ...]
+    moved: Array
     rates: Array
     clock: float = 0.0
     events: tuple[str, ...] = ()
@@ -61,6 +65,11 @@ class Watch(NamedTuple):
     def lost(self) -> frozenset[str]:
         """Channels that are given up."""
         return frozenset(name for name, healthy in zip(CHANNELS, self.healthy) if healthy is not None)
+
+    @property
+    def doubtful(self) -> frozenset[str]:
+        """Channels that are given up, or whose last reading was not used."""
+        return self.lost | {name for name, failing in zip(CHANNELS, self.failing) if failing}
 
     def told(self, event: str) -> Watch:
         """Return the memory with one event more, unless it is full."""
@@ -85,8 +94,8 @@ class Guard:
     def start(self, seen: Seen) -> Watch:
         """Memory at the first sample; readings that fail there count as zero."""
         zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
-        good = seen._replace(**zero)
-        return Watch(seen, good, (0,) * 4, (0,) * 4, (None,) * 4, np.zeros(len(seen.q)))
+        good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
+        return Watch(seen, good, (0,) * 4, (0,) * 4, (None,) * 4, still, still)
 
     def step(self, seen: Seen, watch: Watch, v: Array) -> tuple[Seen, Watch]:
         """Return the sample as it may be used, and the next memory; `v` are the joint rates so far, rad/s."""
@@ -94,22 +103,27 @@ class Guard:
         elapsed = t - watch.good.t
         replaced = {}
         failing, repeating, healthy = list(watch.failing), list(watch.repeating), list(watch.healthy)
+        moved = np.where(seen.q == watch.raw.q, watch.moved + elapsed * v, 0.0)
         for i, name in enumerate(CHANNELS):
             fine = self.plausible(name, seen)
-            if self.noisy and name != "q":
+            if name == "q":
+                fine = fine and (any(failing[1:3]) or float(np.abs(moved).max()) < MOVED)
+            elif self.noisy:
                 same = fine and bool((getattr(seen, name) == getattr(watch.raw, name)).all())
                 repeating[i] = repeating[i] + 1 if same else 0
                 fine = fine and repeating[i] < REPEATS
             failing[i] = 0 if fine else failing[i] + 1
             if not fine:
                 held = getattr(watch.good, name)
-                replaced[name] = held + elapsed * v if name == "q" else held
+                replaced[name] = (
+                    held if name != "q" else held + (moved if failing[i] == 1 and moved.any() else elapsed * v)
+                )
             healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
         good = seen._replace(t=t, **replaced)
         share = min(1.0, elapsed / SMOOTHING)
         rates = watch.rates + share * ((good.q - watch.good.q) / max(elapsed, 1e-9) - watch.rates)
         return good, Watch(
-            seen, good, tuple(failing), tuple(repeating), tuple(healthy), rates, watch.clock, watch.events
+            seen, good, tuple(failing), tuple(repeating), tuple(healthy), moved, rates, watch.clock, watch.events
         )
 
     def timed(self, stamp: float, watch: Watch) -> tuple[float, Watch]:

@@ -89,8 +89,8 @@ class Navigator:
         fused = None if self.fusion is None else self.fusion.start((base,), (seen.w,))
         return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
 
-    def fix(self, seen: Seen, known: Known) -> tuple[Fix, Known]:
-        """Return where the joints are and should be, and the next memory."""
+    def fix(self, seen: Seen, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
+        """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused."""
         turning = seen.gyro if self.source == "camera" else seen.w
         elapsed = seen.t - known.t
         R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
@@ -99,7 +99,10 @@ class Navigator:
         v = view.inverse @ (seen.gyro - view.R.T @ seen.w)[self.sight.rows]
         actual = R if self.source == "camera" else R @ view.R
         gyro, fused = seen.gyro, known.fused
-        if self.fusion is not None and fused is not None:
+        if self.fusion is not None and fused is not None and doubtful:
+            R, fused = self.unfused(R, view, seen, fused, elapsed, doubtful)
+            actual = R
+        elif self.fusion is not None and fused is not None:
             turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (view.R,), elapsed)
             actual, gyro = R @ pin.exp3(turn), seen.gyro + rate
         error = view.inverse @ self.sight.error(actual, self.wanted)
@@ -107,6 +110,20 @@ class Navigator:
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
         return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
+
+    def unfused(
+        self, R: Array, view: View, seen: Seen, fused: Fused, elapsed: float, doubtful: frozenset[str]
+    ) -> tuple[Array, Fused]:
+        """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
+
+        Without the camera's gyro its attitude is the platform's with the encoders between; without the platform's it
+        is the other way round, and fusion begins anew.
+        """
+        base = fused.attitudes[0] @ pin.exp3((fused.turning[0] + seen.w) * (elapsed / 2))
+        if "gyro" in doubtful and not doubtful & {"w", "q"}:
+            return base @ view.R, Fused((base,), (seen.w,), (np.zeros(3),))
+        anew = R @ view.R.T if "w" in doubtful and "q" not in doubtful else base
+        return R, Fused((anew,), (seen.w,), (np.zeros(3),))
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead."""

@@ -79,21 +79,26 @@ class Pointer:
         )
 
     def torque(self, seen: Seen, memory: Held) -> tuple[Array, Held]:
-        """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
+        """Return the torque, N m, (n,), finite and within the limits, and the next memory.
+
+        With neither encoders nor the camera's gyro it is zero.
+        """
         watch = memory.watch
-        lost: frozenset[str] = frozenset()
+        lost = doubtful = frozenset[str]()
         if self.guard is not None and watch is not None:
             seen, watch = self.guard.step(seen, watch, memory.known.v)
-            lost = watch.lost
+            lost, doubtful = watch.lost, watch.doubtful
             if "gyro" in lost:
                 seen = seen._replace(gyro=self.navigator.stand_in(seen, watch.rates, "w" in lost))
-        fix, known = self.navigator.fix(seen, memory.known)
+        fix, known = self.navigator.fix(seen, memory.known, doubtful)
         back = self.fallback if self.fallback is not None and lost - {"q"} else None
         law: Law = self.law if back is None else back
         own = memory.law
         if (back is not None) != memory.fallback:
             own = law.start() if back is None else taken_over(back, fix, memory.tau)
         tau, own = law.torque(seen.t, fix.q, fix.v, fix.aim, own)
+        if {"q", "gyro"} <= lost:
+            tau = np.zeros_like(tau)
         after = memory._replace(known=known, law=own, fallback=back is not None, tau=tau, watch=watch)
         return self.told(seen.t, tau, fix, memory, after)
 
@@ -109,7 +114,9 @@ class Pointer:
         limited = before.limited + 1 if bool((np.abs(tau) >= self.limits).any()) else 0
         if limited == LIMITED:
             worst = int(np.argmax(np.abs(tau) / self.limits))
-            events.append(f"{t:.3f} s: joint {worst + 1} at its torque limit for {LIMITED * self.dt:g} s")
+            events.append(
+                f"{t:.3f} s: {self.navigator.sight.rig.joints[worst]} at its torque limit for {LIMITED * self.dt:g} s"
+            )
         return tau, after._replace(limited=limited, steep=fix.steep, events=tuple(events[:LIMITED]))
 
     @property
