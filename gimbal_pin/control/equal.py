@@ -21,6 +21,8 @@ DISK = 1.07
 """Disk margin of every loop."""
 DAMPING, INTEGRAL = 0.9, 0.2
 """Shape of the outer loop, which gives the nominal PID its 58° of phase margin and its disk margin."""
+SLOWEST = 0.05
+"""Bandwidth below which no loop is looked for, Hz."""
 OBSERVER = 20.0
 """Bandwidth of the disturbance observer, Hz."""
 LAYERED = 0.4
@@ -86,7 +88,10 @@ class Equal:
         def enough(hz: float) -> bool:
             return self.fair(of(Pid.placed(hz, DAMPING, integral)))
 
-        return Pid.placed(bisected(enough, 0.05, self.crossover), DAMPING, integral)
+        floor = self.crossover / 4
+        while not enough(floor) and floor > SLOWEST:
+            floor /= 2
+        return Pid.placed(bisected(enough, floor, 4 * floor), DAMPING, integral)
 
 
 def bandwidth(gains: Pid) -> float:
