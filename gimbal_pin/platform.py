@@ -112,6 +112,17 @@ class Platform:
         quat = signals.resample(self.t, self.quat, grid)
         return Platform(grid, f, w, dw, quat / np.linalg.norm(quat, axis=1, keepdims=True))
 
+    def about(self, point: Array) -> Platform:
+        """Return the motion that turns about another point: what was the origin's acceleration is now that point's.
+
+        ``f' = f - ω̇×r - ω×(ω×r)``. A profile says how a platform turns and shakes, not about which of its points.
+
+        Args:
+            point: r, in the base link's frame, m, (3,).
+        """
+        swing = np.cross(self.dw, point) + np.cross(self.w, np.cross(self.w, point))
+        return Platform(self.t, self.f - swing, self.w, self.dw, self.quat)
+
     @property
     def motion(self) -> BaseMotion:
         """What kind of motion it is."""

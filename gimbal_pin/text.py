@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
     from gimbal_pin.payloads import Several
+    from gimbal_pin.pointing.verify import Verified
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
     from gimbal_pin.walk import Auto
@@ -275,6 +276,49 @@ def tracking(found: Tracking, plant: str) -> str:
     ]
     head = f"simulated steps; the plant is {plant}\n"
     return head + table("step", "controller", "joint", "rms error °", "overshoot %", "peak error °", rows=rows)
+
+
+def verified(found: Verified) -> str:
+    """Line-of-sight error of every controller on a platform that moves, targets, and where the error goes, degrees."""
+    contest = found.contest
+    rows = [
+        (
+            row.controller,
+            f"{degrees(row.jitter_rms):.4f}",
+            f"{degrees(row.jitter_max):.4f}",
+            f"{degrees(row.drift):.4f}",
+            *(number(torque, 3) for torque in row.torque_rms.values()),
+            number(100 * max(row.to_dict()["at_limit"].values()), 2),
+        )
+        for row in contest.rows
+    ]
+    first = contest.rows[0].runs[0]
+    margins = found.margins
+    head = (
+        f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on platform {first.platform}, "
+        f"{len(contest.rows[0].runs)} × {first.t[-1]:.3g} s; every loop's disk margin is at least "
+        f"{number(margins.disk_margin, 3)}, the PID crosses at {number(margins.crossover_hz, 3)} Hz "
+        f"(phase {number(margins.phase_margin_deg, 3)}°, delay {number(1e3 * margins.delay_margin, 2)} ms)"
+    )
+    heads = ("controller", "jitter ° rms", "° max", "drift °", *(f"{j} N m" for j in first.joints), "at limit %")
+    judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
+    parts = [head, table(*heads, rows=rows), "", table("target", "value", "must", "aim", "reached", rows=judged)]
+    parts += budget(found)
+    parts += [f"compensated: {sentence}" for sentence in found.causes]
+    parts += [f"{row.controller}: {event}" for row in contest.rows for event in row.events]
+    return "\n".join(parts)
+
+
+def budget(found: Verified) -> list[str]:
+    """One bar: what each thing that the controllers know takes off the world-frame PID's mean square error."""
+    parted = found.contest.budget
+    if parted is None:
+        return []
+    rows = [
+        (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * max(share, 0.0)))
+        for what, share in parted.parts.items()
+    ]
+    return ["", table("error budget", "% of b²", "°", "", rows=rows)]
 
 
 def auto(found: Auto) -> str:

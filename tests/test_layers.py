@@ -19,7 +19,10 @@ SENSED = "signals platform profile calibration regressor imu"
 MATHS = (
     f"{SENSED} reduction inertia consistency bodies effects model carrier plant holes rows replay estimators simulation"
 )
-VERBS = "suspicion identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
+VERBS = (
+    "suspicion identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
+    " pointing"
+)
 WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()

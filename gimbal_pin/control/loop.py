@@ -125,12 +125,15 @@ def margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple
 
     Remembered, as joints share loops and searches come back to them: the result depends on the arguments alone.
     """
+    return assessed(sampled_loop(gains, dt, delay, gain, drive), frequencies(gains, dt))
+
+
+def assessed(loop: control.StateSpace, omega: Array) -> Margins:
+    """Return the margins of a loop gain, looked at at some frequencies, rad/s; an unstable loop has none (all zero)."""
     import control
 
-    loop = sampled_loop(gains, dt, delay, gain, drive)
     if not stable(loop):
         return Margins(0.0, 0.0, 0.0, 0.0, 0.0)
-    omega = frequencies(gains, dt)
     response = control.frequency_response(loop, omega)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no crossing of -180° is an infinite margin, not a mishap

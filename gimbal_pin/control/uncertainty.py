@@ -11,7 +11,7 @@ import pinocchio as pin
 from gimbal_pin.effects import Sample
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model
-from gimbal_pin.platform import MOTIONS
+from gimbal_pin.platform import MOTIONS, Platform
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import Rig
@@ -144,10 +144,10 @@ def sampled(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Ar
     return alpha, phi, cross
 
 
-def columns(model: Model, places: Array, q: Array, v: Array, a: Array) -> Array:
+def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """Torque per unit of each estimated parameter, (N, n, k): base columns, then the terms' own bases."""
     rig = model.rig
-    tau, parts = rnea(rig, q, v, a), [regressor(rig, q, v, a)[:, :, places]]
+    tau, parts = rnea(rig, q, v, a, platform), [regressor(rig, q, v, a, platform)[:, :, places]]
     for term in model.terms:
         j = rig.joint_index(term.effect.joint)
         at = Sample(np.zeros(len(q)), q[:, j], v[:, j], a[:, j], np.sign(v[:, j]), tau[:, j])

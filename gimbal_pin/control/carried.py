@@ -1,0 +1,154 @@
+"""Feedback linearisation on a platform that moves: the platform's motion is in the model, not a disturbance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.control.aim import Ahead, Aim
+from gimbal_pin.control.base import Outer, Pid
+from gimbal_pin.control.computed_torque import added, passed
+from gimbal_pin.control.lyapunov import Robust
+from gimbal_pin.control.observer import Observed, Observer
+from gimbal_pin.effects import Sample
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model
+
+
+class CarriedMemory(NamedTuple):
+    """What the law remembers.
+
+    Attributes:
+        integral: ∫e per joint, rad s.
+        observed: What the disturbance observer remembers; None without one.
+    """
+
+    integral: tuple[float, ...]
+    observed: Observed | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedTorque:
+    """``tau = rnea(q, q̇_d, q̈_d + K ξ + w; f, ω, ω̇) + terms(q̇_d)``: computed torque with the base moving.
+
+    Gravity, Coriolis torque and what the platform's acceleration and turning ask of the joints come from its IMU
+    alone: with the base's acceleration its specific force no attitude is needed. The terms are taken at the wanted
+    rate, as the measured one is noisy near zero; dry friction that reverses within a hold counts by its mean over it.
+
+    Attributes:
+        model: The model that is inverted.
+        gains: Outer loop, one per joint.
+        dt: Sampling interval, s.
+        terms: False leaves friction and all other terms to the feedback.
+        robust: Lyapunov redesign, or None.
+        observer: Disturbance observer, or None.
+        trusted: Joints whose feed-forward is believed; empty: all. The others get a PID on their own inertia.
+    """
+
+    model: Model
+    gains: tuple[Pid, ...]
+    dt: float
+    terms: bool = True
+    robust: Robust | None = None
+    observer: Observer | None = None
+    trusted: tuple[bool, ...] = ()
+
+    @cached_property
+    def outer(self) -> Outer:
+        """The outer loop with its limits."""
+        return Outer(self.gains, tuple(self.model.tau_max.tolist()))
+
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Pinocchio's scratch memory; it carries nothing from sample to sample."""
+        return Workspace(self.model)
+
+    @cached_property
+    def which(self) -> tuple[int, ...]:
+        """Place of each joint's lead among the distinct ones, (n)."""
+        late = self.model.late(self.dt)
+        distinct = sorted(set(late))
+        return tuple(distinct.index(one) for one in late)
+
+    def start(self) -> CarriedMemory:
+        """Memory before the first sample."""
+        observed = None if self.observer is None else self.observer.start(len(self.gains))
+        return CarriedMemory((0.0,) * len(self.gains), observed)
+
+    def torque(self, t: float, q: Array, v: Array, reference: Aim, memory: Any) -> tuple[Array, CarriedMemory]:
+        """Return the torque, N m, (n,), within the limits, and the next memory."""
+        error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
+        integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
+        feedback = self.outer.feedback(error, integral, rate)
+        if self.robust is not None:
+            wished = reference.ahead[0].a.tolist()
+            extra = self.robust.correction(integral, error, rate, wished, feedback)
+            feedback = [y + w for y, w in zip(feedback, extra)]
+        observed = memory.observed
+        if self.observer is not None and observed is not None:
+            feedback = [y - d for y, d in zip(feedback, observed.disturbance)]
+        wanted = self.inverse(t, reference.ahead, feedback)
+        kept = self.outer.integrated(memory.integral, integral, error, wanted)
+        tau = self.outer.clipped(wanted)
+        if self.observer is not None and observed is not None:
+            free = [a == b for a, b in zip(tau, wanted)]
+            observed = self.observer.step(observed, rate, feedback, free)
+        return np.array(tau), CarriedMemory(kept, observed)
+
+    def inverse(self, t: float, ahead: Sequence[Ahead], feedback: Sequence[float]) -> list[float]:
+        """Torque of the model, N m: every joint's from the moment at which its own drive will act."""
+        several = [self.at(t, one, feedback) for one in ahead]
+        return [several[k][j] for j, k in enumerate(self.which)] if len(several) > 1 else several[0]
+
+    def at(self, t: float, there: Ahead, feedback: Sequence[float]) -> list[float]:
+        """Torque of the model at one moment, N m."""
+        wanted = there.a.tolist()
+        y = [a + f for a, f in zip(wanted, feedback)]
+        tau = self.workspace.rnea(there, y)
+        if self.terms:
+            rows = zip(self.model.by_joint, there.q.tolist(), there.v.tolist(), wanted, y, tau)
+            half = self.dt / 2
+            tau = [
+                rigid + added(terms, Sample(t, angle, rate, a, share(rate, b * half), rigid), rigid)
+                for terms, angle, rate, b, a, rigid in rows
+            ]
+        if self.trusted:
+            own = self.workspace.inertia(there.q)
+            tau = [x if ok else m * f for x, ok, m, f in zip(tau, self.trusted, own, feedback)]
+        return [passed(*pair) for pair in zip(self.model.drives, tau)] if self.model.drive else tau
+
+
+def share(rate: float, change: float) -> float:
+    """Mean of ``sign(q̇)`` over a hold in whose middle the rate is `rate` and over half of which it changes so much."""
+    size = abs(change) or 1e-9
+    return max(-1.0, min(1.0, rate / size))
+
+
+class Workspace:
+    """The model behind a free-flyer, with the arrays that Pinocchio takes."""
+
+    def __init__(self, model: Model) -> None:
+        """Take the model's rig; what its terms add per acceleration stays with the terms."""
+        self.pin, self.n = model.rig.floating, model.rig.n
+        self.data, self.own = self.pin.createData(), model.rig.model
+        self.fixed = self.own.createData()
+        n = self.n
+        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
+        self.q[6] = 1.0
+
+    def rnea(self, there: Ahead, y: Sequence[float]) -> list[float]:
+        """Rigid torque with the joints accelerating by y, rad/s², N m."""
+        self.q[7:], self.v[3:6], self.v[6:] = there.q, there.base.w, there.v
+        self.a[:] = [*there.base.f, *there.base.dw, *y]
+        torque: list[float] = pin.rnea(self.pin, self.data, self.q, self.v, self.a)[6:].tolist()
+        return torque
+
+    def inertia(self, q: Array) -> list[float]:
+        """Diagonal of D, kg m²."""
+        diagonal: list[float] = np.diagonal(pin.crba(self.own, self.fixed, q)).tolist()
+        return diagonal

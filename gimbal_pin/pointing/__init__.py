@@ -1,0 +1,1 @@
+"""Holding the camera still while the platform moves (CONTROL)."""

@@ -1,0 +1,155 @@
+"""The benchmark: a rig on a platform, the model that a log of it gives, and the sensors (CONTROL, "Profile S")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.effects import Effect, Signal
+from gimbal_pin.effects.payload_shift import PayloadShift
+from gimbal_pin.effects.rig_effect import facing, payload
+from gimbal_pin.experiment import bench_run
+from gimbal_pin.identification import identify
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import Model
+from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.contest import Course
+from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.pointing.trust import trusted
+from gimbal_pin.profile import profile_s
+from gimbal_pin.rig import Rig
+
+WANTED = attitude(radians(20.0), radians(25.0))
+"""R_d = Rz(20°) Ry(25°)."""
+OFF, WAY = 0.005, (0.6, -0.4, 0.69)
+"""The payload's centre of mass, m from the tilt axis, and in which direction: forward, left, up."""
+LEARNED = 1000
+"""Seed of the log that the model comes from: no motion of the benchmark has it."""
+HALF = 0.5
+"""Size of profile S with which the base is shaken while that log is recorded."""
+
+
+def unbalanced(rig: Rig, off: float = OFF) -> Rig:
+    """Return the rig with its payload slid so that its centre of mass is `off` m from the last axis, along `WAY`."""
+    body, inertia, frame = payload(rig)
+    axis = turning_axis(rig, body)
+    across = np.eye(3) - np.outer(axis, axis)
+    way = across @ facing(rig) @ np.array(WAY)
+    change = off * way / np.linalg.norm(way) - across @ inertia.lever
+    return PayloadShift(*(frame.rotation.T @ change).tolist()).apply(rig)
+
+
+def turning_axis(rig: Rig, body: int) -> Array:
+    """Axis of a body's joint in the joint's own frame, (3,)."""
+    data = rig.model.createData()
+    pin.computeJointJacobians(rig.model, data, pin.neutral(rig.model))
+    return np.array(pin.getJointJacobian(rig.model, data, body + 1, pin.LOCAL)[3:, body])
+
+
+@dataclass(frozen=True, eq=False)
+class Shaken:
+    """Profile S of a seed, about the point where the rig's axes meet.
+
+    A profile says how a platform turns and shakes, not about which point. About a base link 0.4 m from the axes its
+    turning would push them with 10 m/s², beyond what the bundled rigs' motors can hold.
+
+    Attributes:
+        centre: That point in the base link, m, (3,).
+        seconds: Length, s.
+        dt: The control interval, s; it is sampled at half of it.
+        size: Profile S times this.
+    """
+
+    centre: Array
+    seconds: float
+    dt: float = 0.001
+    size: float = 1.0
+
+    def __call__(self, seed: int) -> Platform:
+        """Return the motion of a seed."""
+        t = self.dt / 2 * np.arange(2 * round(self.seconds / self.dt) + 3)
+        return profile_s(t, np.random.default_rng(seed), self.size).about(self.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A measured motion, the same for every seed.
+
+    Attributes:
+        platform: The motion.
+    """
+
+    platform: Platform
+
+    def __call__(self, seed: int) -> Platform:
+        """Return the motion."""
+        return self.platform
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What one log taught.
+
+    Attributes:
+        log: The log, of a platform that was shaken by hand.
+        model: The model from it.
+        spectrum: How the platform moves, from its IMU.
+        trusted: Joints at which the model is worth more than its uncertainty.
+    """
+
+    log: Log
+    model: Model
+    spectrum: Spectrum
+    trusted: tuple[bool, ...]
+
+
+def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
+    """Simulate a log of the plant on a platform shaken by hand: profile S at half its size, with sensor noise.
+
+    Args:
+        plant: The plant.
+        drive: What stands between its command and the torque that acts.
+        seconds: Length, s.
+    """
+    rig, rng = plant.rig, np.random.default_rng(LEARNED)
+    ground = Shaken(Sight(rig).centre, seconds, size=HALF)(LEARNED)
+    return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
+
+
+def learned(rig: Rig, log: Log, effects: Sequence[Effect] = (), model: Model | None = None) -> Learned:
+    """Identify a model from a log, and learn from its base's IMU how the platform moves, if it has one.
+
+    Args:
+        rig: The rig.
+        log: Its log.
+        effects: Effects that are known to be in it.
+        model: The model, where it is known already.
+    """
+    known = identify(rig, [log], effects, holdout="none").model if model is None else model
+    imu = log.imus.get(rig.base)
+    if imu is None:
+        return Learned(log, known, Spectrum.assumed(log.dt, GYRO, ACCELEROMETER), (True,) * rig.n)
+    platform = Platform.measured(log.t - log.t[0], imu, log.name)
+    return Learned(log, known, Spectrum.of(imu, log.dt, log.name), trusted(known, WANTED, platform))
+
+
+def entered(taught: Learned, course: Course) -> Roster:
+    """Return the controllers that a log's lesson makes for a course."""
+    station = course.station
+    return Roster(
+        taught.model,
+        WANTED,
+        taught.spectrum,
+        station.noise,
+        float(station.step.max()),
+        taught.trusted,
+        delay=course.delay,
+    )

@@ -1,0 +1,52 @@
+"""Where the baseline's error goes: what each thing that a controller knows takes off it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+
+BASELINE = "pid-world"
+STEPS = (
+    ("base motion", "without-hidden"),
+    ("hidden parameters", "computed-torque"),
+    ("friction", "with-friction"),
+    ("prediction", "with-prediction"),
+    ("several gyros", "with-gyros"),
+    ("foreknowledge", "oracle"),
+)
+"""What the controller of each name knows that the one before it does not, from the baseline on."""
+FLOOR = "sensor floor"
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The baseline's mean square jitter in parts that add up: what knowing one thing more takes off, and what is left.
+
+    Attributes:
+        baseline: Jitter of the world-frame PID, rad rms.
+        parts: What → its share of the mean square; negative where knowing it did harm; the last is the sensor floor.
+        floor: Jitter that no controller here gets below, rad rms.
+    """
+
+    baseline: float
+    parts: Mapping[str, float]
+    floor: float
+
+    @staticmethod
+    def of(jitter: Mapping[str, float]) -> Budget | None:
+        """Part the error by controllers' jitter, rad rms; steps whose controller did not run fall into the next one."""
+        if BASELINE not in jitter or len(jitter) < 2:
+            return None
+        whole, parts, before = jitter[BASELINE], {}, jitter[BASELINE]
+        for what, name in STEPS:
+            if name in jitter:
+                parts[what] = (before**2 - jitter[name] ** 2) / whole**2
+                before = jitter[name]
+        parts[FLOOR] = before**2 / whole**2
+        return Budget(whole, parts, before)
+
+    def size(self, what: str) -> float:
+        """A part as jitter, rad rms, with the sign of its share."""
+        share = self.parts[what]
+        return self.baseline * (sqrt(share) if share >= 0 else -sqrt(-share))

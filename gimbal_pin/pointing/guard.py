@@ -1,0 +1,170 @@
+"""What stands between failing sensors and a controller: every reading is checked, replaced or given up, and told of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.log import Array
+from gimbal_pin.pointing.seen import Seen
+
+CHANNELS = ("q", "gyro", "w", "f")
+NAMES = {
+    "q": "the encoders",
+    "gyro": "the camera's gyro",
+    "w": "the platform's gyro",
+    "f": "the platform's accelerometer",
+}
+HELD = 20
+"""Samples over which a reading that fails is bridged; then the sensor counts as lost."""
+REPEATS = 5
+"""A noisy reading that repeats itself so often is frozen."""
+MOVED = 2e-3
+"""An angle that stays the same while the gyros say that the joint moved by this is frozen, rad."""
+BACK = 100
+"""Good samples after which a lost sensor is believed again."""
+GAP = 0.2
+"""A longer step of the clock is the clock's own, s."""
+FASTEST = 100.0
+"""No gyro of a gimbal reads more, rad/s."""
+SMOOTHING = 0.003
+"""Time constant of the encoders' rates, which stand in for a lost gyro, s."""
+MOST = 50
+"""Events that are kept."""
+
+
+class Watch(NamedTuple):
+    """What the guard remembers.
+
+    Attributes:
+        raw: The readings of the last sample, as they came.
+        good: The same, checked.
+        failing: Failing samples in a row, per channel.
+        repeating: Equal samples in a row, per channel.
+        healthy: Good samples in a row since it was lost, per channel; None for a channel that is not lost.
+        moved: What the gyros say that each joint has moved since its angle last changed, rad, (n,).
+        rates: Joint rates from the encoders, rad/s, (n,).
+        clock: What to add to a stamp for an even clock, s.
+        events: What happened, in sentences.
+    """
+
+    raw: Seen
+    good: Seen
+    failing: tuple[int, ...]
+    repeating: tuple[int, ...]
+    healthy: tuple[int | None, ...]
+    moved: Array
+    rates: Array
+    clock: float = 0.0
+    events: tuple[str, ...] = ()
+
+    @property
+    def lost(self) -> frozenset[str]:
+        """Channels that are given up."""
+        return frozenset(name for name, healthy in zip(CHANNELS, self.healthy) if healthy is not None)
+
+    @property
+    def doubtful(self) -> frozenset[str]:
+        """Channels that are given up, or whose last reading was not used."""
+        return self.lost | {name for name, failing in zip(CHANNELS, self.failing) if failing}
+
+    def told(self, event: str) -> Watch:
+        """Return the memory with one event more, unless it is full."""
+        return self._replace(events=(*self.events, event)) if len(self.events) < MOST else self
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Checks every reading: finite, plausible, not frozen, in time.
+
+    A reading that fails is replaced by the last good one, for at most `HELD` samples (encoders go on with the joint
+    rates); then the sensor counts as lost, until `BACK` samples were good in a row.
+
+    Attributes:
+        dt: Sampling interval, s.
+        noisy: Whether the gyros and the accelerometer have noise: readings that repeat are then frozen.
+    """
+
+    dt: float
+    noisy: bool = True
+
+    def start(self, seen: Seen) -> Watch:
+        """Memory at the first sample; readings that fail there count as zero."""
+        zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
+        good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
+        return Watch(seen, good, (0,) * 4, (0,) * 4, (None,) * 4, still, still)
+
+    def step(self, seen: Seen, watch: Watch, v: Array) -> tuple[Seen, Watch]:
+        """Return the sample as it may be used, and the next memory; `v` are the joint rates so far, rad/s."""
+        t, watch = self.timed(seen.t, watch)
+        elapsed = t - watch.good.t
+        replaced = {}
+        failing, repeating, healthy = list(watch.failing), list(watch.repeating), list(watch.healthy)
+        moved = np.where(seen.q == watch.raw.q, watch.moved + elapsed * v, 0.0)
+        for i, name in enumerate(CHANNELS):
+            fine = self.plausible(name, seen)
+            if name == "q":
+                fine = fine and (any(failing[1:3]) or float(np.abs(moved).max()) < MOVED)
+            elif self.noisy:
+                same = fine and bool((getattr(seen, name) == getattr(watch.raw, name)).all())
+                repeating[i] = repeating[i] + 1 if same else 0
+                fine = fine and repeating[i] < REPEATS
+            failing[i] = 0 if fine else failing[i] + 1
+            if not fine:
+                held = getattr(watch.good, name)
+                replaced[name] = (
+                    held if name != "q" else held + (moved if failing[i] == 1 and moved.any() else elapsed * v)
+                )
+            healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
+        good = seen._replace(t=t, **replaced)
+        share = min(1.0, elapsed / SMOOTHING)
+        rates = watch.rates + share * ((good.q - watch.good.q) / max(elapsed, 1e-9) - watch.rates)
+        return good, Watch(
+            seen, good, tuple(failing), tuple(repeating), tuple(healthy), moved, rates, watch.clock, watch.events
+        )
+
+    def timed(self, stamp: float, watch: Watch) -> tuple[float, Watch]:
+        """Return an even time for a stamp, s: a gap is real, a jump is the clock's."""
+        elapsed = stamp + watch.clock - watch.good.t
+        if not isfinite(stamp) or not 0 < elapsed <= GAP:
+            t = watch.good.t + self.dt
+            said = f"{t:.3f} s: the clock stepped by {elapsed - self.dt:.3g} s, it is taken as even"
+            clock = t - stamp if isfinite(stamp) else watch.clock
+            return t, watch._replace(clock=clock).told(said)
+        if elapsed > 1.5 * self.dt:
+            lost = round(elapsed / self.dt) - 1
+            watch = watch.told(f"{watch.good.t + elapsed:.3f} s: {lost} sample{'s' * (lost > 1)} never came")
+        return watch.good.t + elapsed, watch
+
+    def plausible(self, name: str, seen: Seen) -> bool:
+        """Whether a reading is one at all."""
+        values = getattr(seen, name).tolist()
+        if not isfinite(sum(values)):
+            return False
+        return name in ("q", "f") or max(values) < FASTEST > -min(values)
+
+    def judged(self, t: float, name: str, failing: int, healthy: int | None, watch: Watch) -> tuple[int | None, Watch]:
+        """Return for how long a lost channel has been good, None if it is not lost, and the memory."""
+        if healthy is None:
+            if failing == 1:
+                watch = watch.told(f"{t:.3f} s: {NAMES[name]} failed, the last reading is held")
+            if failing > HELD:
+                return 0, watch.told(f"{t:.3f} s: {NAMES[name]} given up: {FALLBACK[name]}")
+            return None, watch
+        if failing:
+            return 0, watch
+        if healthy + 1 >= BACK:
+            return None, watch.told(f"{t:.3f} s: {NAMES[name]} believed again")
+        return healthy + 1, watch
+
+
+FALLBACK = {
+    "q": "angles go on from the gyros",
+    "gyro": "the camera's rate comes from the platform's gyro and the encoders, PID at half the bandwidth",
+    "w": "world-frame PID without feed-forward",
+    "f": "world-frame PID without feed-forward",
+}
+"""What happens without a sensor."""

@@ -1,0 +1,166 @@
+"""From the sensors to the camera's attitude, the platform's motion, and where the joints should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.control.aim import Ahead, Aim, Carried
+from gimbal_pin.log import Array
+from gimbal_pin.pointing.forecast import Forecast
+from gimbal_pin.pointing.fusion import Fused, Fusion
+from gimbal_pin.pointing.seen import Seen
+from gimbal_pin.pointing.sight import Sight, View
+
+ErrorFrom = Literal["camera", "platform"]
+"""Whose gyro tells the attitude: the camera's own, or the platform's with the encoders between."""
+
+
+class Known(NamedTuple):
+    """What navigation remembers.
+
+    Attributes:
+        R: Attitude in the world of the camera, or of the platform where that is what is integrated, (3, 3).
+        turning: The rate that was integrated last, rad/s, (3,).
+        past: Last samples of the platform's IMU, see `Forecast`.
+        t: Time of the sample, s.
+        v: Joint rates, rad/s, (n,).
+        fused: What fusion remembers; None without it.
+    """
+
+    R: Array
+    turning: Array
+    past: Array
+    t: float
+    v: Array
+    fused: Fused | None = None
+
+
+class Fix(NamedTuple):
+    """Angles, rates and aim at one sample.
+
+    Attributes:
+        q: Measured angles, rad, (n,).
+        v: Joint rates from the gyros, rad/s, (n,).
+        aim: Where the joints should be.
+        steep: Whether the camera stands near a singular pose.
+    """
+
+    q: Array
+    v: Array
+    aim: Aim
+    steep: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Navigator:
+    """Inverse kinematics of a fixed attitude from what the sensors say.
+
+    ``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = J⁻¹ log(Rᵀ R_d)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė``, and
+    ``q̈_d = -J⁻¹ α(q, q̇_d, ω, ω̇)`` with α the camera's angular acceleration while the joints do not accelerate.
+
+    Attributes:
+        sight: Kinematics of the camera.
+        wanted: R_d, the camera's attitude in the world, (3, 3).
+        dt: Sampling interval, s.
+        forecast: The platform's motion, ahead by as much as each distinct drive of the law is late; or now.
+        source: Whose gyro tells the attitude.
+        accelerates: False takes no wanted acceleration from inverse kinematics.
+        oracle: The platform's true motion ahead is known, not predicted.
+        fusion: Brings the other gyros in; None: the camera's attitude comes from its own alone.
+    """
+
+    sight: Sight
+    wanted: Array
+    dt: float
+    forecast: Forecast
+    source: ErrorFrom = "camera"
+    accelerates: bool = True
+    oracle: bool = False
+    fusion: Fusion | None = None
+
+    def start(self, seen: Seen, camera: Array, base: Array) -> Known:
+        """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
+        own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
+        fused = None if self.fusion is None else self.fusion.start((base,), (seen.w,))
+        return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
+
+    def fix(self, seen: Seen, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
+        """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused."""
+        turning = seen.gyro if self.source == "camera" else seen.w
+        elapsed = seen.t - known.t
+        R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
+        past = self.forecast.step(known.past, seen.w, seen.f)
+        view = self.sight.view(seen.q)
+        v = view.inverse @ (seen.gyro - view.R.T @ seen.w)[self.sight.rows]
+        actual = R if self.source == "camera" else R @ view.R
+        gyro, fused = seen.gyro, known.fused
+        if self.fusion is not None and fused is not None and doubtful:
+            R, fused = self.unfused(R, view, seen, fused, elapsed, doubtful)
+            actual = R
+        elif self.fusion is not None and fused is not None:
+            turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (view.R,), elapsed)
+            actual, gyro = R @ pin.exp3(turn), seen.gyro + rate
+        error = view.inverse @ self.sight.error(actual, self.wanted)
+        drop = view.inverse @ gyro[self.sight.rows]
+        ahead = self.ahead(seen, view, v, past)
+        aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
+        return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
+
+    def unfused(
+        self, R: Array, view: View, seen: Seen, fused: Fused, elapsed: float, doubtful: frozenset[str]
+    ) -> tuple[Array, Fused]:
+        """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
+
+        Without the camera's gyro its attitude is the platform's with the encoders between; without the platform's it
+        is the other way round, and fusion begins anew.
+        """
+        base = fused.attitudes[0] @ pin.exp3((fused.turning[0] + seen.w) * (elapsed / 2))
+        if "gyro" in doubtful and not doubtful & {"w", "q"}:
+            return base @ view.R, Fused((base,), (seen.w,), (np.zeros(3),))
+        anew = R @ view.R.T if "w" in doubtful and "q" not in doubtful else base
+        return R, Fused((anew,), (seen.w,), (np.zeros(3),))
+
+    def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
+        """Return where the model is to be evaluated, for every lead."""
+        out = []
+        for lead, (rate, force) in zip(self.forecast.leads, self.forecast.weights):
+            if self.oracle and seen.true is not None:
+                base = seen.true
+            else:
+                w, dw = rate @ past[:, :3]
+                base = Carried(force @ past[:, 3:], w, dw)
+            q, there = (seen.q + lead * v, view) if lead else (seen.q, view)
+            if lead:
+                there = self.sight.view(q)
+            out.append(self.wished(q, there, base))
+        return tuple(out)
+
+    def stand_in(self, seen: Seen, rates: Array, alone: bool) -> Array:
+        """Return what a lost camera gyro would say, rad/s, (3,), by the platform's gyro and the encoders' rates.
+
+        Where the platform's gyro is lost, too (`alone`), the platform counts as standing.
+        """
+        return self.sight.rate(seen.q, rates, np.zeros(3) if alone else seen.w)
+
+    def wished(self, q: Array, view: View, base: Carried) -> Ahead:
+        """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""
+        v = -view.inverse @ (view.R.T @ base.w)[self.sight.rows]
+        if not self.accelerates:
+            return Ahead(q, v, np.zeros_like(q), base)
+        a = -view.inverse @ self.sight.drift(q, v, base.w, base.dw)
+        return Ahead(q, v, a, base)
+
+
+def attitude(yaw: float, pitch: float, roll: float = 0.0) -> Array:
+    """``Rz(yaw) Ry(pitch) Rx(roll)``, rad → (3, 3)."""
+    return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, yaw))
+
+
+def carried(row: Sequence[float]) -> Carried:
+    """Return a platform's motion from its rate, specific force and angular acceleration in one row, (9,)."""
+    return Carried(row[3:6], row[:3], row[6:9])

@@ -1,0 +1,132 @@
+"""A controller that holds a camera: guard, navigation, law, and what it falls back to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gimbal_pin.control.aim import Law
+from gimbal_pin.control.base import Memory
+from gimbal_pin.control.pid import JointPid
+from gimbal_pin.log import Array
+from gimbal_pin.pointing.guard import Guard, Watch
+from gimbal_pin.pointing.navigator import Fix, Known, Navigator
+from gimbal_pin.pointing.seen import Seen
+
+LIMITED = 50
+"""Samples at the torque limit after which it is told of."""
+
+
+class Held(NamedTuple):
+    """What a controller remembers.
+
+    Attributes:
+        known: Navigation's memory.
+        law: The law's memory, the fallback's while that is in force.
+        fallback: Whether the fallback is in force.
+        tau: The last torque, N m, (n,).
+        limited: Samples in a row at the torque limit, the joint's that has been there longest.
+        steep: Whether the camera is near a singular pose.
+        watch: The guard's memory; None without one.
+        events: What happened besides, in sentences.
+    """
+
+    known: Known
+    law: Any
+    fallback: bool
+    tau: Array
+    limited: int = 0
+    steep: bool = False
+    watch: Watch | None = None
+    events: tuple[str, ...] = ()
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Everything that happened."""
+        return self.events if self.watch is None else (*self.watch.events, *self.events)
+
+
+@dataclass(frozen=True, eq=False)
+class Pointer:
+    """From sensors to torques.
+
+    Attributes:
+        navigator: Tells the law where the joints are and should be.
+        law: Any control law; those that know of a platform read its motion from the reference.
+        guard: Checks the sensors; None: they are believed.
+        fallback: What is left without the platform's IMU or without the camera's: a world-frame PID.
+    """
+
+    navigator: Navigator
+    law: Law
+    guard: Guard | None = None
+    fallback: JointPid | None = None
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return self.law.dt
+
+    def start(self, seen: Seen, camera: Array, base: Array) -> Held:
+        """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
+        watch = None if self.guard is None else self.guard.start(seen)
+        first = seen if watch is None else watch.good
+        return Held(
+            self.navigator.start(first, camera, base), self.law.start(), False, np.zeros(len(seen.q)), watch=watch
+        )
+
+    def torque(self, seen: Seen, memory: Held) -> tuple[Array, Held]:
+        """Return the torque, N m, (n,), finite and within the limits, and the next memory.
+
+        With neither encoders nor the camera's gyro it is zero.
+        """
+        watch = memory.watch
+        lost = doubtful = frozenset[str]()
+        if self.guard is not None and watch is not None:
+            seen, watch = self.guard.step(seen, watch, memory.known.v)
+            lost, doubtful = watch.lost, watch.doubtful
+            if "gyro" in lost:
+                seen = seen._replace(gyro=self.navigator.stand_in(seen, watch.rates, "w" in lost))
+        fix, known = self.navigator.fix(seen, memory.known, doubtful)
+        back = self.fallback if self.fallback is not None and lost - {"q"} else None
+        law: Law = self.law if back is None else back
+        own = memory.law
+        if (back is not None) != memory.fallback:
+            own = law.start() if back is None else taken_over(back, fix, memory.tau)
+        tau, own = law.torque(seen.t, fix.q, fix.v, fix.aim, own)
+        if {"q", "gyro"} <= lost:
+            tau = np.zeros_like(tau)
+        after = memory._replace(known=known, law=own, fallback=back is not None, tau=tau, watch=watch)
+        return self.told(seen.t, tau, fix, memory, after)
+
+    def told(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
+        """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
+        events = list(after.events)
+        if not isfinite(sum(tau.tolist())):
+            events.append(f"{t:.3f} s: the law gave no number, no torque")
+            tau = np.zeros_like(tau)
+            after = after._replace(law=self.law.start(), fallback=False, tau=tau)
+        if fix.steep and not before.steep:
+            events.append(f"{t:.3f} s: near a singular pose, inverse kinematics damped")
+        limited = before.limited + 1 if bool((np.abs(tau) >= self.limits).any()) else 0
+        if limited == LIMITED:
+            worst = int(np.argmax(np.abs(tau) / self.limits))
+            events.append(
+                f"{t:.3f} s: {self.navigator.sight.rig.joints[worst]} at its torque limit for {LIMITED * self.dt:g} s"
+            )
+        return tau, after._replace(limited=limited, steep=fix.steep, events=tuple(events[:LIMITED]))
+
+    @property
+    def limits(self) -> Array:
+        """Torque limits, N m, (n,)."""
+        return self.navigator.sight.limits
+
+
+def taken_over(law: JointPid, fix: Fix, tau: Array) -> Memory:
+    """Return the memory with which a PID goes on with the torque that acted: its integral holds what the model gave."""
+    error, rate = fix.aim.q - fix.q, fix.aim.v - fix.v
+    rows = zip(law.gains, law.inertia, error.tolist(), rate.tolist(), tau.tolist())
+    return Memory(tuple((u / m - g.kp * e - g.kd * r) / g.ki if g.integrates else 0.0 for g, m, e, r, u in rows))

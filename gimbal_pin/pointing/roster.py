@@ -1,0 +1,177 @@
+"""Every controller that can hold a camera, by name, at equal margins: from the joint PID to the oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.config import Noise
+from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Pid, bounds
+from gimbal_pin.control.aim import Law
+from gimbal_pin.control.carried import CarriedTorque
+from gimbal_pin.control.equal import DAMPING, INTEGRAL, Equal, bandwidth
+from gimbal_pin.control.uncertainty import inertia
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model
+from gimbal_pin.pointing.forecast import Forecast
+from gimbal_pin.pointing.fusion import Fusion
+from gimbal_pin.pointing.guard import Guard
+from gimbal_pin.pointing.navigator import ErrorFrom, Navigator
+from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.reduction import reduce
+from gimbal_pin.regressor import columns
+
+NAMES = (
+    "pid-joint",
+    "pid-world",
+    "computed-torque-fixed",
+    "without-hidden",
+    "computed-torque",
+    "with-friction",
+    "with-prediction",
+    "with-gyros",
+    "with-observer",
+    "lyapunov",
+    "switch",
+    "oracle",
+)
+"""All controllers, each from "without-hidden" on with all that the one before it has; those from "with-observer" to
+"switch" stand beside each other, on top of "with-gyros", and the oracle too."""
+FALLEN = 0.5
+"""Share of the bandwidth of the PID that is fallen back to."""
+OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
+
+
+@dataclass(frozen=True, eq=False)
+class Roster:
+    """What all controllers of one comparison share.
+
+    Attributes:
+        model: The model that they know.
+        wanted: R_d, the camera's attitude in the world, (3, 3).
+        spectrum: How the platform is known to move.
+        noise: Noise densities of the IMUs.
+        step: Angle of one encoder step, rad.
+        trusted: Joints at which the model is worth more than its uncertainty.
+        dt: Sampling interval, s.
+        delay: Samples from measurement to torque, the drives' own not counted.
+    """
+
+    model: Model
+    wanted: Array
+    spectrum: Spectrum
+    noise: Noise
+    step: float
+    trusted: tuple[bool, ...] = ()
+    dt: float = 0.001
+    delay: int = 1
+
+    @cached_property
+    def sight(self) -> Sight:
+        """Kinematics of the camera."""
+        return Sight(self.model.rig)
+
+    @cached_property
+    def equal(self) -> Equal:
+        """The loops, for the slowest of the drives."""
+        drives = self.model.drives
+        slowest = max(range(len(drives)), key=lambda j: self.model.late(self.dt)[j])
+        return Equal(self.dt, self.delay * self.dt, drives[slowest])
+
+    @cached_property
+    def known(self) -> Bounds:
+        """Bounds on the model's error."""
+        return bounds(self.model, np.random.default_rng(0))
+
+    @cached_property
+    def leads(self) -> tuple[float, ...]:
+        """Time from a sample to the middle of the hold of its torque, s, one per distinct drive."""
+        return tuple((self.delay + 0.5) * self.dt + late for late in sorted(set(self.model.late(self.dt))))
+
+    def navigator(self, gains: Pid, predicts: bool = False, fuses: bool = False) -> Navigator:
+        """Return navigation for an outer loop."""
+        leads = self.leads if predicts else tuple(0.0 for _ in self.leads)
+        fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
+        return Navigator(
+            self.sight, self.wanted, self.dt, Forecast(self.spectrum, gains, self.dt, leads), fusion=fusion
+        )
+
+    def pointer(self, name: str) -> Pointer:
+        """Return one controller.
+
+        Raises:
+            UsageError: There is none of that name.
+        """
+        if name not in NAMES:
+            raise UsageError("controller", f"'{name}' is unknown", f"there are {', '.join(NAMES)}")
+        if name in NAMES[:3]:
+            return self.plain(name)
+        gains, extra = self.loop(name)
+        rank = NAMES.index(name)
+        predicts, fuses = rank >= NAMES.index("with-prediction"), rank >= NAMES.index("with-gyros")
+        navigator = self.navigator(gains, predicts, fuses)
+        model = without_hidden(self.model) if name == "without-hidden" else self.model
+        law = CarriedTorque(model, (gains,) * self.model.rig.n, self.dt, rank > NAMES.index("computed-torque"))
+        return self.guarded(replace(navigator, oracle=name == ORACLE), replace(law, **extra))
+
+    def loop(self, name: str) -> tuple[Pid, dict[str, Any]]:
+        """Return the outer loop of a model-based controller, and what of the law goes with it."""
+        if name == "with-observer":
+            return self.equal.observed, {"observer": self.equal.observer}
+        if name == "lyapunov":
+            slow, robust = self.equal.robust(self.known, self.model.rig.n)
+            return slow, {"robust": robust}
+        return self.equal.pid, {"trusted": self.trusted} if name == OURS and not all(self.trusted) else {}
+
+    def plain(self, name: str) -> Pointer:
+        """Return one of the controllers that know nothing of the platform's acceleration."""
+        gains = (self.equal.pid,) * self.model.rig.n
+        navigator = self.navigator(self.equal.pid)
+        if name == "computed-torque-fixed":
+            law = ComputedTorque(replace(self.model, terms=()), gains, self.dt)
+            return self.guarded(replace(navigator, accelerates=False), law)
+        source: ErrorFrom = "platform" if name == "pid-joint" else "camera"
+        return self.guarded(replace(navigator, source=source), self.pid(self.equal.pid))
+
+    def guarded(self, navigator: Navigator, law: Law) -> Pointer:
+        """Return a controller with its guard, and a PID at half the bandwidth to fall back to."""
+        half = Pid.placed(FALLEN * bandwidth(self.equal.pid), DAMPING, INTEGRAL)
+        noisy = self.noise.gyro > 0 and self.noise.accelerometer > 0
+        return Pointer(navigator, law, Guard(self.dt, noisy), self.pid(half))
+
+    def pid(self, gains: Pid) -> JointPid:
+        """Return a PID on the inertias that the joints have where the camera looks as wanted."""
+        rig = self.model.rig
+        seen = np.diagonal(inertia(self.model, self.looking[None])[0]).tolist()
+        return JointPid((gains,) * rig.n, tuple(seen), tuple(self.model.tau_max.tolist()), self.dt)
+
+    @cached_property
+    def looking(self) -> Array:
+        """Angles at which the camera looks as wanted from a level platform, rad, (n,)."""
+        return self.sight.reached(np.eye(3), self.wanted, self.sight.home)
+
+
+def without_hidden(model: Model) -> Model:
+    """Return the model with what only a moving base shows dropped: the least moments that give the same on a fixed one.
+
+    ``min ‖φ'‖`` over first and second moments with ``M φ' = M φ``, M the mixing of a fixed base; masses stay.
+    """
+    rig = model.rig
+    names, places = columns(rig)
+    mixing, phi = reduce(rig, base="fixed").mixing, rig.phi
+    free = np.array([not name.endswith(".m") for name in names])
+    left = mixing @ phi[places] - mixing[:, ~free] @ phi[places[~free]]
+    phi[places[free]] = np.linalg.pinv(mixing[:, free]) @ left
+    return replace(model, rig=rig.with_phi(phi))
+
+
+def pointers(roster: Roster, names: Sequence[str] = NAMES) -> dict[str, Pointer]:
+    """Return controllers by name."""
+    return {name: roster.pointer(name) for name in names}

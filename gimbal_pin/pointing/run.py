@@ -1,0 +1,127 @@
+"""Closed loop of plant, moving platform, sensors, delay and a controller that holds the camera still."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from math import isfinite
+
+import numpy as np
+import pinocchio as pin
+from tqdm import tqdm
+
+from gimbal_pin.effects import Signal
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model
+from gimbal_pin.plant import Plant, State
+from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.navigator import carried
+from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.seen import Seen, Station, rotations
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.simulation import Drive, halved
+
+
+class Sensed:
+    """The sensors along a run: they see the plant's state and the platform."""
+
+    def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
+        """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
+        self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
+        self.noise = station.draws(len(t), float(t[1] - t[0]), rng)
+        self.w, self.f = np.asarray(platform.w[::2]), np.asarray(platform.f[::2])
+        self.rows = np.hstack([platform.w, platform.f, platform.dw])
+        self.before: Seen | None = None
+
+    def see(self, k: int, state: State, lead: int) -> Seen | None:
+        """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
+        camera, platform, force = self.noise[k]
+        gyro = self.sight.rate(state.q, state.v, self.w[k]) + camera
+        true = carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
+        seen = Seen(self.t[k], self.station.angles(state.q), gyro, self.w[k] + platform, self.f[k] + force, true)
+        arrived: Seen | None = seen
+        for fault in self.station.faults:
+            arrived = None if arrived is None else fault.apply(arrived, self.before)
+        self.before = self.before if arrived is None else arrived
+        return arrived
+
+
+def point(
+    plant: Model,
+    pointer: Pointer,
+    platform: Platform,
+    *,
+    rng: np.random.Generator,
+    seconds: float = 30.0,
+    station: Station | None = None,
+    delay: int = 1,
+    drive: Sequence[Signal] = (),
+    name: str = "pointing",
+    motion: str = "S",
+    seed: int = 0,
+) -> Pointing:
+    """Run the loop; the camera starts where it should look, turning with nothing.
+
+    At sample k the controller sees the sensors at `t[k]`; its torque acts `delay` samples later, clipped, for one
+    sample. The plant is integrated by RK4, one step per sample, the platform seen at half steps.
+
+    Args:
+        plant: The plant.
+        pointer: The controller.
+        platform: Motion of the base with its attitude, best sampled at half the control interval.
+        rng: Source of the sensors' noise.
+        seconds: Length, s.
+        station: The sensors; None: the benchmark's.
+        delay: Samples between measurement and torque.
+        drive: What stands between the command and the torque that acts, after the plant's own.
+        name: The controller's name.
+        motion: What the platform's motion is called.
+        seed: What the seed is called.
+
+    Raises:
+        UsageError: The platform's motion is too short or has no attitude, or the state left the finite numbers.
+    """
+    dt, rig = pointer.dt, plant.rig
+    t = dt * np.arange(round(seconds / dt) + 1)
+    base = halved(platform, t)
+    if base.quat is None:
+        raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
+    attitudes = rotations(np.asarray(base.quat[::2]))
+    sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
+    system, motors = Plant(plant, base), Drive((*plant.drive, *drive), rig, dt)
+    state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
+    lead = round(2 * max(pointer.navigator.forecast.leads) / dt)
+    pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
+    command: Array = np.zeros(rig.n)
+    memory, limit = None, rig.tau_max
+    q, tau = np.empty((len(t), rig.n)), np.empty((len(t), rig.n))
+    for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
+        if not isfinite(sum(state.q.tolist())):
+            raise UsageError(name, f"diverged {t[k]:.3g} s after its start", "lower the bandwidth or the delay")
+        seen = sensed.see(k, state, lead)
+        if memory is None and seen is not None:
+            memory = pointer.start(seen, attitudes[k] @ sensed.sight.view(state.q).R, attitudes[k])
+        if memory is not None and seen is not None:
+            command, memory = pointer.torque(seen, memory)
+        pending.append(command)
+        q[k], tau[k] = state.q, np.minimum(np.maximum(pending.popleft(), -limit), limit)
+        state = system.step(sensed.t[k], state, motors.acting(tau[k]), dt)
+    error = errors(sensed.sight, q, attitudes, wanted)
+    events = () if memory is None else memory.told
+    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, np.asarray(base.quat[::2]), limit, events)
+
+
+def ready(sensed: Sensed, base: Array, wanted: Array) -> State:
+    """Return the state in which the camera looks as wanted and does not turn."""
+    sight = sensed.sight
+    q = sight.reached(base, wanted, sight.home)
+    view = sight.view(q)
+    return State(q, -view.inverse @ (view.R.T @ sensed.w[0])[sight.rows])
+
+
+def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:
+    """``log(R_dᵀ R)`` along a run, rad, (N, 3)."""
+    left = wanted.T @ base @ sight.attitudes(q)
+    return np.array([pin.log3(turn) for turn in left])

@@ -1,0 +1,95 @@
+"""What the sensors of a gimbal say at one sample, and how they come to say it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import pi
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from gimbal_pin.config import Noise
+from gimbal_pin.control.aim import Carried
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
+
+GYRO = np.deg2rad(0.005)
+"""Noise density of the benchmark's gyros, rad/s/√Hz."""
+ACCELEROMETER = 100e-6 * 9.81
+"""Noise density of its accelerometers, m/s²/√Hz."""
+BITS = 16
+"""Resolution of its encoders."""
+
+
+class Seen(NamedTuple):
+    """One sample of every sensor.
+
+    Attributes:
+        t: Time stamp, s.
+        q: Angles, rad, (n,).
+        gyro: Rate of the gyro beside the camera, in the camera's frame, rad/s, (3,).
+        w: Rate of the platform's gyro, in the base link's frame, rad/s, (3,).
+        f: Specific force of the platform, m/s², (3,).
+        true: The platform's true motion where the torque will act; for the oracle, which no rig has.
+    """
+
+    t: float
+    q: Array
+    gyro: Array
+    w: Array
+    f: Array
+    true: Carried | None = None
+
+
+class Fault(Protocol):
+    """A sensor that fails."""
+
+    def apply(self, seen: Seen, before: Seen | None) -> Seen | None:
+        """Return what arrives in place of `seen`, None if nothing does; `before` is what arrived last."""
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """The sensors of the benchmark (CONTROL, "Profile S").
+
+    Attributes:
+        step: Angle of one encoder step, rad, (n,); 0: exact.
+        noise: Densities of the IMUs' noise.
+        faults: What goes wrong with them, in order.
+    """
+
+    step: Array
+    noise: Noise = field(default_factory=lambda: Noise(GYRO, ACCELEROMETER))
+    faults: tuple[Fault, ...] = ()
+
+    @staticmethod
+    def of(rig: Rig, faults: tuple[Fault, ...] = ()) -> Station:
+        """16-bit encoders on every joint."""
+        return Station(np.full(rig.n, 2 * pi / 2**BITS), faults=faults)
+
+    @staticmethod
+    def exact(rig: Rig) -> Station:
+        """Sensors without error."""
+        return Station(np.zeros(rig.n), Noise())
+
+    def draws(self, samples: int, dt: float, rng: np.random.Generator) -> Array:
+        """Noise of camera gyro, platform gyro and accelerometer, rad/s and m/s², (samples, 3, 3)."""
+        sizes = np.array([self.noise.gyro, self.noise.gyro, self.noise.accelerometer]) / np.sqrt(2 * dt)
+        return sizes[:, None] * rng.standard_normal((samples, 3, 3))
+
+    def angles(self, q: Array) -> Array:
+        """The angles as the encoders report them, rad, (n,)."""
+        if not self.step.all():
+            return q.copy()
+        return np.asarray(np.round(q / self.step) * self.step)
+
+
+def rotations(quat: Array) -> Array:
+    """Rotation matrices, (N, 3, 3), of quaternions (w, x, y, z), (N, 4)."""
+    w, x, y, z = quat.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

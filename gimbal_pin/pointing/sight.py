@@ -1,0 +1,146 @@
+"""Kinematics of the camera on a base that moves: attitude, Jacobian, and the acceleration that the joints must undo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
+
+STEEP = 4.0
+"""Largest entry of the Jacobian's inverse that is believed: beyond it (roll past 75° with three axes) it is damped."""
+DAMPING = 1 / (2 * STEEP)
+"""λ of the damped inverse: no singular value then gives more than 1/(2 λ), which is `STEEP`."""
+ITERATIONS, STRIDE = 40, 0.3
+REACHED = 1e-13
+"""Newton steps to the angles of an attitude, and the longest of them, rad: longer ones may end a turn away."""
+
+
+class View(NamedTuple):
+    """The camera at some angles.
+
+    Attributes:
+        R: Its attitude in the base link, (3, 3).
+        J: Jacobian of its rate in its own frame, the rows that the rig can command, (m, n).
+        inverse: J's inverse, damped where J is near singular, (n, m).
+        steep: Whether it was damped.
+    """
+
+    R: Array
+    J: Array
+    inverse: Array
+    steep: bool
+
+
+class Sight:
+    """The camera of one rig: x of its frame is the line of sight."""
+
+    def __init__(self, rig: Rig) -> None:
+        """Take the rig's floating model; a rig of two axes commands the line of sight alone, not the roll about it."""
+        self.rig, self.model, n = rig, rig.floating, rig.n
+        self.data = self.model.createData()
+        self.fixed, self.own = rig.model, rig.model.createData()
+        self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
+        self.rows = slice(0, 3) if n > 2 else slice(1, 3)
+        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
+        self.q[6] = 1.0
+        self.limits = rig.tau_max
+
+    def view(self, q: Array) -> View:
+        """Return the camera at the angles q, rad, (n,)."""
+        pin.computeJointJacobians(self.fixed, self.own, q)
+        R = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation.copy()
+        J = pin.getFrameJacobian(self.fixed, self.own, self.there, pin.LOCAL)[3:][self.rows]
+        inverse, steep = inverted(J)
+        return View(R, J, inverse, steep)
+
+    def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
+        """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
+        self.q[7:], self.v[3:6], self.v[6:], self.a[3:6] = q, w, v, dw
+        pin.forwardKinematics(self.model, self.data, self.q, self.v, self.a)
+        acceleration = pin.getFrameAcceleration(self.model, self.data, self.frame, pin.LOCAL).angular
+        return np.asarray(acceleration[self.rows])
+
+    def rate(self, q: Array, v: Array, w: Sequence[float] | Array) -> Array:
+        """Camera's angular rate in its own frame, rad/s, (3,): what a gyro beside it reports."""
+        self.q[7:], self.v[3:6], self.v[6:] = q, w, v
+        pin.forwardKinematics(self.model, self.data, self.q, self.v)
+        return np.array(pin.getFrameVelocity(self.model, self.data, self.frame, pin.LOCAL).angular)
+
+    def attitudes(self, q: Array) -> Array:
+        """Attitudes in the base link at many angles, (N, n) → (N, 3, 3)."""
+        out = np.empty((len(q), 3, 3))
+        for row, angles in zip(out, q):
+            pin.forwardKinematics(self.fixed, self.own, angles)
+            row[...] = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation
+        return out
+
+    def error(self, actual: Array, wanted: Array) -> Array:
+        """``log(Rᵀ R_d)``: the turn that is left, in the camera's frame, rad, (m,)."""
+        return np.asarray(pin.log3(actual.T @ wanted)[self.rows])
+
+    def reached(self, base: Array, wanted: Array, start: Array) -> Array:
+        """Angles at which the camera looks as wanted from a base of attitude `base`, by Newton from `start`, rad."""
+        q = start
+        for _ in range(ITERATIONS):
+            view = self.view(q)
+            left = self.error(base @ view.R, wanted)
+            if float(np.abs(left).max()) < REACHED:
+                break
+            step = view.inverse @ left
+            q = q + step * min(1.0, STRIDE / max(float(np.abs(step).max()), 1e-12))
+        return q
+
+    @cached_property
+    def centre(self) -> Array:
+        """The point in the base link that is nearest to all axes at home, m, (3,): where they meet, if they do."""
+        across, places = self.axes
+        right = sum(P @ place for P, place in zip(across, places))
+        return np.asarray(np.linalg.lstsq(sum(across), right, rcond=1e-9)[0])
+
+    @cached_property
+    def apart(self) -> float:
+        """Largest distance of an axis from that point, m."""
+        return max(float(np.linalg.norm(P @ (place - self.centre))) for P, place in zip(*self.axes))
+
+    @cached_property
+    def axes(self) -> tuple[list[Array], list[Array]]:
+        """Per axis at home, the projection across it, (3, 3), and a point on it in the base link, m, (3,)."""
+        self.view(self.home)
+        joints = range(1, self.fixed.njoints)
+        ways = [pin.getJointJacobian(self.fixed, self.own, j, pin.LOCAL_WORLD_ALIGNED)[3:, j - 1] for j in joints]
+        return [np.eye(3) - np.outer(way, way) for way in ways], [self.own.oMi[j].translation.copy() for j in joints]
+
+    @cached_property
+    def home(self) -> Array:
+        """Angles from which a search for angles starts, rad, (n,)."""
+        return np.array([min(max(0.0, limit.lower), limit.upper) for limit in self.rig.limits])
+
+
+def inverted(J: Array) -> tuple[Array, bool]:
+    """``J⁻¹``, ``Jᵀ(J Jᵀ)⁻¹`` for more axes, and ``Jᵀ(J Jᵀ + λ²)⁻¹`` where that is steep, as near roll ±90°."""
+    m, n = J.shape
+    if m == n == 3:
+        exact = cofactors(J.tolist())
+    else:
+        own = J @ J.T
+        exact = J.T @ np.linalg.inv(own) if np.linalg.det(own) > STEEP ** (-2 * m) else None
+    if exact is not None and float(np.abs(exact).max()) < STEEP:
+        return exact, False
+    return J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(m)), True
+
+
+def cofactors(J: list[list[float]]) -> Array | None:
+    """Inverse of a 3 by 3 matrix, on floats as that is faster; None where there is none."""
+    (a, b, c), (d, e, f), (g, h, i) = J
+    x, y, z = e * i - f * h, f * g - d * i, d * h - e * g
+    size = a * x + b * y + c * z
+    if abs(size) < 1e-9:
+        return None
+    rows = [[x, c * h - b * i, b * f - c * e], [y, a * i - c * g, c * d - a * f], [z, b * g - a * h, a * e - b * d]]
+    return np.array(rows) / size

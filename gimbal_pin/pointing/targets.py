@@ -1,0 +1,64 @@
+"""What a gimbal must reach, and what it should (CONTROL, targets)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees
+
+from gimbal_pin.pointing.contest import Contest
+from gimbal_pin.pointing.roster import OURS
+from gimbal_pin.pointing.sight import Sight
+
+APART = 0.01
+"""Axes that miss each other by more than this make uneven arms, m."""
+LATE = 0.004
+"""Delay beyond one sample from which the targets are those of a late drive, s."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One figure beside what it must be and what it should be.
+
+    Attributes:
+        name: What it is.
+        value: The figure, None where a controller that it takes did not run.
+        must: The bound.
+        aim: The better bound.
+        least: True where larger is better.
+    """
+
+    name: str
+    value: float | None
+    must: float
+    aim: float
+    least: bool
+
+    @property
+    def verdict(self) -> str:
+        """Whether it is "aim", "must" or "missed"; "–" without a figure."""
+        if self.value is None:
+            return "–"
+        sign = 1 if self.least else -1
+        met = [sign * self.value >= sign * bound for bound in (self.aim, self.must)]
+        return "aim" if met[0] else "must" if met[1] else "missed"
+
+
+def targets(found: Contest, sight: Sight, late: float = 0.0) -> tuple[Target, ...]:
+    """Return the targets that a contest is judged by.
+
+    Args:
+        found: The contest.
+        sight: The rig's kinematics: they say whether its arms are uneven.
+        late: Delay of the drives beyond one sample, s.
+    """
+    ours = found.jitter.get(OURS)
+    jitter = None if ours is None else degrees(ours)
+    platform = found.rows[0].runs[0].platform
+    uneven = sight.apart > APART
+    gain = (4.0, 10.0) if late >= LATE else (5.0, 20.0 if uneven else 10.0)
+    still = (0.006, 0.0035) if platform == "log" else (0.012, 0.005) if uneven else (0.005, 0.003)
+    return (
+        Target("world-frame PID over ours", found.gain, *gain, True),
+        Target("ours over the oracle", found.distance, 2.5, 1.3, False),
+        Target("jitter, ° rms", jitter, *still, False),
+    )

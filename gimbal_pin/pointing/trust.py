@@ -1,0 +1,51 @@
+"""Where a model is worth less than its uncertainty, a PID is safer: which joints to leave to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin.control.uncertainty import base_columns, columns
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.model import Model
+from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.seen import rotations
+from gimbal_pin.pointing.sight import Sight
+
+SAMPLES = 200
+"""Moments at which the model is judged."""
+
+
+def trusted(model: Model, wanted: Array, platform: Platform) -> tuple[bool, ...]:
+    """Return, per joint, whether the estimated torque says more than its deviation: ``rms(Y P Yᵀ) < var(Y θ)``.
+
+    Both along the motion that holds the camera on the given platform. What a PID's integral finds by itself, the mean
+    of the torque, counts for nothing. A model that was never identified is believed.
+
+    Args:
+        model: The model, with its covariance.
+        wanted: The camera's attitude in the world, (3, 3).
+        platform: A motion of the platform with its attitude.
+    """
+    known = model.estimated
+    places = None if known is None else base_columns(model, known)
+    if known is None or places is None:
+        return (True,) * model.rig.n
+    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
+    held = holding(Sight(model.rig), wanted, part)
+    Y = columns(model, places, held.q, held.v, held.a, part)
+    variance = np.einsum("njk,kl,njl->nj", Y, known.covariance, Y)
+    torque = model.inverse(held.q, held.v, held.a, platform=part)
+    return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())
+
+
+def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:
+    """Return the joints' motion that keeps the camera's attitude, exactly, sample by sample."""
+    if platform.quat is None:
+        return holding(sight, wanted, Platform.still(platform.t))
+    q, rows = sight.home, []
+    for R, w, dw in zip(rotations(np.asarray(platform.quat)), platform.w, platform.dw):
+        q = sight.reached(R, wanted, q)
+        view = sight.view(q)
+        v = -view.inverse @ (view.R.T @ w)[sight.rows]
+        rows.append((q, v, -view.inverse @ sight.drift(q, v, w, dw)))
+    return Motion(platform.t, *(np.array(x) for x in zip(*rows)))

@@ -1,0 +1,394 @@
+"""A camera held still on a platform that moves: kinematics, forecast, laws, margins, measures, failing sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from math import degrees, hypot, pi, radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin.config import Noise
+from gimbal_pin.control import Pid
+from gimbal_pin.control.aim import Ahead, Aim, Carried
+from gimbal_pin.control.carried import CarriedTorque, share
+from gimbal_pin.control.equal import Equal
+from gimbal_pin.control.loop import margins
+from gimbal_pin.control.observer import Observer, observed_loop, observed_margins
+from gimbal_pin.effects.delay import Delay
+from gimbal_pin.errors import UsageError
+from gimbal_pin.imu import readings
+from gimbal_pin.log import Array, Imu
+from gimbal_pin.model import Estimated, Model, nominal
+from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.bench import WANTED, Shaken, unbalanced
+from gimbal_pin.pointing.budget import Budget
+from gimbal_pin.pointing.contest import Course, compete
+from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing
+from gimbal_pin.pointing.forecast import TAPS, Forecast
+from gimbal_pin.pointing.fusion import Fusion
+from gimbal_pin.pointing.guard import Guard
+from gimbal_pin.pointing.measures import cumulative, jitter
+from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.roster import NAMES, Roster, without_hidden
+from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Seen, Station, rotations
+from gimbal_pin.pointing.sight import STEEP, Sight, inverted
+from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.pointing.targets import Target
+from gimbal_pin.pointing.trust import holding, trusted
+from gimbal_pin.profile import profile_s
+from gimbal_pin.regressor import rnea
+from gimbal_pin.rig import Rig
+
+DT = 1e-3
+NOISE = Noise(GYRO, ACCELEROMETER)
+PID = Pid.placed(12.1, 0.9, 0.2)
+
+
+@cache
+def rig_of(name: str) -> Rig:
+    return Rig.load(name)
+
+
+@cache
+def spectrum() -> Spectrum:
+    """Profile S at half size, as an IMU with noise shows it."""
+    t = DT * np.arange(8000)
+    moved, rng = profile_s(t, np.random.default_rng(9), 0.5), np.random.default_rng(10)
+    size = 1 / np.sqrt(2 * DT)
+    gyro = moved.w + GYRO * size * rng.standard_normal((8000, 3))
+    accel = moved.f + ACCELEROMETER * size * rng.standard_normal((8000, 3))
+    return Spectrum.of(Imu(gyro, accel), DT)
+
+
+def roster(model: Model, wanted: Array = WANTED, noise: Noise = NOISE, **more: object) -> Roster:
+    return Roster(model, wanted, spectrum(), noise, 2 * pi / 2**16, **more)  # type: ignore[arg-type]
+
+
+# --- Kinematics --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
+def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
+    """``ω_c = Rᵀ ω + J q̇``, as an IMU there reports it; the drift is its derivative without joint acceleration."""
+    rig, rng = rig_of(name), np.random.default_rng(3)
+    sight = Sight(rig)
+    q, v, w, dw = (rng.uniform(-0.5, 0.5, size) for size in (rig.n, rig.n, 3, 3))
+    view = sight.view(q)
+    np.testing.assert_allclose(sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12)
+    base = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None])
+    told = readings(rig, [rig.camera_frame], q[None], v[None], np.zeros((1, rig.n)), base)[rig.camera_frame]
+    np.testing.assert_allclose(np.asarray(told.gyro)[0], sight.rate(q, v, w), atol=1e-12)
+    h = 1e-6
+    change = (sight.rate(q + h * v, v, w + h * dw) - sight.rate(q - h * v, v, w - h * dw)) / (2 * h)
+    np.testing.assert_allclose(sight.drift(q, v, w, dw), change[sight.rows], atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld"])
+def test_inverse_kinematics_reaches_and_holds_the_attitude(name: str) -> None:
+    rig = rig_of(name)
+    sight, t = Sight(rig), DT * np.arange(6)
+    ground = profile_s(t, np.random.default_rng(0)).about(sight.centre)
+    held = holding(sight, WANTED, ground)
+    turned = rotations(np.asarray(ground.quat)) @ sight.attitudes(held.q)
+    np.testing.assert_allclose(turned, np.broadcast_to(WANTED, turned.shape), atol=1e-10)
+    np.testing.assert_allclose(held.v[1:-1], (held.q[2:] - held.q[:-2]) / (2 * DT), atol=0.02)
+    for q, v, w in zip(held.q, held.v, ground.w):
+        assert np.abs(sight.rate(q, v, w)).max() < 1e-10
+
+
+@given(st.floats(-pi / 2, pi / 2))
+def test_near_roll_90_the_inverse_stays_bounded(roll: float) -> None:
+    view = Sight(rig_of("thesis")).view(np.array([0.3, roll, 0.2]))
+    assert np.abs(view.inverse).max() <= STEEP + 1e-9
+    if not view.steep:
+        np.testing.assert_allclose(view.inverse @ view.J, np.eye(3), atol=1e-10)
+    assert view.steep == (1 / max(np.cos(roll), 1e-12) > STEEP) or abs(1 / np.cos(roll) - STEEP) < 0.3
+
+
+def test_more_axes_than_needed_take_the_shortest_way() -> None:
+    J = np.random.default_rng(0).standard_normal((3, 4))
+    np.testing.assert_allclose(inverted(J)[0], np.linalg.pinv(J), atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["thesis", "turret"])
+def test_the_axes_meet_in_the_centre(name: str) -> None:
+    """A platform turned about it leaves it where it is, and an accelerometer there reads what was the origin's."""
+    rig = rig_of(name)
+    sight, t = Sight(rig), DT * np.arange(4)
+    assert sight.apart < 1e-9 < Sight(rig_of("handheld")).apart
+    ground = profile_s(t, np.random.default_rng(1))
+    moved = ground.about(sight.centre)
+    there = moved.f + np.cross(moved.dw, sight.centre) + np.cross(moved.w, np.cross(moved.w, sight.centre))
+    np.testing.assert_allclose(there, ground.f, atol=1e-9)
+
+
+# --- Forecast ----------------------------------------------------------------------------------------------------
+
+
+def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
+    """Rate, angular acceleration and force of another draw of the profile, 1.5 ms ahead; gravity passes as it is."""
+    forecast = Forecast(spectrum(), PID, DT, (0.0015,))
+    (rate, force), t = forecast.weights[0], DT / 2 * np.arange(4000)
+    assert force.sum() == pytest.approx(1.0, abs=1e-3)
+    ground = profile_s(t, np.random.default_rng(4))
+    past = np.lib.stride_tricks.sliding_window_view(np.asarray(ground.w[::2]), TAPS, axis=0)[:, :, ::-1]
+    first, count = 2 * (TAPS - 1) + 3, len(past) - 2
+    now, ahead = ground.w[first - 3 :: 2][:count], ground.w[first::2][:count]
+    seen = (past[:count] @ rate.T)[..., 0]
+    assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
+    foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
+    assert np.std(foreseen - true) < 0.2 * np.std(true)
+    filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
+    np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
+    np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])
+
+
+def test_the_spectrum_parts_noise_from_motion() -> None:
+    found = spectrum()
+    assert np.sqrt(found.rate_noise) == pytest.approx(GYRO, rel=0.1)
+    assert np.sqrt(found.force_noise) == pytest.approx(ACCELEROMETER, rel=0.1)
+    moved = profile_s(DT * np.arange(8000), np.random.default_rng(9), 0.5)
+    power = np.sum(found.rate) * (found.f[1] - found.f[0])
+    assert power == pytest.approx(1.05 * np.mean(np.asarray(moved.w) ** 2), rel=0.15)
+
+
+def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
+    """The mean of two gyros' walks has half the variance of one; without noise nothing is corrected."""
+    rng, fusion = np.random.default_rng(0), Fusion(GYRO, 2 * pi / 2**16, DT)
+    camera, own, fused = np.eye(3), [], []
+    memory, last = fusion.start((np.eye(3),), (np.zeros(3),)), np.zeros(3)
+    for gyro, other in rng.standard_normal((8000, 2, 3)) * GYRO / np.sqrt(2 * DT):
+        camera = camera @ pin.exp3((last + gyro) * DT / 2)
+        turn, _, memory = fusion.step_on(memory, (other,), camera, (np.eye(3),), DT)
+        own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(turn)))
+        last = gyro
+    assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(np.diff(own[::200], axis=0) ** 2)
+    still = fusion.start((np.eye(3),), (np.ones(3),))
+    turn, rate, _ = fusion.step_on(still, (np.ones(3),), pin.exp3(np.ones(3) * DT), (np.eye(3),), DT)
+    assert max(np.abs(turn).max(), np.abs(rate).max()) < 1e-12
+
+
+# --- Laws and margins ----------------------------------------------------------------------------------------------
+
+
+def test_without_error_the_law_is_the_models_inverse() -> None:
+    model, rng = nominal(rig_of("handheld")), np.random.default_rng(2)
+    q, v, a, f, w, dw = rng.uniform(-0.4, 0.4, (6, 3))
+    aim = Aim(q, v, a, (Ahead(q, v, a, Carried(f, w, dw)),))
+    law = CarriedTorque(model, (PID,) * 3, DT)
+    tau, _ = law.torque(0.0, q, v, aim, law.start())
+    base = Platform(np.zeros(1), f[None], w[None], dw[None])
+    np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9)
+    bare, _ = replace(law, terms=False).torque(0.0, q, v, aim, law.start())
+    np.testing.assert_allclose(bare, rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1))
+def test_dry_friction_counts_by_its_mean_over_a_hold(rate: float, change: float) -> None:
+    steps = np.sign(rate + abs(change) * np.linspace(-1, 1, 2001))
+    assert share(rate, change) == pytest.approx(steps.mean(), abs=2e-3) or abs(change) < 1e-6
+
+
+def test_all_loops_have_the_same_margin() -> None:
+    equal = Equal()
+    found = equal.margins
+    assert found.crossover_hz == pytest.approx(25.0, abs=0.2)
+    assert found.phase_margin_deg == pytest.approx(58.0, abs=1.0)
+    assert found.disk_margin >= 1.07 and found.delay_margin >= 0.004
+    seen = observed_margins(equal.observed, equal.observer, DT)
+    assert seen.disk_margin == pytest.approx(1.07, abs=0.02) and seen.crossover_hz <= 25
+    late = Equal(drive=(Delay("yaw", 0.005),)).margins
+    assert late.disk_margin == pytest.approx(1.07, abs=0.02) and late.crossover_hz < 8
+
+
+def test_the_observers_loop_is_broken_at_the_plants_input() -> None:
+    """Its gain margin is where the closed loop goes unstable, and a slow observer leaves the loop as it was."""
+    pd, observer = Pid.placed(8.0, 0.9, 0.0), Observer(20.0, DT)
+    gain = 10 ** (observed_margins(pd, observer, DT).gain_margin_db / 20)
+
+    def largest(factor: float) -> float:
+        loop = observed_loop(pd, observer, DT)
+        return float(np.abs(np.linalg.eigvals(loop.A - factor * loop.B @ loop.C)).max())
+
+    assert min(largest(0.99 * gain), largest(1.01 / gain)) < 1 <= max(largest(1.01 * gain), largest(0.99 / gain))
+    slow = observed_margins(pd, Observer(1e-3, DT), DT)
+    assert slow.disk_margin == pytest.approx(margins(pd, DT, DT).disk_margin, rel=1e-3)
+
+
+def test_the_observer_finds_a_constant_disturbance() -> None:
+    observer, rate, true = Observer(20.0, DT), 0.0, 3.0
+    memory = observer.start(1)
+    commands = [0.0]
+    for k in range(300):
+        commands.append(np.sin(0.05 * k))
+        memory = observer.step(memory, [rate], [commands[-1]], [True])
+        rate -= DT * (commands[-2] + true)
+    assert memory.disturbance[0] == pytest.approx(true, rel=1e-6)
+    held = observer.step(memory, [rate + 1.0], [0.0], [False])
+    assert held.disturbance == memory.disturbance
+
+
+def test_what_only_a_moving_base_shows_can_be_dropped() -> None:
+    """The torques on a fixed base stay, those on a moving one do not."""
+    model, rng = nominal(rig_of("thesis")), np.random.default_rng(0)
+    q, v, a = rng.uniform(-0.5, 0.5, (3, 5, 3))
+    least = without_hidden(model)
+    np.testing.assert_allclose(rnea(least.rig, q, v, a), rnea(model.rig, q, v, a), atol=1e-9)
+    base = profile_s(DT * np.arange(5), np.random.default_rng(0))
+    assert np.abs(rnea(least.rig, q, v, a, base) - rnea(model.rig, q, v, a, base)).max() > 0.05
+
+
+def test_a_model_that_knows_nothing_is_not_trusted() -> None:
+    from gimbal_pin.reduction import reduce
+
+    rig = rig_of("turret")
+    names = (*reduce(rig, base="rotating").base_names, *(f"f{k}" for k in range(4)))
+    ground = profile_s(0.01 * np.arange(200), np.random.default_rng(0))
+
+    def known(size: float) -> Model:
+        covariance = size**2 * np.eye(len(names))
+        return replace(nominal(rig), estimated=Estimated(names, names, np.zeros(len(names)), covariance))
+
+    assert trusted(known(1e-5), WANTED, ground) == (True, True) == trusted(nominal(rig), WANTED, ground)
+    assert trusted(known(10.0), WANTED, ground) == (False, False)
+
+
+# --- Measures ------------------------------------------------------------------------------------------------------
+
+
+def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
+    t = DT * np.arange(28000)
+    error = np.stack([3e-5 * np.sin(2 * pi * 6 * t), 1e-3 * t / t[-1]], axis=1)
+    rms, top, drift = jitter(error, DT)
+    assert rms == pytest.approx(3e-5 / np.sqrt(2), rel=0.02)
+    assert top == pytest.approx(3e-5, rel=0.1) and drift == pytest.approx(1e-3, rel=0.05)
+    f, root = cumulative(error, DT)
+    assert root[-1] == pytest.approx(rms, rel=1e-6) and (np.diff(root) >= 0).all()
+    assert root[np.searchsorted(f, 5)] < 0.1 * rms
+
+
+@given(st.lists(st.floats(1e-5, 1.0), min_size=3, max_size=3))
+def test_the_budget_adds_up(sizes: list[float]) -> None:
+    parted = Budget.of(dict(zip(("pid-world", "computed-torque", "oracle"), sizes)))
+    assert parted is not None
+    assert sum(parted.parts.values()) == pytest.approx(1.0)
+    assert parted.size("sensor floor") == pytest.approx(sizes[2]) == parted.floor
+
+
+def test_a_target_knows_which_way_is_up() -> None:
+    verdicts = [Target("", value, 5, 10, True).verdict for value in (12.0, 7.0, 3.0)]
+    assert verdicts == ["aim", "must", "missed"]
+    assert [Target("", value, 2.5, 1.3, False).verdict for value in (1.0, 2.0, 3.0)] == verdicts
+    assert Target("", None, 5, 10, True).verdict == "–"
+
+
+# --- In closed loop --------------------------------------------------------------------------------------------------
+
+
+def test_knowing_more_holds_the_camera_stiller() -> None:
+    """World-frame PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
+    rig = rig_of("handheld")
+    plant = nominal(unbalanced(rig))
+    course = Course(plant, Shaken(Sight(rig).centre, 1.2), "S", 1.2, Station.of(rig))
+    found = compete(course, roster(plant), ("pid-world", "computed-torque", "with-friction", "with-prediction"), 1)
+    still = [degrees(row.jitter_rms) for row in found.rows]
+    assert still[0] > still[1] > 3 * still[2] > 3 * still[3]
+    assert found.ratio("pid-world", "with-prediction") == pytest.approx(still[0] / still[3])
+    assert found.gain is None and found.budget is not None
+    short = replace(course, seconds=0.2)
+    runs = [short.run(roster(plant), "with-friction", 0).error for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+
+
+def test_nothing_moves_what_is_known_exactly() -> None:
+    """Exact sensors, a known model without friction, the oracle: what is left is the sampling."""
+    rig = rig_of("thesis")
+    plant = replace(nominal(rig), terms=())
+    ground = Shaken(Sight(rig).centre, 1.0, size=0.2)(0)
+    pointer = roster(plant, noise=Noise()).pointer("oracle")
+    run = point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
+    assert np.abs(np.rad2deg(run.error[400:])).max() < 2e-3 and not run.events
+
+
+FAULTS = {
+    "camera gyro frozen": (Frozen(("gyro",), 0.2), "gyro", 1.0),
+    "platform IMU frozen": (Frozen(("w", "f"), 0.2), "without feed-forward", 1.0),
+    "encoders frozen": (Frozen(("q",), 0.2), "encoders", 1.0),
+    "encoders say NaN": (Missing(("q",), 0.2), "angles go on from the gyros", 1.0),
+    "a sample is dropped": (Dropped(0.2, 0.201), "never came", 0.1),
+    "the clock steps back": (ClockStep(0.2, -7.0), "clock stepped", 0.1),
+    "NaN from the first sample on": (Missing(("gyro", "w", "f"), 0.0, 0.1), "failed", 180.0),
+    "everything says NaN": (Missing(("q", "gyro", "w", "f"), 0.2), "given up", 180.0),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
+    fault, word, allowed = FAULTS[case]
+    rig = rig_of("thesis")
+    plant = nominal(rig)
+    course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig, (fault,)))
+    run = course.run(roster(plant), "with-gyros", 0)
+    assert np.isfinite(run.tau).all() and np.isfinite(run.error).all()
+    assert (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
+    assert any(word in event for event in run.events), run.events
+    assert np.abs(np.rad2deg(run.error)).max() < allowed
+
+
+def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torque() -> None:
+    rig = rig_of("thesis")
+    plant, wanted = nominal(rig), attitude(0.2, 0.1, radians(88))
+    course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig))
+    run = course.run(roster(plant, wanted), "with-gyros", 0)
+    assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
+    assert any("singular" in event for event in run.events)
+    weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
+    run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
+    assert any("torque limit" in event for event in run.events) and max(run.at_limit.values()) > 0.2
+    assert (np.abs(run.tau) <= 0.2 + 1e-12).all() and np.isfinite(run.error).all()
+
+
+READING = st.sampled_from([0.0, 1.0, -3.0, np.nan, np.inf, 1e9])
+
+
+@given(st.lists(st.tuples(*[READING] * 4, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])), min_size=1, max_size=60))
+def test_whatever_the_sensors_say_the_guard_passes_numbers_on(stream: list[tuple[float, ...]]) -> None:
+    guard, stamp, last = Guard(DT), 0.0, -1.0
+    first = Seen(0.0, *(np.zeros(3) for _ in range(4)))
+    watch = guard.start(first)
+    for *values, step in stream:
+        stamp = step if stamp != stamp else stamp + step
+        seen, watch = guard.step(Seen(stamp, *(np.full(3, x) for x in values)), watch, np.zeros(3))
+        for channel in (seen.q, seen.gyro, seen.w, seen.f, watch.rates):
+            assert np.isfinite(channel).all()
+        assert np.isfinite(seen.t) and seen.t > last
+        last = seen.t
+
+
+def test_what_cannot_be_run_is_refused() -> None:
+    rig = rig_of("turret")
+    plant = nominal(rig)
+    with pytest.raises(UsageError, match="unknown"):
+        roster(plant).pointer("magic")
+    ground = Shaken(Sight(rig).centre, 0.2)(0)
+    pointer = roster(plant).pointer(NAMES[0])
+    with pytest.raises(UsageError, match="no attitude"):
+        point(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
+    with pytest.raises(UsageError, match="lasts"):
+        point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=1.0)
+
+
+def test_a_run_knows_its_torque_and_its_limits() -> None:
+    t = DT * np.arange(8000)
+    tau = np.where(t < 6, 1.0, 2.0)[:, None]
+    quat = np.tile([1.0, 0, 0, 0], (8000, 1))
+    run = Pointing("a", "S", 0, ("yaw",), t, np.zeros((8000, 3)), tau, tau, quat, np.array([2.0]))
+    assert run.counted.start == 2000 and run.at_limit["yaw"] == pytest.approx(1 / 3)
+    assert run.torque_rms["yaw"] == pytest.approx(hypot(1.0, 1.0), rel=1e-9)
