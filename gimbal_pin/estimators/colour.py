@@ -52,7 +52,7 @@ def autocovariance(errors: Sequence[Array], shares: Sequence[Array], lags: int =
 
 def colour(gamma: Array, rows: float) -> Colour:
     """Autoregressive process of an autocovariance, (lags + 1,), by Levinson's recursion; its order by Akaike's rule."""
-    polynomial, power = np.ones(1), float(gamma[0])
+    polynomial, power = np.ones(1), max(float(gamma[0]), 0.0)
     best, least = Colour(polynomial, power), np.inf
     for order in range(1, len(gamma) + 1):
         if power <= 1e-12 * gamma[0] or gamma[0] <= 0:
