@@ -21,6 +21,10 @@ Asked = Literal["never", "noisy", "always"]
 
 NOISY = 0.03
 """Noise of the acceleration, as a share of it, from which the test is worth its time: bias goes with its square."""
+LEAST = 0.1
+"""Least share of what the rates show that is taken for motion, where nearly all of it is noise."""
+BEYOND = 10.0
+"""Change of the torque, in squared shares of noise, that noise alone does not make: at most three are usual."""
 EXAMINED = 60.0
 """Time of the first log on which least squares is tested, s: a longer one costs more than it says."""
 
@@ -40,15 +44,28 @@ class Suspicion:
     why: str = ""
 
     @property
+    def by_noise(self) -> bool:
+        """Whether the sensors' noise is enough to make the difference that the test sees."""
+        return self.test is not None and self.test.change <= BEYOND * self.noise**2
+
+    @property
     def sentence(self) -> str:
         """What is known, and what to use instead."""
-        return self.why if self.test is None else self.test.sentence
+        if self.test is None:
+            return self.why
+        if not self.test.biased or self.by_noise:
+            return self.test.sentence
+        shift, little = f"{100 * self.test.change:.2g} % of the torque", f"{100 * self.noise:.2g} % of the acceleration"
+        return (
+            f"least squares and instrumental variables disagree by {shift}, more than the sensors' noise ({little}) "
+            "explains: the model misses something, see 'gimbal-pin diagnose'"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds; `biased` is null where the test was not run."""
         empty = dict.fromkeys(("statistic", "freedom", "p_value", "change", "level", "biased"))
         said = empty if self.test is None else self.test.to_dict()
-        return {"noise_share": self.noise, **said, "sentence": self.sentence}
+        return {"noise_share": self.noise, **said, "by_noise": self.by_noise, "sentence": self.sentence}
 
 
 def suspicion(blocks: Regression, asked: Asked) -> Suspicion | None:
@@ -75,17 +92,22 @@ def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> floa
     """Noise of the acceleration below the cutoff over the acceleration's own rms, in the worst joint that moves.
 
     From the angle's noise differentiated twice or, where there is one, the rate's differentiated once, by whichever
-    says less; the motion's from the rows' rates.
+    says less; the motion's from the rows' rates, less what the noise that passes the smoothing adds to them.
     """
-    rate, slow = 1.0 / log.dt, signals.lowpass(filtering.cutoff, 1.0 / log.dt)
-    noise = signals.noise_std(log.q) * signals.noise_gain(slow, rate, 2)
-    if log.v is not None:
-        noise = np.minimum(noise, signals.noise_std(log.v) * signals.noise_gain(slow, rate, 1))
-    size = spread([np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in series(blocks)])
+    noise, smoothed = (noises(log, filtering.cutoff * factor) for factor in (1.0, filtering.smoothing))
+    parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in series(blocks)]
+    total = np.mean(np.concatenate(parts) ** 2, axis=0)
+    step = 1.0 / (2 * filtering.cutoff)
+    size = np.sqrt(np.maximum(total - 2 * (smoothed[0] / step) ** 2, LEAST**2 * total))
     moving = size > 0
-    return float(np.max(noise[moving] / size[moving], initial=0.0))
+    return float(np.max(noise[1][moving] / size[moving], initial=0.0))
 
 
-def spread(parts: Sequence[Array]) -> Array:
-    """Root mean square over the rows of all parts, per joint, (n,)."""
-    return np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+def noises(log: Log, cutoff: float) -> tuple[Array, Array]:
+    """Standard deviations of the rate's and of the acceleration's noise below a cutoff, rad/s and rad/s², (n,) each."""
+    rate, slow = 1.0 / log.dt, signals.lowpass(cutoff, 1.0 / log.dt)
+    angle, gains = signals.noise_std(log.q), [signals.noise_gain(slow, rate, k) for k in range(3)]
+    if log.v is None:
+        return angle * gains[1], angle * gains[2]
+    measured = signals.noise_std(log.v)
+    return np.minimum(angle * gains[1], measured * gains[0]), np.minimum(angle * gains[2], measured * gains[1])

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimators import ESTIMATORS, Ridge, hausman, idim, output_error, weighted
+from gimbal_pin.estimators import ESTIMATORS, Hausman, Ridge, hausman, idim, output_error, weighted
 from gimbal_pin.estimators.colour import colour, coloured
 from gimbal_pin.estimators.hausman import LEVEL
 from gimbal_pin.identification import given_beta, moved
@@ -19,7 +19,7 @@ from gimbal_pin.reduction import reduce
 from gimbal_pin.replay import runs
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Regression, Rows, kept
-from gimbal_pin.suspicion import NOISY, noise_share, suspicion
+from gimbal_pin.suspicion import NOISY, Suspicion, noise_share, suspicion
 from tests.bench_logs import prescribed
 from tests.test_moving_log import carried, swaying
 
@@ -79,7 +79,12 @@ def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turr
 def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: Regression, quiet: Regression) -> None:
     flagged, clear = suspicion(coarse, "noisy"), suspicion(quiet, "always")
     assert flagged is not None and flagged.test is not None and flagged.noise > NOISY
-    assert flagged.test.biased and "instrumental" in flagged.sentence and flagged.to_dict()["biased"] is True
+    assert (
+        flagged.test.biased
+        and flagged.by_noise
+        and "instrumental" in flagged.sentence
+        and flagged.to_dict()["biased"] is True
+    )
     assert clear is not None and clear.test is not None and clear.test.p_value > LEVEL and not clear.test.biased
 
 
@@ -87,6 +92,14 @@ def test_little_noise_is_not_worth_a_test_and_nobody_asked_gets_none(quiet: Regr
     found = suspicion(quiet, "noisy")
     assert found is not None and found.test is None and found.noise < NOISY and found.to_dict()["biased"] is None
     assert suspicion(quiet, "never") is None
+
+
+def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
+    """Bias goes with the square of the noise's share: the same difference at a tenth of the noise has another cause."""
+    test = Hausman(900.0, 12, 0.0, 0.04)
+    noisy, quiet = Suspicion(0.2, test), Suspicion(0.02, test)
+    assert noisy.by_noise and "output-error" in noisy.sentence
+    assert not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
 
 
 def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: Regression) -> None:

@@ -16,6 +16,7 @@ from gimbal_pin.control.computed_torque import added, passed
 from gimbal_pin.control.lyapunov import Robust
 from gimbal_pin.control.observer import Observed, Observer
 from gimbal_pin.effects import Sample
+from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 
@@ -69,6 +70,11 @@ class CarriedTorque:
         return Workspace(self.model)
 
     @cached_property
+    def friction(self) -> Resistance:
+        """The model's terms, the affine ones as two products a joint."""
+        return Resistance(self.model.by_joint)
+
+    @cached_property
     def which(self) -> tuple[int, ...]:
         """Place of each joint's lead among the distinct ones, (n)."""
         late = self.model.late(self.dt)
@@ -111,12 +117,14 @@ class CarriedTorque:
         y = [a + f for a, f in zip(wanted, feedback)]
         tau = self.workspace.rnea(there, y)
         if self.terms:
-            rows = zip(self.model.by_joint, there.q.tolist(), there.v.tolist(), wanted, y, tau)
-            half = self.dt / 2
-            tau = [
-                rigid + added(terms, Sample(t, angle, rate, a, share(rate, b * half), rigid), rigid)
-                for terms, angle, rate, b, a, rigid in rows
-            ]
+            half, friction = self.dt / 2, self.friction
+            v = there.v.tolist()
+            slide = [share(rate, a * half) for rate, a in zip(v, wanted)]
+            rows = zip(tau, friction.constant, slide, friction.per_slide, v, friction.per_rate)
+            tau = [rigid + c + s * dry + rate * viscous for rigid, c, s, dry, rate, viscous in rows]
+            for j, terms in friction.rest:
+                at = Sample(t, float(there.q[j]), v[j], y[j], slide[j], tau[j])
+                tau[j] += added(terms, at, tau[j])
         if self.trusted:
             own = self.workspace.inertia(there.q)
             tau = [x if ok else m * f for x, ok, m, f in zip(tau, self.trusted, own, feedback)]

@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.audit import Audit, audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight, Untestable
 from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
 from gimbal_pin.diagnosis.likeness import likeness
@@ -207,9 +207,9 @@ def reported(
     joints, state = held.rig.joints, found.state
     before, after = extended(found.first), extended(found.final)
     baseline = measured(held, before)
-    each = combined(
-        [finding(found, *row, held, baseline, rng) for row in zip(found.final.causes, found.lacking, strict=True)]
-    )
+    hidden = verdict.untestable(found.first, found.shelf)
+    rows = zip(found.final.causes, found.lacking, strict=True)
+    each = combined([finding(found, *row, held, baseline, hidden, rng) for row in rows])
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
@@ -219,7 +219,7 @@ def reported(
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
-        untestable=verdict.untestable(found.first, found.shelf),
+        untestable=hidden,
         detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
         alignment=hold,
         baseline=baseline,
@@ -316,11 +316,17 @@ def measured(held: Evidence, model: Extended) -> Figures:
 
 
 def finding(
-    found: Searched, cause: Cause, lacking: Figures, held: Evidence, baseline: Figures, rng: np.random.Generator
+    found: Searched,
+    cause: Cause,
+    lacking: Figures,
+    held: Evidence,
+    baseline: Figures,
+    hidden: Sequence[Untestable],
+    rng: np.random.Generator,
 ) -> Finding:
-    """Describe one chosen cause; `lacking`: held-out figures without it."""
+    """Describe one chosen cause; `lacking`: held-out figures without it; `hidden`: what the logs cannot show."""
     state, null = found.final, found.null
-    judged = verdict.judged(state, cause, found.shelf, rng)
+    judged = verdict.judged(state, cause, found.shelf, rng, hidden)
     joints = held.rig.joints
     at = cause.place if cause.of_joint else joints[int(np.argmax(judged.own.size))]
     torque, rolled = lacking["torque_rmse"], lacking["rollout_rmse"]

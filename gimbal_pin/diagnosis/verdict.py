@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
-from gimbal_pin.diagnosis.score import HIDDEN, Score
+from gimbal_pin.diagnosis.score import HIDDEN, Score, overdone
 from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.log import Array
@@ -56,8 +56,18 @@ class Judged:
     frequency: float
 
 
-def judged(state: State, cause: Cause, shelf: Library, rng: np.random.Generator) -> Judged:
-    """Refit every rival in a cause's place and compare block by block."""
+def judged(
+    state: State, cause: Cause, shelf: Library, rng: np.random.Generator, hidden: Sequence[Untestable] = ()
+) -> Judged:
+    """Refit every rival in a cause's place and compare block by block.
+
+    Args:
+        state: What was found.
+        cause: One of it.
+        shelf: The library.
+        rng: For the bootstraps.
+        hidden: What the logs cannot show: no rival, and yet it may be what the cause stands for.
+    """
     base = without(state, cause)
     own = measure(base, cause)
     mine = block_gain(base, cause)
@@ -73,6 +83,7 @@ def judged(state: State, cause: Cause, shelf: Library, rng: np.random.Generator)
     alike = [
         name for name, (rival, _) in found.items() if rival.z < APART or alikeness(base, cause, name, shelf) > ALIKE
     ]
+    alike += [name for name in twins(base, cause, shelf, hidden) if name not in found]
     seen = dict(zip(base.problem.evidence.rig.joints, base.problem.evidence.seen))
     if cause.of_joint:
         alike += [name for name in cause.blurred(seen[cause.place]) if name not in alike]
@@ -90,21 +101,38 @@ def block_gain(base: State, cause: Cause) -> Array:
     return base.fit.by_block((base.fit.residual**2 - after**2)[:, None])[:, 0]
 
 
+def twins(base: State, cause: Cause, shelf: Library, hidden: Sequence[Untestable]) -> list[str]:
+    """Names of causes that the logs hide but for a remnant, where that remnant is what this cause explains.
+
+    A cause with several coefficients shows by one of them, and may gain by another that is as hidden as its twin's.
+    """
+    here = {row.cause for row in hidden if not cause.of_joint or row.joint in (None, cause.place)} - {cause.name}
+    return [
+        name
+        for name in sorted(here)
+        if any(c > ALIKE and not overdone(base.fit, torque) for c, torque in imitations(base, cause, name, shelf))
+    ]
+
+
 def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
     """Largest cosine between what a cause explains and what the best cause of that name could, in [0, 1]."""
+    return max((near for near, _ in imitations(base, cause, name, shelf)), default=0.0)
+
+
+def imitations(base: State, cause: Cause, name: str, shelf: Library) -> Iterator[tuple[float, Array]]:
+    """Yield how near each cause of a name comes to what another explains, in [0, 1], and its whole torque there."""
     rest = project(base.fit, base.columns(cause).values)
     mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
     positions = [part.channels.q for part in base.problem.evidence.parts]
     gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in positions]
-    best = 0.0
     for other in shelf.causes:
         if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
             continue
         for columns in (shelf.of(other, base), *at_rest(base, other, gravity)):
             span = project(base.fit, columns.values)
-            within = span @ np.linalg.lstsq(span, mine, rcond=1e-8)[0]
-            best = max(best, float(np.linalg.norm(within) / max(float(np.linalg.norm(mine)), 1e-300)))
-    return best
+            beta = np.linalg.lstsq(span, mine, rcond=1e-8)[0]
+            near = float(np.linalg.norm(span @ beta) / max(float(np.linalg.norm(mine)), 1e-300))
+            yield near, base.fit.stacked(columns.values) @ beta
 
 
 def at_rest(base: State, cause: Cause, gravity: list[Array]) -> tuple[Columns, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import radians
 
 import numpy as np
@@ -75,8 +76,14 @@ class Shaken:
 
     def __call__(self, seed: int) -> Platform:
         """Return the motion of a seed."""
-        t = self.dt / 2 * np.arange(2 * round(self.seconds / self.dt) + 3)
-        return profile_s(t, np.random.default_rng(seed), self.size).about(self.centre)
+        return shaken(seed, round(self.seconds / self.dt), self.dt, self.size, tuple(self.centre.tolist()))
+
+
+@lru_cache(maxsize=1)
+def shaken(seed: int, samples: int, dt: float, size: float, centre: tuple[float, ...]) -> Platform:
+    """Return profile S about a point; controllers that meet it one after the other need it but once."""
+    t = dt / 2 * np.arange(2 * samples + 1)
+    return profile_s(t, np.random.default_rng(seed), size).about(np.array(centre))
 
 
 @dataclass(frozen=True, eq=False)

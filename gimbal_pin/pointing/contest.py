@@ -172,7 +172,7 @@ Mapper = Callable[[Callable[[tuple[str, int]], Pointing], Iterable[tuple[str, in
 
 def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, mapped: Mapper = map) -> Contest:
     """Run every controller with every seed; `mapped` may run several at once."""
-    plan = [(name, seed) for name in names for seed in range(seeds)]
+    plan = [(name, seed) for seed in range(seeds) for name in names]
     runs = list(mapped(Entry(course, roster), plan))
     rows = [Row(name, tuple(run for run in runs if run.controller == name)) for name in names]
     return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows))

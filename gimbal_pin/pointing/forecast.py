@@ -15,7 +15,7 @@ from gimbal_pin.pointing.spectrum import Spectrum
 
 TAPS = 128
 """Samples that it looks back on."""
-FLOOR = 1e-3
+FLOOR = 1e-4
 """Weight of an error where the loop suppresses it best, against where it does so worst."""
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.seen import Seen
 
+NONE, KEPT = (0, 0, 0, 0), (None, None, None, None)
+"""Of the channels, that none fails or repeats, and that none is lost."""
 CHANNELS = ("q", "gyro", "w", "f")
 NAMES = {
     "q": "the encoders",
@@ -67,6 +69,11 @@ class Watch(NamedTuple):
         return frozenset(name for name, healthy in zip(CHANNELS, self.healthy) if healthy is not None)
 
     @property
+    def calm(self) -> bool:
+        """Whether nothing fails, nothing repeats, and nothing is lost."""
+        return self.failing == NONE == self.repeating and self.healthy == KEPT
+
+    @property
     def doubtful(self) -> frozenset[str]:
         """Channels that are given up, or whose last reading was not used."""
         return self.lost | {name for name, failing in zip(CHANNELS, self.failing) if failing}
@@ -95,15 +102,38 @@ class Guard:
         """Memory at the first sample; readings that fail there count as zero."""
         zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
         good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
-        return Watch(seen, good, (0,) * 4, (0,) * 4, (None,) * 4, still, still)
+        return Watch(seen, good, NONE, NONE, KEPT, still, still)
 
     def step(self, seen: Seen, watch: Watch, v: Array) -> tuple[Seen, Watch]:
         """Return the sample as it may be used, and the next memory; `v` are the joint rates so far, rad/s."""
         t, watch = self.timed(seen.t, watch)
+        moved = np.where(seen.q == watch.raw.q, watch.moved + (t - watch.good.t) * v, 0.0)
+        if watch.calm and self.sound(seen, watch.raw, moved):
+            good = Seen(t, *seen[1:])
+            rates, clock, events = self.smoothed(good, watch), watch.clock, watch.events
+            return good, Watch(seen, good, NONE, NONE, KEPT, moved, rates, clock, events)
+        return self.sifted(t, seen, watch, v, moved)
+
+    def sound(self, seen: Seen, before: Seen, moved: Array) -> bool:
+        """Whether all readings are plausible, none is frozen, and none repeats: the quick way through."""
+        rates = seen.gyro.tolist() + seen.w.tolist()
+        finite = isfinite(sum(rates) + sum(seen.q.tolist()) + sum(seen.f.tolist()))
+        if not finite or max(rates) >= FASTEST or -min(rates) >= FASTEST or max(map(abs, moved.tolist())) >= MOVED:
+            return False
+        old = before.gyro.item(0), before.w.item(0), before.f.item(0)
+        return not self.noisy or (rates[0] != old[0] and rates[3] != old[1] and seen.f.item(0) != old[2])
+
+    def smoothed(self, good: Seen, watch: Watch) -> Array:
+        """Joint rates from the encoders, rad/s, (n,)."""
+        elapsed = good.t - watch.good.t
+        share = min(1.0, elapsed / SMOOTHING)
+        return np.asarray(watch.rates + share * ((good.q - watch.good.q) / elapsed - watch.rates))
+
+    def sifted(self, t: float, seen: Seen, watch: Watch, v: Array, moved: Array) -> tuple[Seen, Watch]:
+        """Look at every channel by itself."""
         elapsed = t - watch.good.t
         replaced = {}
         failing, repeating, healthy = list(watch.failing), list(watch.repeating), list(watch.healthy)
-        moved = np.where(seen.q == watch.raw.q, watch.moved + elapsed * v, 0.0)
         for i, name in enumerate(CHANNELS):
             fine = self.plausible(name, seen)
             if name == "q":
@@ -120,8 +150,7 @@ class Guard:
                 )
             healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
         good = seen._replace(t=t, **replaced)
-        share = min(1.0, elapsed / SMOOTHING)
-        rates = watch.rates + share * ((good.q - watch.good.q) / max(elapsed, 1e-9) - watch.rates)
+        rates = self.smoothed(good, watch)
         return good, Watch(
             seen, good, tuple(failing), tuple(repeating), tuple(healthy), moved, rates, watch.clock, watch.events
         )

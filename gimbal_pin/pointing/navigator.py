@@ -90,29 +90,38 @@ class Navigator:
         return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
 
     def fix(self, seen: Seen, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
-        """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused."""
+        """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused.
+
+        The Jacobian is that of the first moment ahead, which errors do not mind: it is worked out but once.
+        """
+        elapsed, lead = seen.t - known.t, self.forecast.leads[0]
         turning = seen.gyro if self.source == "camera" else seen.w
-        elapsed = seen.t - known.t
         R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
-        past = self.forecast.step(known.past, seen.w, seen.f)
-        view = self.sight.view(seen.q)
-        v = view.inverse @ (seen.gyro - view.R.T @ seen.w)[self.sight.rows]
-        actual = R if self.source == "camera" else R @ view.R
-        gyro, fused = seen.gyro, known.fused
-        if self.fusion is not None and fused is not None and doubtful:
-            R, fused = self.unfused(R, view, seen, fused, elapsed, doubtful)
-            actual = R
-        elif self.fusion is not None and fused is not None:
-            turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (view.R,), elapsed)
-            actual, gyro = R @ pin.exp3(turn), seen.gyro + rate
+        view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
+        between = self.sight.attitude(seen.q) if lead else view.R
+        v = view.inverse @ (seen.gyro - between.T @ seen.w)[self.sight.rows]
+        R, actual, rate, fused = self.attitude(R, between, seen, known.fused, elapsed, doubtful)
         error = view.inverse @ self.sight.error(actual, self.wanted)
-        drop = view.inverse @ gyro[self.sight.rows]
+        drop = view.inverse @ (seen.gyro + rate)[self.sight.rows]
+        past = self.forecast.step(known.past, seen.w, seen.f)
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
         return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
 
+    def attitude(
+        self, R: Array, between: Array, seen: Seen, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
+    ) -> tuple[Array, Array, Array | float, Fused | None]:
+        """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory."""
+        if self.fusion is None or fused is None:
+            return R, R if self.source == "camera" else R @ between, 0.0, None
+        if doubtful:
+            R, fused = self.unfused(R, between, seen, fused, elapsed, doubtful)
+            return R, R, 0.0, fused
+        turn, rate, fused = self.fusion.step_on(fused, (seen.w,), R, (between,), elapsed)
+        return R, R @ pin.exp3(turn), rate, fused
+
     def unfused(
-        self, R: Array, view: View, seen: Seen, fused: Fused, elapsed: float, doubtful: frozenset[str]
+        self, R: Array, between: Array, seen: Seen, fused: Fused, elapsed: float, doubtful: frozenset[str]
     ) -> tuple[Array, Fused]:
         """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
 
@@ -121,23 +130,21 @@ class Navigator:
         """
         base = fused.attitudes[0] @ pin.exp3((fused.turning[0] + seen.w) * (elapsed / 2))
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
-            return base @ view.R, Fused((base,), (seen.w,), (np.zeros(3),))
-        anew = R @ view.R.T if "w" in doubtful and "q" not in doubtful else base
+            return base @ between, Fused((base,), (seen.w,), (np.zeros(3),))
+        anew = R @ between.T if "w" in doubtful and "q" not in doubtful else base
         return R, Fused((anew,), (seen.w,), (np.zeros(3),))
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
-        """Return where the model is to be evaluated, for every lead."""
+        """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""
         out = []
-        for lead, (rate, force) in zip(self.forecast.leads, self.forecast.weights):
+        for k, (lead, (rate, force)) in enumerate(zip(self.forecast.leads, self.forecast.weights)):
             if self.oracle and seen.true is not None:
                 base = seen.true
             else:
                 w, dw = rate @ past[:, :3]
                 base = Carried(force @ past[:, 3:], w, dw)
-            q, there = (seen.q + lead * v, view) if lead else (seen.q, view)
-            if lead:
-                there = self.sight.view(q)
-            out.append(self.wished(q, there, base))
+            q = seen.q + lead * v
+            out.append(self.wished(q, self.sight.view(q) if k else view, base))
         return tuple(out)
 
     def stand_in(self, seen: Seen, rates: Array, alone: bool) -> Array:

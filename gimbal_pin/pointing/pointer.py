@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from gimbal_pin.pointing.guard import Guard, Watch
 from gimbal_pin.pointing.navigator import Fix, Known, Navigator
 from gimbal_pin.pointing.seen import Seen
 
+NOTHING: frozenset[str] = frozenset()
 LIMITED = 50
 """Samples at the torque limit after which it is told of."""
 
@@ -84,10 +86,11 @@ class Pointer:
         With neither encoders nor the camera's gyro it is zero.
         """
         watch = memory.watch
-        lost = doubtful = frozenset[str]()
+        lost = doubtful = NOTHING
         if self.guard is not None and watch is not None:
             seen, watch = self.guard.step(seen, watch, memory.known.v)
-            lost, doubtful = watch.lost, watch.doubtful
+            if not watch.calm:
+                lost, doubtful = watch.lost, watch.doubtful
             if "gyro" in lost:
                 seen = seen._replace(gyro=self.navigator.stand_in(seen, watch.rates, "w" in lost))
         fix, known = self.navigator.fix(seen, memory.known, doubtful)
@@ -99,30 +102,34 @@ class Pointer:
         tau, own = law.torque(seen.t, fix.q, fix.v, fix.aim, own)
         if {"q", "gyro"} <= lost:
             tau = np.zeros_like(tau)
-        after = memory._replace(known=known, law=own, fallback=back is not None, tau=tau, watch=watch)
+        steep, limited = memory.steep, memory.limited
+        after = Held(known, own, back is not None, tau, limited, steep, watch, memory.events)
         return self.told(seen.t, tau, fix, memory, after)
 
     def told(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
         """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
+        sizes = np.abs(tau).tolist()
+        at_limit = [size >= limit for size, limit in zip(sizes, self.limits)]
+        if isfinite(sum(sizes)) and not any(at_limit) and not before.limited and fix.steep == before.steep:
+            return tau, after
         events = list(after.events)
-        if not isfinite(sum(tau.tolist())):
+        if not isfinite(sum(sizes)):
             events.append(f"{t:.3f} s: the law gave no number, no torque")
             tau = np.zeros_like(tau)
             after = after._replace(law=self.law.start(), fallback=False, tau=tau)
         if fix.steep and not before.steep:
             events.append(f"{t:.3f} s: near a singular pose, inverse kinematics damped")
-        limited = before.limited + 1 if bool((np.abs(tau) >= self.limits).any()) else 0
+        limited = before.limited + 1 if any(at_limit) else 0
         if limited == LIMITED:
-            worst = int(np.argmax(np.abs(tau) / self.limits))
-            events.append(
-                f"{t:.3f} s: {self.navigator.sight.rig.joints[worst]} at its torque limit for {LIMITED * self.dt:g} s"
-            )
+            joint = self.navigator.sight.rig.joints[at_limit.index(True)]
+            events.append(f"{t:.3f} s: {joint} at its torque limit for {LIMITED * self.dt:g} s")
         return tau, after._replace(limited=limited, steep=fix.steep, events=tuple(events[:LIMITED]))
 
-    @property
-    def limits(self) -> Array:
-        """Torque limits, N m, (n,)."""
-        return self.navigator.sight.limits
+    @cached_property
+    def limits(self) -> list[float]:
+        """Torque limits, N m."""
+        limits: list[float] = self.navigator.sight.rig.tau_max.tolist()
+        return limits
 
 
 def taken_over(law: JointPid, fix: Fix, tau: Array) -> Memory:

@@ -97,7 +97,7 @@ class Roster:
 
     def navigator(self, gains: Pid, predicts: bool = False, fuses: bool = False) -> Navigator:
         """Return navigation for an outer loop."""
-        leads = self.leads if predicts else tuple(0.0 for _ in self.leads)
+        leads = self.leads if predicts else (0.0,) * len(self.leads)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
         return Navigator(
             self.sight, self.wanted, self.dt, Forecast(self.spectrum, gains, self.dt, leads), fusion=fusion

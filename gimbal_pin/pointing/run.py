@@ -31,16 +31,17 @@ class Sensed:
         """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
         self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
         self.noise = station.draws(len(t), float(t[1] - t[0]), rng)
-        self.w, self.f = np.asarray(platform.w[::2]), np.asarray(platform.f[::2])
+        self.w = np.asarray(platform.w[::2])
+        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + self.noise[:, 1:]
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
         self.before: Seen | None = None
 
     def see(self, k: int, state: State, lead: int) -> Seen | None:
         """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
-        camera, platform, force = self.noise[k]
-        gyro = self.sight.rate(state.q, state.v, self.w[k]) + camera
+        gyro = self.sight.rate(state.q, state.v, self.w[k]) + self.noise[k, 0]
+        w, f = self.told[k]
         true = carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
-        seen = Seen(self.t[k], self.station.angles(state.q), gyro, self.w[k] + platform, self.f[k] + force, true)
+        seen = Seen(self.t[k], self.station.angles(state.q), gyro, w, f, true)
         arrived: Seen | None = seen
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import pi
 from typing import NamedTuple, Protocol
 
@@ -79,9 +80,12 @@ class Station:
 
     def angles(self, q: Array) -> Array:
         """The angles as the encoders report them, rad, (n,)."""
-        if not self.step.all():
-            return q.copy()
-        return np.asarray(np.round(q / self.step) * self.step)
+        return np.asarray(np.rint(q / self.step) * self.step) if self.coarse else q.copy()
+
+    @cached_property
+    def coarse(self) -> bool:
+        """Whether the encoders have steps."""
+        return bool(self.step.all())
 
 
 def rotations(quat: Array) -> Array:

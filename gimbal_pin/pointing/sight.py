@@ -49,7 +49,6 @@ class Sight:
         self.rows = slice(0, 3) if n > 2 else slice(1, 3)
         self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
         self.q[6] = 1.0
-        self.limits = rig.tau_max
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
@@ -58,6 +57,11 @@ class Sight:
         J = pin.getFrameJacobian(self.fixed, self.own, self.there, pin.LOCAL)[3:][self.rows]
         inverse, steep = inverted(J)
         return View(R, J, inverse, steep)
+
+    def attitude(self, q: Array) -> Array:
+        """Return the camera's attitude in the base link, (3, 3)."""
+        pin.forwardKinematics(self.fixed, self.own, q)
+        return np.array(pin.updateFramePlacement(self.fixed, self.own, self.there).rotation)
 
     def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
@@ -76,8 +80,7 @@ class Sight:
         """Attitudes in the base link at many angles, (N, n) → (N, 3, 3)."""
         out = np.empty((len(q), 3, 3))
         for row, angles in zip(out, q):
-            pin.forwardKinematics(self.fixed, self.own, angles)
-            row[...] = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation
+            row[...] = self.attitude(angles)
         return out
 
     def error(self, actual: Array, wanted: Array) -> Array:

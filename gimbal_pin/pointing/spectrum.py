@@ -20,7 +20,7 @@ QUIET = (0.6, 0.95)
 """Part of the band, in shares of half the sampling rate, whose median power is taken for the sensor's noise."""
 HAND = (0.5, 30.0)
 """Corners of a motion that is assumed where nothing is known, Hz: as 1/f² between, as 1/f⁶ above."""
-SURPRISE = 0.05
+SURPRISE = 0.01
 """Share of a measured motion's power that may come as a motion of that shape instead, next time."""
 
 
