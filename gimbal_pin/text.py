@@ -110,7 +110,15 @@ def excitation(found: Excitation) -> str:
         middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
         head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
         head += f" (median of the parameters; {best:.2g} for the one that gains most)"
-    return head + "\n" + table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)
+    lines = [head, table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)]
+    if found.clearance is not None:
+        first, second = found.clearance.between
+        lines.append(f"smallest clearance: {1000 * found.clearance.distance:.3g} mm, between {first} and {second}")
+    if found.unchecked:
+        lines.append(f"not kept from hitting anything, as its mesh is not there: {', '.join(found.unchecked)}")
+    if not found.finished:
+        lines.append("interrupted: this is the best it had found")
+    return "\n".join(lines)
 
 
 def identified(found: Identified) -> str:

@@ -16,8 +16,10 @@ from gimbal_pin.diagnosis.finding import Diagnosis, Finding
 from gimbal_pin.diagnosis.parting import IDENTICAL, Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.search import Problem, State
 from gimbal_pin.effects import CAUSES, Cause, Signal
+from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Determinant
+from gimbal_pin.excitation.design import CLEARANCE, cleared
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.excitation.problem import Problem as Limits
@@ -164,6 +166,7 @@ def next_experiment(
         repaired = best.limits.repaired(best.x)
         if repaired is None:
             raise best.limits.infeasible()
+        repaired = cleared(best.limits, repaired)[0]
         motion = bench.motion(best.limits, repaired, dt)
         after = bench.apart(bench.motion(best.limits, repaired, bench.fine), final=True)[0]
     partings = [parting(f, c, a if ok else None, causes) for (f, c), a, ok in zip(pairs, after, partable)]
@@ -209,8 +212,9 @@ def walk(bench: Bench, rng: np.random.Generator, every: Sequence[Tried]) -> Iter
     """Yield random motions of every series in turn, then random changes of the best of them."""
     rig = bench.state.problem.evidence.rig
     envelope, columns = Envelope.of(rig, MARGIN), Columns.of(rig)
+    apart = Clearance.of(rig, CLEARANCE, envelope)
     series = [Series(bench.seconds / times, harmonics) for times, harmonics in SERIES]
-    family = [Limits(bench.model, each, columns, Determinant(), envelope, COARSE) for each in series]
+    family = [Limits(bench.model, each, columns, Determinant(), envelope, COARSE, apart) for each in series]
     for k in range((bench.tries + 1) // 2):
         yield bench.tried(family[k % len(family)], drawn(family[k % len(family)], rng))
     for start in sorted(every, key=lambda one: -one.value)[:FOLLOWED]:
@@ -251,24 +255,27 @@ def drawn(limits: Limits, rng: np.random.Generator) -> Array:
 
 
 def kept(limits: Limits, x: Array) -> Array | None:
-    """X scaled down to the limits, those of the torque on a coarse grid; None where that leaves no motion."""
+    """X scaled down to the limits, torques and distances on a coarse grid; None where that leaves no motion."""
     pose = limits.coefficients(x)[0]
     middle = (pose - limits.envelope.centre) / limits.envelope.half
-    if not np.abs(middle).max() < 1 or limits.holding(pose).max() > 1:
+    if not np.abs(middle).max() < 1 or not limits.possible(pose):
         return None
     x = limits.scaled(x, np.minimum(limits.widest(x, middle), 1.0))
-    if not limits.driven.any() or driven(limits, x) <= 1:
+    if fits(limits, x):
         return x
     low, high = 0.0, 1.0
     for _ in range(BISECTIONS):
         factor = (low + high) / 2
-        low, high = (factor, high) if driven(limits, limits.scaled(x, factor)) <= 1 else (low, factor)
+        low, high = (factor, high) if fits(limits, limits.scaled(x, factor)) else (low, factor)
     return limits.scaled(x, low) if low > 0 else None
 
 
-def driven(limits: Limits, x: Array) -> float:
-    """Largest share of a torque limit on the coarse grid."""
-    return float(limits.envelope.torques(limits.model, limits.motion(x, limits.coarse)).max())
+def fits(limits: Limits, x: Array) -> bool:
+    """Whether the motors can drive a motion and nothing hits anything, on the coarse grid."""
+    motion = limits.motion(x, limits.coarse)
+    if limits.driven.any() and limits.envelope.torques(limits.model, motion).max() > 1:
+        return False
+    return limits.apart is None or bool(limits.apart.room(motion.q).min() >= 0)
 
 
 def parting(finding: Finding, each: Contest, after: Apart | None, causes: Mapping[str, type[Cause]]) -> Parting:

@@ -38,6 +38,9 @@ COARSE, FINE = 12, 24
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""
 
+SPEED = 0.3
+"""Rms rate that every joint should reach, as a share of its rate limit."""
+
 SHORTEST = 0.5
 """Shortest motion, s."""
 
@@ -57,6 +60,7 @@ class Excitation:
         condition_number: Of the columns in unit torque (see `condition_number`).
         limits_used: Joint → q, dq, ddq, tau → the largest share of the limit that is used; 0 where there is none.
         finished: False if it was interrupted; it is then the best found until that moment.
+        speed: Joint → its rms rate, rad/s.
         clearance: The smallest distance between parts that can hit each other; None: there are none.
         unchecked: Links whose collision mesh is not there, so that nobody knows what they hit.
         narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
@@ -72,6 +76,7 @@ class Excitation:
     value: float
     condition_number: float
     limits_used: Mapping[str, Mapping[str, float]]
+    speed: Mapping[str, float]
     finished: bool = True
     narrowed: Array | None = None
     clearance: Gap | None = None
@@ -94,6 +99,7 @@ class Excitation:
             "harmonics": self.series.harmonics,
             "finished": self.finished,
             "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
+            "speed": dict(self.speed),
             "clearance": None if self.clearance is None else self.clearance._asdict(),
             "unchecked": list(self.unchecked),
             "limits_used": {joint: dict(shares) for joint, shares in self.limits_used.items()},
@@ -111,6 +117,7 @@ def excite(
     effects: Sequence[Effect] = (),
     margin: float = 0.05,
     clearance: float = CLEARANCE,
+    speed: float = SPEED,
     torque_model: Model | None = None,
     dt: float = 1e-3,
 ) -> Excitation:
@@ -132,6 +139,8 @@ def excite(
         effects: Effects to be shown on top of Coulomb and viscous friction.
         margin: Share of every limit that is left free.
         clearance: Distance that parts keep which can hit each other, by the URDF's collision geometry, m.
+        speed: Rms rate that every joint should reach so that friction shows, as a share of its rate limit (without one:
+            of what half a hertz over its travel takes), under one; limits go first.
         torque_model: Model that the torque limits are checked with; None: the rig's nominal model.
         dt: Sampling interval of the returned motion, s; the period is a whole number of it.
 
@@ -151,6 +160,8 @@ def excite(
     model = nominal(rig) if torque_model is None else torque_model
     if not clearance >= 0:
         raise UsageError("clearance", f"is {clearance:g}", "give a distance in metres, zero or more")
+    if not 0 <= speed < 1:
+        raise UsageError("speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1")
     envelope = Envelope.of(rig, margin)
     problem = Problem(
         model,
@@ -160,6 +171,7 @@ def excite(
         envelope,
         COARSE,
         Clearance.of(rig, clearance, envelope),
+        speed,
     )
     x, finished = optimised(problem, starts, rng)
     x, gap = cleared(problem, x)
@@ -200,6 +212,7 @@ def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exc
         value=problem.objective(x),
         condition_number=condition_number(rig, dense, problem.columns.effects[2 * rig.n :]),
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
+        speed=dict(zip(rig.joints, np.sqrt(np.mean(dense.v**2, axis=0)).tolist())),
         finished=finished,
         narrowed=narrowed(problem, dense),
         unchecked=() if problem.clearance is None else problem.clearance.unchecked,

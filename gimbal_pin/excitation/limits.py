@@ -63,15 +63,19 @@ class Envelope:
                     raise UsageError(place, f"has a {name} of {value:g}", "widen its limits")
         return Envelope(ends.mean(axis=1), *(values * (1 - margin) for values in limits.values()))
 
+    @property
+    def pace(self) -> Array:
+        """Rate limits, (n,); where none is stated: what half a hertz over the full travel takes."""
+        return np.where(np.isfinite(self.velocity), self.velocity, pi * self.half)
+
     def spread(self) -> Motion:
         """States spread evenly over the limits, always the same ones, (REFERENCE, n); not a motion in time.
 
-        Where no rate or acceleration limit is stated: what half a hertz over the full travel takes.
+        Where no acceleration limit is stated: what half a hertz at full rate takes.
         """
         q, v, a = np.split(evenly(3 * len(self.centre), REFERENCE), 3, axis=1)
-        velocity = np.where(np.isfinite(self.velocity), self.velocity, pi * self.half)
-        acceleration = np.where(np.isfinite(self.acceleration), self.acceleration, pi * velocity)
-        return Motion(np.zeros(REFERENCE), self.centre + self.half * q, velocity * v, acceleration * a)
+        acceleration = np.where(np.isfinite(self.acceleration), self.acceleration, pi * self.pace)
+        return Motion(np.zeros(REFERENCE), self.centre + self.half * q, self.pace * v, acceleration * a)
 
     def kinematic(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""

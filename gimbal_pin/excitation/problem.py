@@ -1,4 +1,4 @@
-"""The optimisation behind an excitation: a criterion of Fourier coefficients under limits, with exact gradients."""
+"""The optimisation behind an excitation: a criterion of a motion's coefficients under limits, with exact gradients."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ NEAR = 0.8
 """Share of its limit that a torque must be able to reach to be watched while optimising, if the joints' other limits
 are all stated; the dense grid sees all of them anyway."""
 
+SLOW = 10.0
+"""What a joint that does not move at all costs; the criteria are logarithms."""
+
 POSES = 200
 """Random poses that are tried before it is said that the motors can hold none."""
 
@@ -39,7 +42,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Minimise ``criterion(W(x))`` subject to ``shares(x) <= 1``; x are the free coefficients, flattened.
+    """Minimise ``criterion(W(x)) + SLOW * lack(x)`` subject to ``shares(x) <= 1``; x: the free coefficients, flattened.
 
     Attributes:
         model: Rig and torques (friction included) that the limits are checked with.
@@ -49,6 +52,7 @@ class Problem:
         envelope: What is to be kept to.
         per_period: Samples per period of the highest harmonic while optimising.
         clearance: Parts to be kept apart; None: nothing is kept from hitting anything.
+        speed: Rms rate that every joint should reach, as a share of `Envelope.pace`, so that friction shows.
     """
 
     model: Model
@@ -58,6 +62,7 @@ class Problem:
     envelope: Envelope
     per_period: int
     clearance: Clearance | None = None
+    speed: float = 0.0
 
     @cached_property
     def step(self) -> float:
@@ -96,12 +101,23 @@ class Problem:
         """`objective`, and what returns its gradient: through the columns' factors to q, v, a, and the basis to x."""
         motion = self.motion(x, self.coarse)
         seen = self.columns.unit(motion, sliding(motion, self.step))
+        lack, too_slow = self.lack(motion)
 
         def gradient() -> Array:
             slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
+            slopes[1] += SLOW * too_slow
             return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
 
-        return self.criterion.value(seen), gradient
+        return self.criterion.value(seen) + SLOW * lack, gradient
+
+    def lack(self, motion: Motion) -> tuple[float, Array]:
+        """``sum_j max(0, 1 - rms(v_j)/(speed pace_j))^2``, and its derivative to the rates, (N, n)."""
+        wished = self.speed * self.envelope.pace
+        rms = np.sqrt(np.mean(motion.v**2, axis=0))
+        if (rms >= wished).all():
+            return 0.0, np.zeros_like(motion.v)
+        lack = np.maximum(1 - rms / wished, 0.0)
+        return float(lack @ lack), -2 * lack / (wished * rms * len(motion)) * motion.v
 
     @cached_property
     def stated(self) -> Array:
