@@ -100,13 +100,19 @@ def triangle(matrix: Array) -> Array:
     return np.array(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
 
 
-def solve(factors: Array, scale: Array) -> tuple[Array, Array, float]:
-    """Least squares over all joints, joint j's rows multiplied by ``scale[j]``.
+def solve(factors: Array, scale: Array, prior: Array | None = None) -> tuple[Array, Array, float]:
+    """Least squares over all joints, joint j's rows multiplied by ``scale[j]``, and what is known beforehand.
+
+    Args:
+        factors: Of each joint's [A b], (n, k + 1, k + 1).
+        scale: Square root of each joint's weight, (n,).
+        prior: Rows ``[U z]`` with ``U theta = z`` up to noise of unit size, (any, k + 1); None: none.
 
     Returns:
         theta (k,); ``(AᵀWA)⁻¹`` (k, k), infinite where a direction is not seen; the condition number.
     """
-    stacked = triangle((factors * scale[:, None, None]).reshape(-1, factors.shape[2]))
+    rows = (factors * scale[:, None, None]).reshape(-1, factors.shape[2])
+    stacked = triangle(rows if prior is None else np.concatenate([prior, rows]))
     R, y = stacked[:-1, :-1], stacked[:-1, -1]
     norms = np.linalg.norm(R, axis=0)
     unit = np.where(norms > 0, norms, 1.0)
@@ -164,13 +170,23 @@ def covariance(blocks: Sequence[Block], theta: Array, information: Array, scale:
     rows = effective_rows(blocks)
     freedom = rows / np.maximum(rows - len(theta) / len(scale), 1.0)
     gamma = autocorrelation(blocks, theta) * freedom * scale**4
-    taper = 1.0 - np.arange(LAGS + 1) / (LAGS + 1)
+    taper = tapered()
     score = np.zeros((len(theta), len(theta)))
     for block in blocks:
         for lag in range(min(LAGS, len(block.t) - 1) + 1):
             early, late = block.A[: len(block.t) - lag], block.A[lag:]
             product = np.einsum("tjk,j,tjl->kl", early, gamma[lag] * taper[lag], late, optimize=True)
             score += product if lag == 0 else product + product.T
+    return sandwich(information, score)
+
+
+def tapered() -> Array:
+    """Weight of each lag's autocovariance, falling to zero beyond `LAGS` (Bartlett), (LAGS + 1,)."""
+    return np.asarray(1.0 - np.arange(LAGS + 1) / (LAGS + 1), dtype=np.float64)
+
+
+def sandwich(information: Array, score: Array) -> Array:
+    """``H⁻¹ S H⁻¹``, with infinite variances where H⁻¹ (`information`) has them, (k, k)."""
     finite = np.where(np.isfinite(information), information, 0.0)
     out = finite @ score @ finite
     blind = ~np.isfinite(np.diag(information))

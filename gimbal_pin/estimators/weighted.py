@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gimbal_pin.estimators.base import Estimate, covariance, effective_rows, factor, residual_power, solve
+from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
 
 PASSES = 4
@@ -18,14 +19,30 @@ def weighted(blocks: Sequence[Block]) -> Estimate:
     A lightly loaded axis has small torques and small errors; equal weights would let the heavy axes' errors drown
     what only that axis shows. The factors are computed once; every pass only reweights them.
     """
-    factors = factor(blocks)
+    factors, count = factor(blocks), effective_rows(blocks)
     rows = sum(len(block.t) for block in blocks)
-    scale = np.ones(len(factors))
-    for _ in range(PASSES):
-        theta, information, condition = solve(factors, scale)
-        power = residual_power(factors, theta, effective_rows(blocks))
-        # A joint that never moved has no residual: without a floor it would take all the weight.
-        scale = 1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30))
-    theta, information, condition = solve(factors, scale)
+    theta, information, condition, power, scale = reweighted(factors, lambda x: residual_power(factors, x, count))
     spread = covariance(blocks, theta, information, scale)
     return Estimate(theta, spread, np.sqrt(power), condition, rows, "weighted")
+
+
+def reweighted(
+    factors: Array, power_of: Callable[[Array], Array], prior: Array | None = None
+) -> tuple[Array, Array, float, Array, Array]:
+    """Solve, weigh each joint by its residual, and again; `PASSES` times and once more.
+
+    Args:
+        factors: Of each joint's [A b], (n, k + 1, k + 1).
+        power_of: theta → each joint's residual power, (n,).
+        prior: As for `solve`.
+
+    Returns:
+        theta, ``(AᵀWA)⁻¹`` and the condition number as from `solve`; the power, and the weights' roots, (n,).
+    """
+    scale = np.ones(len(factors))
+    for _ in range(PASSES):
+        theta, information, condition = solve(factors, scale, prior)
+        power = power_of(theta)
+        # A joint that never moved has no residual: without a floor it would take all the weight.
+        scale = 1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30))
+    return *solve(factors, scale, prior), power, scale

@@ -1,0 +1,5 @@
+"""Identification on the running gimbal, sample by sample; see `Online`."""
+
+from gimbal_pin.online.follower import Memory as Memory
+from gimbal_pin.online.follower import Online as Online
+from gimbal_pin.online.learning import Event as Event
