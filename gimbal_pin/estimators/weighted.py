@@ -41,8 +41,7 @@ def reweighted(
     """
     scale = np.ones(len(factors))
     for _ in range(PASSES):
-        theta, information, condition = solve(factors, scale, prior)
-        power = power_of(theta)
+        power = power_of(solve(factors, scale, prior)[0])
         # A joint that never moved has no residual: without a floor it would take all the weight.
         scale = 1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30))
     return *solve(factors, scale, prior), power, scale

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular, toeplitz
+from scipy.linalg import solve_triangular
 from scipy.special import chdtri
 
 from gimbal_pin.estimators.base import LAGS, tapered
@@ -18,14 +19,17 @@ CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
 SEEN = 0.1
 """Share of a row's samples that must not be masked out for it to count."""
+OFF = 5.0
+"""Standard deviations from which on a row is taken to be of another payload, once one was announced."""
+FLOOR = 0.01
+"""White noise that is added to the noise's autocovariance, in shares of its power."""
 
 
 class Score(NamedTuple):
-    """``T``, chi-square with `freedom` degrees if nothing has changed, of the newest `rows` rows."""
+    """``T``, chi-square with `freedom` degrees if nothing has changed, of the newest rows."""
 
     value: float
     freedom: int
-    rows: int
 
     @property
     def mean(self) -> float:
@@ -37,58 +41,67 @@ class Score(NamedTuple):
         return self.freedom > 0 and self.value > dispersion * float(chdtri(self.freedom, CHANCE))
 
 
-def score(rows: Array, known: Known, directions: Array) -> Score:
+def scores(rows: Array, known: Known, directions: Array, counts: Sequence[int]) -> list[Score]:
     """``T = max_γ log-likelihood ratio``: by how much a change γ along D explains the innovations better than none.
 
     Innovations ``e = b - A theta`` of all joints, stacked, have the covariance ``Γ + A P Aᵀ``: the noise's own
     autocovariance and what is not known of theta. Whitened by its triangular factor they are regressed on ``A D``,
-    whitened likewise; T is the part that this explains (Willsky and Jones 1976, a generalised likelihood ratio).
+    whitened likewise; T is the part that this explains (Willsky and Jones 1976, a generalised likelihood ratio). With
+    the newest row first, the factor of fewer rows is the upper left part of that of all.
 
     Args:
-        rows: ``[A b share]`` of the newest rows, (m, n, k + 2).
+        rows: ``[A b share]`` of the newest rows, oldest first, (m, n, k + 2).
         known: What was known before them.
         directions: D, (k, r).
+        counts: How many of the newest rows each score takes.
     """
-    theta, P = known.estimate.theta, known.estimate.covariance
-    share = rows[:, :, -1]
-    parts = [np.flatnonzero(seen) for seen in share.T > SEEN]
-    A = np.concatenate([rows[at, j, :-2] for j, at in enumerate(parts)])
-    e = np.concatenate([rows[at, j, -2] for j, at in enumerate(parts)]) - A @ theta
-    if not len(e):
-        return Score(0.0, 0, len(rows))
-    spread = A @ P @ A.T
-    begin = 0
-    for j, at in enumerate(parts):
-        end = begin + len(at)
-        spread[begin:end, begin:end] += noise(known.gamma[:, j], at, share[at, j])
-        begin = end
+    newest = rows[::-1] * (rows[::-1, :, -1:] > SEEN)
+    m, n, _ = newest.shape
+    flat = newest.reshape(m * n, -1)
+    A = flat[:, :-2]
+    spread = A @ known.estimate.covariance @ A.T
+    blocks = np.einsum("tjsj->jts", spread.reshape(m, n, m, n))  # a view
+    blocks += noise(known.gamma, newest[:, :, -1])
     L = np.linalg.cholesky(spread)
-    white = solve_triangular(L, np.column_stack([A @ directions, e]), lower=True, check_finite=False)
-    return explained(white[:, :-1], white[:, -1], len(rows))
+    data = np.column_stack([A @ directions, flat[:, -2] - A @ known.estimate.theta])
+    white = solve_triangular(L, data, lower=True, check_finite=False)
+    squares = np.stack([white[: n * count].T @ white[: n * count] for count in counts])
+    return explained(squares)
 
 
-def noise(gamma: Array, at: Array, share: Array) -> Array:
-    """Covariance of one joint's residuals at some rows, (N m)², tapered so that it is one, with a floor of 1 %."""
-    column = np.zeros(int(at[-1]) + 1 if len(at) else 0)
-    lags = min(len(column), LAGS + 1)
-    column[:lags] = (gamma * tapered())[:lags]
-    out = toeplitz(column)[np.ix_(at, at)] * np.outer(share, share)
-    out[np.diag_indices_from(out)] += 0.01 * gamma[0] + 1e-300
+def noise(gamma: Array, share: Array) -> Array:
+    """Covariance of each joint's residuals at consecutive rows, (N m)², (n, m, m); one for rows that do not count.
+
+    Args:
+        gamma: Autocovariance, (LAGS + 1, n).
+        share: How much of each row was not masked out, zero for those that do not count, (m, n).
+    """
+    m = len(share)
+    lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
+    taper = np.append(tapered(), 0.0)
+    shape = np.vstack([gamma, np.zeros(gamma.shape[1])]) * taper[:, None]
+    shape[0] += FLOOR * gamma[0] + 1e-300
+    out = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1) * (share.T[:, :, None] * share.T[:, None, :])
+    each = np.arange(m)
+    out[:, each, each] += share.T == 0.0
     return np.asarray(out)
 
 
-def explained(columns: Array, e: Array, rows: int) -> Score:
-    """Part of ``eᵀe`` that lies in the columns' span, and its dimension."""
-    size = np.linalg.norm(columns, axis=0)
-    left, values, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
-    keep = values > 1e-6 * max(values[0], 1e-300)
-    return Score(float(np.sum((left[:, keep].T @ e) ** 2)), int(keep.sum()), rows)
+def explained(squares: Array) -> list[Score]:
+    """Part of ``eᵀe`` that lies in the columns C' span, and its dimension, from ``[C e]ᵀ[C e]``, (w, r + 1, r + 1)."""
+    normal, right = squares[:, :-1, :-1], squares[:, :-1, -1]
+    size = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-300))
+    values, vectors = np.linalg.eigh(normal / (size[:, :, None] * size[:, None, :]))
+    keep = values > 1e-9 * np.maximum(values[:, -1:], 1e-300)
+    parts = np.einsum("wij,wi->wj", vectors, right / size) ** 2 / np.where(keep, values, 1.0)
+    found = np.sum(np.where(keep, parts, 0.0), axis=1)
+    return [Score(value, count) for value, count in zip(found.tolist(), keep.sum(axis=1).tolist())]
 
 
-def onset(rows: Array, known: Known, directions: Array) -> int:
-    """Row since which a change explains the rows best: of all the ends of the window the one of the least chance."""
-    scores = [score(rows[begin:], known, directions) for begin in range(len(rows))]
-    # Wilson and Hilferty: how many standard deviations a chi-square of f degrees is above its mean.
-    f = np.array([max(s.freedom, 1) for s in scores])
-    z = (np.cbrt(np.array([s.value for s in scores]) / f) - (1 - 2 / (9 * f))) / np.sqrt(2 / (9 * f))
-    return int(np.argmax(z))
+def onset(rows: Array, known: Known, dispersion: float) -> int:
+    """Return the first of the rows whose torque is `OFF` standard deviations off on any joint; the last if none is."""
+    A, share = rows[:, :, :-2], rows[:, :, -1]
+    error = rows[:, :, -2] - A @ known.estimate.theta
+    own = known.gamma[0] * share**2 + np.einsum("tja,ab,tjb->tj", A, known.estimate.covariance, A, optimize=True)
+    off = np.any((share > SEEN) & (error**2 > OFF**2 * dispersion * own), axis=1)
+    return int(np.argmax(off)) if off.any() else len(rows) - 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Rows, settling
 
 
-@dataclass(frozen=True, eq=False)
-class Memory:
+class Memory(NamedTuple):
     """All that is remembered of a log: as much after an hour as after a second, but for the events.
 
     Attributes:
@@ -146,19 +146,20 @@ class Online:
         design = memory.design
         if design is None or memory.grid.newest <= memory.grid.due(design.count, design.alignment):
             return memory
-        memory = replace(memory, grid=memory.grid.merged())
+        memory = memory._replace(grid=memory.grid.merged())
         while (after := self.framed(memory, design)) is not memory:
             memory = after
-        return memory
+        # A copy: a view would keep the whole block alive behind its last samples.
+        return memory._replace(grid=memory.grid._replace(raw=memory.grid.raw.copy()))
 
     def joined(self, memory: Memory, samples: Array) -> Memory:
         """Append samples."""
         grid = memory.grid
         if memory.samples == 0:
-            grid = replace(grid, raw=np.zeros((0, samples.shape[1])), start=float(samples[0, 0]))
+            grid = grid._replace(raw=np.zeros((0, samples.shape[1])), start=float(samples[0, 0]))
         elif grid.raw.shape[1] != samples.shape[1]:
             raise UsageError(memory.name, "has rates in some samples only", "give them in all or in none")
-        return replace(memory, grid=grid.with_samples(samples, memory.name), samples=memory.samples + len(samples))
+        return memory._replace(grid=grid.with_samples(samples, memory.name), samples=memory.samples + len(samples))
 
     def timed(self, memory: Memory) -> Memory:
         """Choose everything that depends on the sampling interval, once the first samples tell it."""
@@ -172,19 +173,19 @@ class Online:
         design = designed(self.rows, dt)
         moved = (self.directions, self.everything, self.fading)
         task = Task(self.rows.names, *moved, design.count * dt, SETTLING * settling(filtering))
-        return replace(memory, grid=replace(grid, dt=dt), design=design, task=task)
+        return memory._replace(grid=grid._replace(dt=dt), design=design, task=task)
 
     def framed(self, memory: Memory, design: Design) -> Memory:
         """Take the next frame; the same memory if there is none."""
         frame, grid = next_frame(memory.grid, design.count, design.alignment, design.gap)
         if frame is None:
-            return memory if grid is memory.grid else replace(memory, grid=grid)
+            return memory if grid is memory.grid else memory._replace(grid=grid)
         row, running, noise = passed(design, memory.running, memory.noise, frame)
-        memory = replace(memory, grid=grid, running=running, noise=noise)
+        memory = memory._replace(grid=grid, running=running, noise=noise)
         if row is None or memory.task is None:
             return memory
         now = float(frame.t[-1])
-        return replace(memory, known=learned(memory.task, memory.known, row, now), row=row)
+        return memory._replace(known=learned(memory.task, memory.known, row, now), row=row)
 
     def estimate(self, memory: Memory) -> Known:
         """Return the parameters from all samples so far, since the last change of payload.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +27,7 @@ class Frame(NamedTuple):
     fresh: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(NamedTuple):
     """What has come and is not in a frame yet.
 
     Attributes:
@@ -59,11 +57,11 @@ class Grid:
         if samples[0, 0] <= self.newest:
             what = f"time goes from {self.newest!r} back to {float(samples[0, 0])!r} s"
             raise LogError(name, what, "give the samples in the order of time")
-        return replace(self, pending=(*self.pending, samples))
+        return self._replace(pending=(*self.pending, samples))
 
     def merged(self) -> Grid:
         """Return the grid with the blocks that came put together."""
-        return replace(self, raw=np.concatenate([self.raw, *self.pending]), pending=())
+        return self._replace(raw=np.concatenate([self.raw, *self.pending]), pending=())
 
     def due(self, count: int, alignment: float) -> float:
         """Time after which a sample completes a frame of `count`, s."""
@@ -74,7 +72,8 @@ def rows_of(log: Log) -> Array:
     """Return time, angles, torques and, where there are some, rates side by side, (m, 1 + 2 n) or (m, 1 + 3 n)."""
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
-    return np.column_stack([log.t, log.q, log.tau, *(() if log.v is None else (log.v,))])
+    parts = (log.t[:, None], log.q, log.tau) if log.v is None else (log.t[:, None], log.q, log.tau, log.v)
+    return np.concatenate(parts, axis=1)
 
 
 def interval(t: Array) -> float:
@@ -95,17 +94,15 @@ def next_frame(grid: Grid, count: int, alignment: float, gap: float) -> tuple[Fr
         gap: As above, s.
     """
     t = grid.raw[:, 0]
-    gaps = np.flatnonzero(np.diff(t) > gap)
-    cut = int(gaps[0]) + 1 if len(gaps) else len(t)
     last = int(np.searchsorted(t, grid.due(count, alignment), side="right"))
-    if last < cut:
-        # What is looked at ends here, whatever else has come: the frame does not depend on it.
-        return resampled(grid, grid.raw[: last + 1], count, alignment), advanced(grid, count, alignment)
-    if cut == len(t):
-        return None, grid
-    return next_frame(
-        replace(grid, raw=grid.raw[cut:], start=float(t[cut]), passed=0), count, alignment, gap
-    )
+    # What is looked at ends there, whatever else has come: the frame does not depend on it.
+    seen = grid.raw[: last + 1]
+    gaps = np.flatnonzero(np.diff(seen[:, 0]) > gap)
+    if not len(gaps):
+        whole = last < len(t)
+        return (resampled(grid, seen, count, alignment), advanced(grid, count, alignment)) if whole else (None, grid)
+    cut = int(gaps[0]) + 1
+    return next_frame(grid._replace(raw=grid.raw[cut:], start=float(t[cut]), passed=0), count, alignment, gap)
 
 
 def advanced(grid: Grid, count: int, alignment: float) -> Grid:
@@ -113,7 +110,7 @@ def advanced(grid: Grid, count: int, alignment: float) -> Grid:
     passed = grid.passed + count
     oldest = grid.start + grid.dt * passed - abs(alignment)
     first = max(int(np.searchsorted(grid.raw[:, 0], oldest)) - BEHIND, 0)
-    return replace(grid, raw=grid.raw[first:], passed=passed)
+    return grid._replace(raw=grid.raw[first:], passed=passed)
 
 
 def resampled(grid: Grid, raw: Array, count: int, alignment: float) -> Frame:

@@ -11,7 +11,7 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import unseen
 from gimbal_pin.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import WINDOWS, Score, onset, score
+from gimbal_pin.online.change import WINDOWS, Score, onset, scores
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
 WINDOW = max(WINDOWS)
@@ -21,8 +21,6 @@ TRIED = 80
 """Rows (10 s at 4 Hz) after which the estimate is tried enough to raise an alarm by."""
 REMEMBERED = 480.0
 """Looks over which the dispersion of the score is averaged."""
-MARGIN = 2
-"""Rows before the onset of a change that are not trusted either."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +118,11 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     if known.reference is None or known.settled.rows < TRIED:
         return announced(task, known, now)
     rows = values(known.window)
-    scores = [score(rows[-count:], known.reference, task.directions) for count in WINDOWS if count <= len(rows)]
-    if any(one.alarms(known.dispersion) for one in scores):
+    counts = [count for count in WINDOWS if count <= len(rows)]
+    found = scores(rows, known.reference, task.directions, counts)
+    if any(one.alarms(known.dispersion) for one in found):
         return changed(task, known, known.reference, now)
-    return announced(task, watched(known, scores[-1]), now)
+    return announced(task, watched(known, found[-1]), now)
 
 
 def values(window: tuple[Row, ...]) -> Array:
@@ -142,7 +141,7 @@ def predicted(known: Learned, row: Row) -> Learned:
         return known
     guess = row.values[:, :-2] @ known.reference.estimate.theta
     line = np.column_stack([guess, row.values[:, -2:]])[:, None, :]
-    factor = np.linalg.qr(np.concatenate([known.predicted, line], axis=1), mode="r")
+    factor = np.asarray(np.linalg.qr(np.concatenate([known.predicted, line], axis=1), mode="r"))
     return replace(known, predicted=factor, count=known.count + 1)
 
 
@@ -194,18 +193,18 @@ def watched(known: Learned, newest: Score) -> Learned:
 
 
 def changed(task: Task, known: Learned, reference: Known, now: float) -> Learned:
-    """Announce a change; keep what it leaves known, and start anew behind it."""
-    begin = onset(values(known.window), reference, task.directions)
-    since = known.window[begin].t
-    moments = absorbed(task, known.settled, known.window[: max(begin - MARGIN, 0)])
-    prior = None if task.everything else loosened(solved(moments, known.prior), task.directions)
-    resumed = since + task.transition
-    kept = tuple(row for row in known.window if row.t >= resumed)
-    n, width = row_shape(known.window[0])
+    """Announce a change; keep what it leaves known, and start anew behind it.
+
+    Of the rows in the window none is kept: the filters mix what was before and after the change.
+    """
+    since = known.window[onset(values(known.window), reference, known.dispersion)].t
+    resumed = known.window[-1].t + task.transition
+    n, width = row_shape(known.window[-1])
+    prior = None if task.everything else loosened(reference, task.directions)
     loose = "everything" if task.everything else "its parameters"
     said = f"the payload changed at {since:.1f} s: {loose} are estimated anew"
     event = Event(now, "changed", since, said)
-    start = replace(nothing(n, width, prior), window=kept, since=resumed, events=(*known.events, event))
+    start = replace(nothing(n, width, prior), since=resumed, events=(*known.events, event))
     return replace(start, dispersion=known.dispersion, looks=known.looks)
 
 

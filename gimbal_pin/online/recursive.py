@@ -85,7 +85,7 @@ class Moments:
         whole, weights = later[0], later[1:]
         roots = np.sqrt(weights)[:, :, None] * rows
         stacked = np.concatenate([np.sqrt(whole)[:, None, None] * self.factors, roots.swapaxes(0, 1)], axis=1)
-        factors = np.linalg.qr(stacked, mode="r")
+        factors = np.asarray(np.linalg.qr(stacked, mode="r"))
         history = np.concatenate([whole[:, None] * self.tail, weights[:, :, None] * rows])
         products = whole[:, None, None] ** 2 * self.products
         for at in range(len(self.tail), len(history)):
@@ -173,5 +173,5 @@ def loosened(known: Known, directions: Array) -> Prior:
     correlation = spread / np.outer(unit, unit)
     U = np.linalg.inv(np.linalg.cholesky(correlation + 1e-12 * np.eye(len(unit)))) / unit
     r = directions.shape[1]
-    R = np.linalg.qr(np.column_stack([U @ directions, U, U @ theta]), mode="r")
-    return Prior(np.asarray(R[r:, r:], dtype=np.float64), known.gamma, TRUSTED)
+    R = np.asarray(np.linalg.qr(np.column_stack([U @ directions, U, U @ theta]), mode="r"))
+    return Prior(R[r:, r:], known.gamma, TRUSTED)
