@@ -18,7 +18,7 @@ DATA = "errors parameter reading log urdf config floating rig"
 SENSED = "signals platform profile calibration regressor imu"
 MATHS = f"{SENSED} reduction inertia effects model carrier plant rows estimators simulation"
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
-WHOLE = "checking balance payloads"
+WHOLE = "checking balance payloads online"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""

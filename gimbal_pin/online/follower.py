@@ -225,6 +225,8 @@ class Online:
         block = gathered(task, memory.known).block()
         found = assembled(self.rows, [block], estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
+        if any(event.what == "changed" for event in memory.events):
+            notes += (f"what speaks of the payload's mass stands on {self.rows.rig.payload}, which was there at first",)
         tested = tested_accuracy(self.joints, memory.known)
         return replace(found, held_out=tested, logs=(memory.name,), notes=notes)
 
