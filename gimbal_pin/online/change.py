@@ -17,7 +17,7 @@ WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
 CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
-SEEN = 0.1
+SEEN = 0.5
 """Share of a row's samples that must not be masked out for it to count."""
 OFF = 5.0
 """Standard deviations from which on a row is taken to be of another payload, once one was announced."""
@@ -81,7 +81,9 @@ def noise(gamma: Array, share: Array) -> Array:
     taper = np.append(tapered(), 0.0)
     shape = np.vstack([gamma, np.zeros(gamma.shape[1])]) * taper[:, None]
     shape[0] += FLOOR * gamma[0] + 1e-300
-    out = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1) * (share.T[:, :, None] * share.T[:, None, :])
+    # The mean of a share of the samples has noise as the root of that share.
+    size = np.sqrt(share.T)
+    out = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1) * (size[:, :, None] * size[:, None, :])
     each = np.arange(m)
     out[:, each, each] += share.T == 0.0
     return np.asarray(out)
@@ -102,6 +104,6 @@ def onset(rows: Array, known: Known, dispersion: float) -> int:
     """Return the first of the rows whose torque is `OFF` standard deviations off on any joint; the last if none is."""
     A, share = rows[:, :, :-2], rows[:, :, -1]
     error = rows[:, :, -2] - A @ known.estimate.theta
-    own = known.gamma[0] * share**2 + np.einsum("tja,ab,tjb->tj", A, known.estimate.covariance, A, optimize=True)
+    own = known.gamma[0] * share + np.einsum("tja,ab,tjb->tj", A, known.estimate.covariance, A, optimize=True)
     off = np.any((share > SEEN) & (error**2 > OFF**2 * dispersion * own), axis=1)
     return int(np.argmax(off)) if off.any() else len(rows) - 1
