@@ -21,6 +21,8 @@ SEEN = 0.5
 """Share of a row's samples that must not be masked out for it to count."""
 OFF = 5.0
 """Standard deviations from which on a row is taken to be of another payload, once one was announced."""
+SILENT = 1e-9
+"""No torque is known better than this, N m."""
 FLOOR = 0.01
 """White noise that is added to the noise's autocovariance, in shares of its power."""
 
@@ -59,7 +61,7 @@ def scores(rows: Array, known: Known, directions: Array, counts: Sequence[int]) 
     m, n, _ = newest.shape
     flat = newest.reshape(m * n, -1)
     A = flat[:, :-2]
-    spread = A @ known.estimate.covariance @ A.T
+    spread = A @ known.spread @ A.T
     blocks = np.einsum("tjsj->jts", spread.reshape(m, n, m, n))  # a view
     blocks += noise(known.gamma, newest[:, :, -1])
     L = np.linalg.cholesky(spread)
@@ -80,7 +82,7 @@ def noise(gamma: Array, share: Array) -> Array:
     lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
     taper = np.append(tapered(), 0.0)
     shape = np.vstack([gamma, np.zeros(gamma.shape[1])]) * taper[:, None]
-    shape[0] += FLOOR * gamma[0] + 1e-300
+    shape[0] += FLOOR * gamma[0] + SILENT**2
     # The mean of a share of the samples has noise as the root of that share.
     size = np.sqrt(share.T)
     out = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1) * (size[:, :, None] * size[:, None, :])
@@ -104,6 +106,6 @@ def onset(rows: Array, known: Known, dispersion: float) -> int:
     """Return the first of the rows whose torque is `OFF` standard deviations off on any joint; the last if none is."""
     A, share = rows[:, :, :-2], rows[:, :, -1]
     error = rows[:, :, -2] - A @ known.estimate.theta
-    own = known.gamma[0] * share + np.einsum("tja,ab,tjb->tj", A, known.estimate.covariance, A, optimize=True)
+    own = known.gamma[0] * share + np.einsum("tja,ab,tjb->tj", A, known.spread, A, optimize=True)
     off = np.any((share > SEEN) & (error**2 > OFF**2 * dispersion * own), axis=1)
     return int(np.argmax(off)) if off.any() else len(rows) - 1

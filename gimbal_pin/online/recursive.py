@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from gimbal_pin.rows import Block
 
 TRUSTED = 40
 """Rows for which the noise that was known beforehand counts."""
+LEAST = 1e-9
+"""Least eigenvalue of a correlation that counts as one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +112,18 @@ class Known:
 
     Attributes:
         estimate: Parameters and covariance.
-        gamma: Autocovariance of each joint's residual, (N m)², (LAGS + 1, n).
+        gamma: Autocovariance of each joint's residual, (N m)², (LAGS + 1, n); a positive sequence.
     """
 
     estimate: Estimate
     gamma: Array
+
+    @cached_property
+    def spread(self) -> Array:
+        """The covariance, positive definite: that of coloured residuals need not be one to rounding and beyond."""
+        unit = np.sqrt(np.diag(self.estimate.covariance))
+        values, vectors = np.linalg.eigh(self.estimate.covariance / np.outer(unit, unit))
+        return np.asarray((vectors * np.maximum(values, LEAST)) @ vectors.T * np.outer(unit, unit))
 
 
 def solved(moments: Moments, prior: Prior | None = None) -> Known:
@@ -132,23 +142,29 @@ def solved(moments: Moments, prior: Prior | None = None) -> Known:
 
     equations = None if prior is None else prior.equations
     theta, information, condition, power, scale = reweighted(factors, power_of, equations)
-    gamma = autocovariance(moments, theta, prior)
+    total, pairs = correlated(moments, theta, prior)
     freedom = np.ones(len(count)) if prior else count / np.maximum(count - width / len(count), 1.0)
-    score = np.einsum("lj,ljab->ab", gamma * freedom * scale**4 * tapered()[:, None], both_ways(moments, width))
-    if equations is not None:
-        score = score + equations[:, :-1].T @ equations[:, :-1]
-    spread = sandwich(information, score)
-    return Known(Estimate(theta, spread, np.sqrt(power), condition, moments.rows, "recursive"), gamma)
+    products = both_ways(moments, width)
+    positive = total / np.maximum(pairs[0], 1.0)
+    for gamma in (total / np.maximum(pairs, 1.0), positive):
+        score = np.einsum("lj,ljab->ab", gamma * freedom * scale**4 * tapered()[:, None], products)
+        if equations is not None:
+            score = score + equations[:, :-1].T @ equations[:, :-1]
+        covariance = sandwich(information, score)
+        # Few rows can have an autocovariance that is none, each lag being divided by its own number of pairs.
+        if (np.diag(covariance) > 0).all():
+            break
+    return Known(Estimate(theta, covariance, np.sqrt(power), condition, moments.rows, "recursive"), positive)
 
 
-def autocovariance(moments: Moments, theta: Array, prior: Prior | None) -> Array:
-    """Autocovariance of each joint's residual, (N m)², (LAGS + 1, n), from the products at lags."""
+def correlated(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:
+    """Sum of each joint's residual times itself at every lag, (N m)², and the number of pairs, (LAGS + 1, n) each."""
     error = np.append(theta, -1.0)
     total = np.einsum("ljab,a,b->lj", moments.products[:, :, :-1, :-1], error, error, optimize=True)
-    count = moments.products[:, :, -1, -1]
+    pairs = moments.products[:, :, -1, -1]
     if prior is not None:
-        total, count = total + prior.count * prior.gamma, count + prior.count
-    return np.asarray(total / np.maximum(count, 1.0))
+        total, pairs = total + prior.count * prior.gamma, pairs + prior.count
+    return np.asarray(total), np.asarray(pairs)
 
 
 def both_ways(moments: Moments, width: int) -> Array:
@@ -168,10 +184,9 @@ def loosened(known: Known, directions: Array) -> Prior:
         known: What was known; its covariance is finite.
         directions: D, (k, r).
     """
-    theta, spread = known.estimate.theta, known.estimate.covariance
+    theta, spread = known.estimate.theta, known.spread
     unit = np.sqrt(np.diag(spread))
-    correlation = spread / np.outer(unit, unit)
-    U = np.linalg.inv(np.linalg.cholesky(correlation + 1e-12 * np.eye(len(unit)))) / unit
+    U = np.linalg.inv(np.linalg.cholesky(spread / np.outer(unit, unit))) / unit
     r = directions.shape[1]
     R = np.asarray(np.linalg.qr(np.column_stack([U @ directions, U, U @ theta]), mode="r"))
     return Prior(R[r:, r:], known.gamma, TRUSTED)
