@@ -15,6 +15,9 @@ from gimbal_pin.online.recursive import Known
 
 WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
+LONGER = 2
+"""A window's score must be beyond chance for as many rows as it has and so many more: one row, or a passage near
+standstill that the model does not describe, is no payload."""
 CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
 SEEN = 0.5
@@ -43,11 +46,12 @@ class Score(NamedTuple):
         return self.freedom > 0 and self.value > dispersion * float(chdtri(self.freedom, CHANCE))
 
 
-def scores(rows: Array, known: Known, directions: Array, counts: Sequence[int]) -> list[Score]:
+def scores(rows: Array, known: Known, directions: Array, doubt: Array, counts: Sequence[int]) -> list[Score]:
     """``T = max_γ log-likelihood ratio``: by how much a change γ along D explains the innovations better than none.
 
     Innovations ``e = b - A theta`` of all joints, stacked, have the covariance ``Γ + A P Aᵀ``: the noise's own
-    autocovariance and what is not known of theta. Whitened by its triangular factor they are regressed on ``A D``,
+    autocovariance and what is not known of theta, friction being doubted beyond its estimate, for it is never quite
+    Coulomb's and warms up. Whitened by its triangular factor they are regressed on ``A D``,
     whitened likewise; T is the part that this explains (Willsky and Jones 1976, a generalised likelihood ratio). With
     the newest row first, the factor of fewer rows is the upper left part of that of all.
 
@@ -55,13 +59,14 @@ def scores(rows: Array, known: Known, directions: Array, counts: Sequence[int]) 
         rows: ``[A b share]`` of the newest rows, oldest first, (m, n, k + 2).
         known: What was known before them.
         directions: D, (k, r).
+        doubt: Standard deviation of each parameter beyond its estimated one, in shares of its value, (k,).
         counts: How many of the newest rows each score takes.
     """
     newest = rows[::-1] * (rows[::-1, :, -1:] > SEEN)
     m, n, _ = newest.shape
     flat = newest.reshape(m * n, -1)
     A = flat[:, :-2]
-    spread = A @ known.spread @ A.T
+    spread = A @ (known.spread + np.diag((doubt * known.estimate.theta) ** 2)) @ A.T
     blocks = np.einsum("tjsj->jts", spread.reshape(m, n, m, n))  # a view
     blocks += noise(known.gamma, newest[:, :, -1])
     L = np.linalg.cholesky(spread)

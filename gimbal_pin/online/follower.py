@@ -17,8 +17,21 @@ from gimbal_pin.identification import Accuracy, Identified, accuracy, assembled,
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
+from gimbal_pin.online.change import WINDOWS
 from gimbal_pin.online.grid import FIRST, Grid, interval, next_frame, rows_of
-from gimbal_pin.online.learning import Event, Learned, Task, answer, few, gathered, hidden, learned, nothing, values
+from gimbal_pin.online.learning import (
+    DOUBT,
+    Event,
+    Learned,
+    Task,
+    answer,
+    few,
+    gathered,
+    hidden,
+    learned,
+    nothing,
+    values,
+)
 from gimbal_pin.online.recursive import Known, Prior, loosened, solved
 from gimbal_pin.payloads import Carried, estimated
 from gimbal_pin.reduction import reduce
@@ -171,7 +184,9 @@ class Online:
             what = f"of {filtering.cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
             raise UsageError(f"{memory.name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
         design = designed(self.rows, dt)
-        moved = (self.directions, self.everything, self.fading)
+        base = len(self.rows.reduction.independent)
+        doubt = np.where(np.arange(len(self.rows.names)) < base, 0.0, DOUBT)
+        moved = (self.directions, doubt, self.everything, self.fading)
         task = Task(self.rows.names, *moved, design.count * dt, SETTLING * settling(filtering))
         return memory._replace(grid=grid._replace(dt=dt), design=design, task=task)
 
@@ -235,7 +250,7 @@ class Online:
         known = memory.known
         if known.reference is None or not known.window:
             return {}
-        rows = values(known.window)
+        rows = values(known.window[-max(WINDOWS) :])
         error = rows[:, :, -2] - rows[:, :, :-2] @ known.reference.estimate.theta
         rms = np.sqrt(np.sum(error**2, axis=0) / np.maximum(np.sum(rows[:, :, -1] ** 2, axis=0), 1e-300))
         return dict(zip(self.joints, rms.tolist()))

@@ -11,14 +11,17 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import unseen
 from gimbal_pin.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import WINDOWS, Score, onset, scores
+from gimbal_pin.online.change import LONGER, WINDOWS, Score, onset, scores
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
-WINDOW = max(WINDOWS)
+WINDOW = 2 * max(WINDOWS) + LONGER
+"""Newest rows that are not learned for good yet: those that the slowest alarm can be about."""
+DOUBT = 0.2
+"""Share of friction by which it may be off without anything having changed."""
 REFRESHED = 4
 """Rows after which the reference of the innovations is solved anew."""
-TRIED = 80
-"""Rows (10 s at 4 Hz) after which the estimate is tried enough to raise an alarm by."""
+TRIED = 64
+"""Rows (8 s at 4 Hz) after which the estimate is tried enough to raise an alarm by."""
 REMEMBERED = 480.0
 """Looks over which the dispersion of the score is averaged."""
 
@@ -47,6 +50,7 @@ class Task:
     Attributes:
         names: Names of the parameters.
         directions: How a change of the payload moves them, (k, r).
+        doubt: By what share each may be off without a change, (k,).
         everything: Whether a change lets all of them loose, not those of the payload alone.
         fading: Time constant of forgetting, s of a joint's motion; infinite: none.
         step: Time from row to row, s.
@@ -55,6 +59,7 @@ class Task:
 
     names: tuple[str, ...]
     directions: Array
+    doubt: Array
     everything: bool
     fading: float
     step: float
@@ -78,6 +83,7 @@ class Learned:
         reference: What the window is compared with; None until everything is known.
         dispersion: Mean of the score over its expectation so far.
         looks: How many scores that is.
+        beyond: For how many rows each window's score has been beyond chance.
         predicted: Factor of [prediction, b, share] of rows that were predicted before they were learned, (n, 3, 3).
         count: How many.
         since: Start of what is learned now, s.
@@ -92,6 +98,7 @@ class Learned:
     reference: Known | None = None
     dispersion: float = 1.0
     looks: int = 0
+    beyond: tuple[int, ...] = (0,) * len(WINDOWS)
     count: int = 0
     since: float = -inf
     ready: bool = False
@@ -115,14 +122,17 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     if row.t < known.since:
         return known
     known = taken(task, predicted(known, row), row)
-    if known.reference is None or known.settled.rows < TRIED:
+    reference = known.reference
+    if reference is None or known.settled.rows < TRIED:
         return announced(task, known, now)
-    rows = values(known.window)
-    counts = [count for count in WINDOWS if count <= len(rows)]
-    found = scores(rows, known.reference, task.directions, counts)
-    if any(one.alarms(known.dispersion) for one in found):
-        return changed(task, known, known.reference, now)
-    return announced(task, watched(known, found[-1]), now)
+    rows = values(known.window[-max(WINDOWS) :])
+    found = scores(rows, reference, task.directions, task.doubt, WINDOWS)
+    alarms = [one.alarms(known.dispersion) for one in found]
+    beyond = tuple(before + 1 if alarm else 0 for before, alarm in zip(known.beyond, alarms))
+    known = replace(known, beyond=beyond)
+    if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
+        return changed(task, known, reference, now)
+    return announced(task, known if any(alarms) else watched(known, found[-1]), now)
 
 
 def values(window: tuple[Row, ...]) -> Array:
