@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,54 +45,69 @@ class Score(NamedTuple):
         return self.freedom > 0 and self.value > dispersion * float(chdtri(self.freedom, CHANCE))
 
 
-def scores(rows: Array, known: Known, directions: Array, doubt: Array, counts: Sequence[int]) -> list[Score]:
+class Watch(NamedTuple):
+    """What the newest rows are compared with.
+
+    Attributes:
+        theta: Parameters, (k,).
+        spread: Their covariance, friction being doubted beyond it, (k, k).
+        noise: Covariance of each joint's residuals at consecutive rows, (N m)², (n, m, m).
+        directions: How a change moves the parameters, (k, r).
+    """
+
+    theta: Array
+    spread: Array
+    noise: Array
+    directions: Array
+
+    @staticmethod
+    def of(known: Known, directions: Array, doubt: Array) -> Watch:
+        """Return it for an estimate.
+
+        Args:
+            known: The estimate.
+            directions: As above.
+            doubt: By what share of its value each parameter may be off without a change, (k,): friction is never quite
+                Coulomb's, and warms up.
+        """
+        theta, m = known.estimate.theta, max(WINDOWS)
+        lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
+        shape = np.zeros((LAGS + 2, known.gamma.shape[1]))
+        shape[:-1] = known.gamma * tapered()[:, None]
+        shape[0] += FLOOR * known.gamma[0] + SILENT**2
+        noise = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1)
+        return Watch(theta, known.spread + np.diag((doubt * theta) ** 2), noise, directions)
+
+
+def scores(rows: Array, watch: Watch) -> list[Score]:
     """``T = max_γ log-likelihood ratio``: by how much a change γ along D explains the innovations better than none.
 
     Innovations ``e = b - A theta`` of all joints, stacked, have the covariance ``Γ + A P Aᵀ``: the noise's own
-    autocovariance and what is not known of theta, friction being doubted beyond its estimate, for it is never quite
-    Coulomb's and warms up. Whitened by its triangular factor they are regressed on ``A D``,
+    autocovariance and what is not known of theta. Whitened by its triangular factor they are regressed on ``A D``,
     whitened likewise; T is the part that this explains (Willsky and Jones 1976, a generalised likelihood ratio). With
     the newest row first, the factor of fewer rows is the upper left part of that of all.
 
     Args:
-        rows: ``[A b share]`` of the newest rows, oldest first, (m, n, k + 2).
-        known: What was known before them.
-        directions: D, (k, r).
-        doubt: Standard deviation of each parameter beyond its estimated one, in shares of its value, (k,).
-        counts: How many of the newest rows each score takes.
+        rows: ``[A b share]`` of the newest rows, oldest first, (m, n, k + 2), m the longest of `WINDOWS`.
+        watch: What was known before them.
+
+    Returns:
+        One per window.
     """
     newest = rows[::-1] * (rows[::-1, :, -1:] > SEEN)
     m, n, _ = newest.shape
     flat = newest.reshape(m * n, -1)
-    A = flat[:, :-2]
-    spread = A @ (known.spread + np.diag((doubt * known.estimate.theta) ** 2)) @ A.T
+    A, share = flat[:, :-2], newest[:, :, -1].T
+    spread = A @ watch.spread @ A.T
     blocks = np.einsum("tjsj->jts", spread.reshape(m, n, m, n))  # a view
-    blocks += noise(known.gamma, newest[:, :, -1])
-    L = np.linalg.cholesky(spread)
-    data = np.column_stack([A @ directions, flat[:, -2] - A @ known.estimate.theta])
-    white = solve_triangular(L, data, lower=True, check_finite=False)
-    squares = np.stack([white[: n * count].T @ white[: n * count] for count in counts])
-    return explained(squares)
-
-
-def noise(gamma: Array, share: Array) -> Array:
-    """Covariance of each joint's residuals at consecutive rows, (N m)², (n, m, m); one for rows that do not count.
-
-    Args:
-        gamma: Autocovariance, (LAGS + 1, n).
-        share: How much of each row was not masked out, zero for those that do not count, (m, n).
-    """
-    m = len(share)
-    lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
-    taper = np.append(tapered(), 0.0)
-    shape = np.vstack([gamma, np.zeros(gamma.shape[1])]) * taper[:, None]
-    shape[0] += FLOOR * gamma[0] + SILENT**2
     # The mean of a share of the samples has noise as the root of that share.
-    size = np.sqrt(share.T)
-    out = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1) * (size[:, :, None] * size[:, None, :])
-    each = np.arange(m)
-    out[:, each, each] += share.T == 0.0
-    return np.asarray(out)
+    size = np.sqrt(share)
+    blocks += watch.noise * (size[:, :, None] * size[:, None, :])
+    spread[np.diag_indices(m * n)] += share.T.ravel() == 0.0
+    L = np.linalg.cholesky(spread)
+    data = np.concatenate([A @ watch.directions, (flat[:, -2] - A @ watch.theta)[:, None]], axis=1)
+    white = solve_triangular(L, data, lower=True, check_finite=False)
+    return explained(np.stack([white[: n * count].T @ white[: n * count] for count in WINDOWS]))
 
 
 def explained(squares: Array) -> list[Score]:
@@ -107,10 +121,10 @@ def explained(squares: Array) -> list[Score]:
     return [Score(value, count) for value, count in zip(found.tolist(), keep.sum(axis=1).tolist())]
 
 
-def onset(rows: Array, known: Known, dispersion: float) -> int:
+def onset(rows: Array, watch: Watch, dispersion: float) -> int:
     """Return the first of the rows whose torque is `OFF` standard deviations off on any joint; the last if none is."""
     A, share = rows[:, :, :-2], rows[:, :, -1]
-    error = rows[:, :, -2] - A @ known.estimate.theta
-    own = known.gamma[0] * share + np.einsum("tja,ab,tjb->tj", A, known.spread, A, optimize=True)
+    error = rows[:, :, -2] - A @ watch.theta
+    own = watch.noise[:, 0, 0] * share + np.einsum("tja,ab,tjb->tj", A, watch.spread, A, optimize=True)
     off = np.any((share > SEEN) & (error**2 > OFF**2 * dispersion * own), axis=1)
     return int(np.argmax(off)) if off.any() else len(rows) - 1

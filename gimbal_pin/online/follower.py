@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.effects import Effect
-from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.estimators.base import LAGS
 from gimbal_pin.identification import Accuracy, Identified, accuracy, assembled, to_model
@@ -18,7 +18,7 @@ from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
 from gimbal_pin.online.change import WINDOWS
-from gimbal_pin.online.grid import FIRST, Grid, interval, next_frame, rows_of
+from gimbal_pin.online.grid import FIRST, Grid, interval, next_frame
 from gimbal_pin.online.learning import (
     DOUBT,
     Event,
@@ -50,7 +50,11 @@ class Memory(NamedTuple):
         design: Constants that follow from the sampling interval; None until it is known.
         running: Memory of the filters; None before the first frame.
         task: Constants of the estimate; None until the sampling interval is known.
+        pending: Blocks that came since the grid was looked at.
+        due: Time of a sample that is worth looking at it, s.
+        t: Time of the newest sample, s.
         samples: How many came.
+        rates: Whether they have rates.
         row: The newest row; None before the first.
     """
 
@@ -61,18 +65,17 @@ class Memory(NamedTuple):
     design: Design | None = None
     running: Running | None = None
     task: Task | None = None
+    pending: tuple[Log, ...] = ()
+    due: float = -inf
+    t: float = -inf
     samples: int = 0
+    rates: bool = False
     row: Row | None = None
 
     @property
     def events(self) -> tuple[Event, ...]:
         """What happened: payloads changed, parameters known."""
         return self.known.events
-
-    @property
-    def t(self) -> float:
-        """Time of the newest sample, s."""
-        return self.grid.newest
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,33 +155,28 @@ class Online:
             LogError: They are not later than those before.
             UsageError: No torque, too few samples per period of the cutoff, or rates in some blocks only.
         """
-        samples = rows_of(log)
-        memory = self.joined(memory, samples)
-        if memory.design is None:
-            memory = self.timed(memory)
-        design = memory.design
-        if design is None or memory.grid.newest <= memory.grid.due(design.count, design.alignment):
+        if not len(log):
             return memory
-        memory = memory._replace(grid=memory.grid.merged())
+        memory = joined(memory, log)
+        if memory.t <= memory.due:
+            return memory
+        memory = memory._replace(grid=memory.grid.with_logs(memory.pending), pending=())
+        design = memory.design
+        if design is None:
+            memory = self.timed(memory)
+            if (design := memory.design) is None:
+                return memory
         while (after := self.framed(memory, design)) is not memory:
             memory = after
         # A copy: a view would keep the whole block alive behind its last samples.
-        return memory._replace(grid=memory.grid._replace(raw=memory.grid.raw.copy()))
-
-    def joined(self, memory: Memory, samples: Array) -> Memory:
-        """Append samples."""
-        grid = memory.grid
-        if memory.samples == 0:
-            grid = grid._replace(raw=np.zeros((0, samples.shape[1])), start=float(samples[0, 0]))
-        elif grid.raw.shape[1] != samples.shape[1]:
-            raise UsageError(memory.name, "has rates in some samples only", "give them in all or in none")
-        return memory._replace(grid=grid.with_samples(samples, memory.name), samples=memory.samples + len(samples))
+        grid = memory.grid._replace(raw=memory.grid.raw.copy())
+        return memory._replace(grid=grid, due=grid.due(design.count, design.alignment))
 
     def timed(self, memory: Memory) -> Memory:
         """Choose everything that depends on the sampling interval, once the first samples tell it."""
         if memory.samples <= FIRST:
             return memory
-        grid = memory.grid.merged()
+        grid = memory.grid
         filtering, dt = self.rows.filtering, interval(grid.raw[: FIRST + 1, 0])
         if filtering.cutoff * dt > 0.2:
             what = f"of {filtering.cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
@@ -256,6 +254,20 @@ class Online:
         return dict(zip(self.joints, rms.tolist()))
 
 
+def joined(memory: Memory, log: Log) -> Memory:
+    """Append samples; this is all that is done for most of them, so it is done with little."""
+    if log.tau is None:
+        raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
+    rates = log.v is not None
+    if memory.samples and rates is not memory.rates:
+        raise UsageError(memory.name, "has rates in some samples only", "give them in all or in none")
+    if not log.t.item(0) > memory.t:
+        what = f"time goes from {memory.t!r} back to {log.t.item(0)!r} s"
+        raise LogError(memory.name, what, "give the samples in the order of time")
+    samples = memory.samples + len(log)
+    return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=samples, rates=rates)
+
+
 def payload_directions(rows: Rows) -> Array:
     """How the parameters of the camera's body, as far as they show, move all parameters, (k, r)."""
     columns = Carried.of(rows.rig, rows.reduction).columns
@@ -278,6 +290,8 @@ def tested_accuracy(joints: Sequence[str], known: Learned) -> Accuracy | None:
     """Accuracy of the predictions of rows that were not learned yet; None where none was made."""
     if not known.count:
         return None
-    lines = known.predicted.swapaxes(0, 1) * np.sqrt(3 / known.count)
+    squares, vectors = np.linalg.eigh(3 / known.count * known.predicted)
+    roots = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
+    lines = roots.swapaxes(0, 1)  # rows with the same squares and products
     block = Block(np.zeros(3), lines[:, :, :1], lines[:, :, 1], lines[:, :, 1], lines[:, :, 2])
     return accuracy(joints, [block], np.ones(1), "predicted before it was learned")

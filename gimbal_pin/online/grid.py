@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from gimbal_pin import signals
-from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log import Array, Log
 
 FIRST = 64
@@ -36,7 +36,6 @@ class Grid(NamedTuple):
         dt: Interval of the grid, s; 0 until it is known.
         start: Time of the first sample since the last gap, s.
         passed: Samples of the grid since then.
-        pending: Blocks that came since `raw` was put together.
     """
 
     joints: int
@@ -44,36 +43,19 @@ class Grid(NamedTuple):
     dt: float = 0.0
     start: float = 0.0
     passed: int = 0
-    pending: tuple[Array, ...] = ()
 
-    @property
-    def newest(self) -> float:
-        """Time of the newest sample, s; minus infinity before the first."""
-        last = self.pending[-1] if self.pending else self.raw
-        return float(last[-1, 0]) if len(last) else -np.inf
-
-    def with_samples(self, samples: Array, name: str) -> Grid:
-        """Return the grid with more samples, (m, 1 + c); `LogError` unless they are later than those before."""
-        if samples[0, 0] <= self.newest:
-            what = f"time goes from {self.newest!r} back to {float(samples[0, 0])!r} s"
-            raise LogError(name, what, "give the samples in the order of time")
-        return self._replace(pending=(*self.pending, samples))
-
-    def merged(self) -> Grid:
-        """Return the grid with the blocks that came put together."""
-        return self._replace(raw=np.concatenate([self.raw, *self.pending]), pending=())
+    def with_logs(self, logs: Sequence[Log]) -> Grid:
+        """Return the grid with more samples."""
+        names = ("q", "tau") if logs[0].v is None else ("q", "tau", "v")
+        t = np.concatenate([log.t for log in logs])[:, None]
+        new = np.concatenate([t, *(np.concatenate([getattr(log, name) for log in logs]) for name in names)], axis=1)
+        if not len(self.raw):
+            return self._replace(raw=new, start=float(new[0, 0]))
+        return self._replace(raw=np.concatenate([self.raw, new]))
 
     def due(self, count: int, alignment: float) -> float:
         """Time after which a sample completes a frame of `count`, s."""
         return self.start + self.dt * (self.passed + count - 1 + AHEAD) + abs(alignment)
-
-
-def rows_of(log: Log) -> Array:
-    """Return time, angles, torques and, where there are some, rates side by side, (m, 1 + 2 n) or (m, 1 + 3 n)."""
-    if log.tau is None:
-        raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
-    parts = (log.t[:, None], log.q, log.tau) if log.v is None else (log.t[:, None], log.q, log.tau, log.v)
-    return np.concatenate(parts, axis=1)
 
 
 def interval(t: Array) -> float:
@@ -88,21 +70,24 @@ def next_frame(grid: Grid, count: int, alignment: float, gap: float) -> tuple[Fr
     Where two samples are more than `gap` s apart, the grid starts anew at the second; what was no whole frame is lost.
 
     Args:
-        grid: Merged, its `dt` known.
+        grid: Its `dt` is known.
         count: Samples per frame.
         alignment: Time by which the torque acts later than its stamp, s.
         gap: As above, s.
     """
-    t = grid.raw[:, 0]
-    last = int(np.searchsorted(t, grid.due(count, alignment), side="right"))
-    # What is looked at ends there, whatever else has come: the frame does not depend on it.
-    seen = grid.raw[: last + 1]
-    gaps = np.flatnonzero(np.diff(seen[:, 0]) > gap)
-    if not len(gaps):
-        whole = last < len(t)
-        return (resampled(grid, seen, count, alignment), advanced(grid, count, alignment)) if whole else (None, grid)
-    cut = int(gaps[0]) + 1
-    return next_frame(grid._replace(raw=grid.raw[cut:], start=float(t[cut]), passed=0), count, alignment, gap)
+    while True:
+        t = grid.raw[:, 0]
+        last = int(np.searchsorted(t, grid.due(count, alignment), side="right"))
+        # What is looked at ends there, whatever else has come: the frame does not depend on it.
+        seen = grid.raw[: last + 1]
+        gaps = np.flatnonzero(np.diff(seen[:, 0]) > gap)
+        if not len(gaps):
+            break
+        cut = int(gaps[0]) + 1
+        grid = grid._replace(raw=grid.raw[cut:], start=float(t[cut]), passed=0)
+    if last == len(t):
+        return None, grid
+    return resampled(grid, seen, count, alignment), advanced(grid, count, alignment)
 
 
 def advanced(grid: Grid, count: int, alignment: float) -> Grid:
@@ -116,7 +101,9 @@ def advanced(grid: Grid, count: int, alignment: float) -> Grid:
 def resampled(grid: Grid, raw: Array, count: int, alignment: float) -> Frame:
     """Interpolate a frame; the torque at the time at which it acts."""
     at = grid.start + grid.dt * (grid.passed + np.arange(count))
-    n, values = grid.joints, raw[:, 1:]
-    channels = signals.resample(raw[:, 0], values, at)
-    torques = signals.resample(raw[:, 0] + alignment, values[:, n : 2 * n], at)
-    return Frame(at, np.column_stack([channels[:, :n], torques, channels[:, 2 * n :]]), grid.passed == 0)
+    n = grid.joints
+    # One call for both: its cost is that of calling.
+    both = signals.resample(raw[:, 0], raw[:, 1:], np.concatenate([at, at - alignment]))
+    channels = both[:count].copy()
+    channels[:, n : 2 * n] = both[count:, n : 2 * n]
+    return Frame(at, channels, grid.passed == 0)

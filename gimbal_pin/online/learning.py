@@ -11,14 +11,14 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import unseen
 from gimbal_pin.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import LONGER, WINDOWS, Score, onset, scores
+from gimbal_pin.online.change import LONGER, WINDOWS, Score, Watch, onset, scores
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
 WINDOW = 2 * max(WINDOWS) + LONGER
 """Newest rows that are not learned for good yet: those that the slowest alarm can be about."""
 DOUBT = 0.2
 """Share of friction by which it may be off without anything having changed."""
-REFRESHED = 4
+REFRESHED = 8
 """Rows after which the reference of the innovations is solved anew."""
 TRIED = 64
 """Rows (8 s at 4 Hz) after which the estimate is tried enough to raise an alarm by."""
@@ -80,11 +80,12 @@ class Learned:
         settled: Rows before the window, since the last change.
         window: The newest rows.
         prior: What was known at the last change, or beforehand.
-        reference: What the window is compared with; None until everything is known.
+        reference: The estimate that the window is compared with; None until everything is known.
+        watch: What of it that takes.
         dispersion: Mean of the score over its expectation so far.
         looks: How many scores that is.
         beyond: For how many rows each window's score has been beyond chance.
-        predicted: Factor of [prediction, b, share] of rows that were predicted before they were learned, (n, 3, 3).
+        predicted: ``Σ x xᵀ``, x = [prediction, b, share] of rows before they were learned, (n, 3, 3).
         count: How many.
         since: Start of what is learned now, s.
         ready: Whether everything was known, once, since then.
@@ -96,6 +97,7 @@ class Learned:
     prior: Prior | None
     predicted: Array
     reference: Known | None = None
+    watch: Watch | None = None
     dispersion: float = 1.0
     looks: int = 0
     beyond: tuple[int, ...] = (0,) * len(WINDOWS)
@@ -122,16 +124,16 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     if row.t < known.since:
         return known
     known = taken(task, predicted(known, row), row)
-    reference = known.reference
-    if reference is None or known.settled.rows < TRIED:
+    reference, watch = known.reference, known.watch
+    if reference is None or watch is None or known.settled.rows < TRIED:
         return announced(task, known, now)
     rows = values(known.window[-max(WINDOWS) :])
-    found = scores(rows, reference, task.directions, task.doubt, WINDOWS)
+    found = scores(rows, watch)
     alarms = [one.alarms(known.dispersion) for one in found]
     beyond = tuple(before + 1 if alarm else 0 for before, alarm in zip(known.beyond, alarms))
     known = replace(known, beyond=beyond)
     if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
-        return changed(task, known, reference, now)
+        return changed(task, known, reference, watch, now)
     return announced(task, known if any(alarms) else watched(known, found[-1]), now)
 
 
@@ -150,9 +152,9 @@ def predicted(known: Learned, row: Row) -> Learned:
     if known.reference is None:
         return known
     guess = row.values[:, :-2] @ known.reference.estimate.theta
-    line = np.column_stack([guess, row.values[:, -2:]])[:, None, :]
-    factor = np.asarray(np.linalg.qr(np.concatenate([known.predicted, line], axis=1), mode="r"))
-    return replace(known, predicted=factor, count=known.count + 1)
+    line = np.concatenate([guess[:, None], row.values[:, -2:]], axis=1)
+    squares = known.predicted + line[:, :, None] * line[:, None, :]
+    return replace(known, predicted=squares, count=known.count + 1)
 
 
 def taken(task: Task, known: Learned, row: Row) -> Learned:
@@ -166,7 +168,9 @@ def taken(task: Task, known: Learned, row: Row) -> Learned:
     known = replace(known, settled=settled, window=window[1:])
     if settled.rows % REFRESHED:
         return known
-    return replace(known, reference=found(task, settled, known.prior))
+    reference = found(task, settled, known.prior)
+    watch = None if reference is None else Watch.of(reference, task.directions, task.doubt)
+    return replace(known, reference=reference, watch=watch)
 
 
 def found(task: Task, moments: Moments, prior: Prior | None) -> Known | None:
@@ -202,12 +206,12 @@ def watched(known: Learned, newest: Score) -> Learned:
     return replace(known, looks=looks, dispersion=mean)
 
 
-def changed(task: Task, known: Learned, reference: Known, now: float) -> Learned:
+def changed(task: Task, known: Learned, reference: Known, watch: Watch, now: float) -> Learned:
     """Announce a change; keep what it leaves known, and start anew behind it.
 
     Of the rows in the window none is kept: the filters mix what was before and after the change.
     """
-    since = known.window[onset(values(known.window), reference, known.dispersion)].t
+    since = known.window[onset(values(known.window), watch, known.dispersion)].t
     resumed = known.window[-1].t + task.transition
     n, width = row_shape(known.window[-1])
     prior = None if task.everything else loosened(reference, task.directions)
