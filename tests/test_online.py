@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,12 +11,14 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.cli import main
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import weighted
@@ -31,7 +34,7 @@ from gimbal_pin.online.causal import Blockwise, Row
 from gimbal_pin.online.learning import absorbed, values
 from gimbal_pin.online.recursive import Known, Moments, loosened, solved
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block
+from gimbal_pin.rows import Block, Filtering
 from gimbal_pin.signals import lowpass
 from tests.bench_logs import prescribed
 
@@ -46,9 +49,9 @@ def joined(first: Log, second: Log) -> Log:
 
 
 @cache
-def quiet(rig: str, payload: str, seconds: float) -> Log:
-    """A simulated closed loop with the rig's own sensors, of whole periods: it ends at rest where it began."""
-    return bench_run(nominal(Rig.load(rig, payload)), rng=np.random.default_rng(0), seconds=seconds, period=5.0)
+def quiet(rig: str, payload: str) -> Log:
+    """A simulated closed loop with the rig's own sensors, three whole periods: it ends at rest where it began."""
+    return bench_run(nominal(Rig.load(rig, payload)), rng=np.random.default_rng(0), seconds=15.0, period=5.0)
 
 
 def renoised(log: Log, seed: int) -> Log:
@@ -112,7 +115,7 @@ def test_any_cut_into_blocks_gives_the_same(cuts: list[int], gap: bool) -> None:
     whole, cut = online.advance(online.start(), log), online.start()
     for begin, end in pairwise(sorted({0, *cuts, len(log)})):
         cut = online.advance(cut, log.part(slice(begin, end)))
-    assert whole.known.settled.rows == cut.known.settled.rows > 10
+    assert len(whole.known.window) > 10
     np.testing.assert_array_equal(gathered_factors(whole), gathered_factors(cut))
 
 
@@ -151,12 +154,11 @@ def test_memory_is_constant() -> None:
 def test_causal_rows_are_as_good_as_the_batch(rig: str) -> None:
     """Against the truth of a simulated closed loop: no bias from the filters, and deviations like the batch's."""
     body = Rig.load(rig)
-    log = quiet(rig, str(body.payload), 15.0)
+    log = quiet(rig, str(body.payload))
     online = Online.of(body)
     found = online.identified(online.advance(online.start(), log))
     batch = identify(body, [log], holdout="none")
-    truth = np.concatenate([given_beta(body, online.rows.reduction), body.friction.ravel()])
-    z = (found.estimate.theta - truth) / found.estimate.std
+    z = (found.estimate.theta - truth(body, online)) / found.estimate.std
     assert np.sqrt(np.mean(z**2)) < 2.0 and found.names == batch.names
     ratio = found.estimate.std / batch.estimate.std
     assert 0.6 < np.median(ratio) < 1.6
@@ -173,37 +175,72 @@ def test_forgetting_follows_a_drift() -> None:
     drifting = replace(log, tau=tau)
     ends = {}
     for fading in (np.inf, 4.0):
-        online = Online.of(rig, filtering=replace(Online.of(rig).rows.filtering, alignment=0.0), fading=fading)
+        online = Online.of(rig, filtering=Filtering(alignment=0.0), fading=fading)
         model = online.model(online.advance(online.start(), drifting))
         ends[fading] = next(t.values[0] for t in model.terms if t.effect == Coulomb("pan")) / rig.friction[0, 0]
     assert ends[np.inf] < 1.75 and abs(ends[4.0] - 1.9) < 0.1
 
 
-SWAPS = [("turret", "infrared", "zoom-lens"), ("thesis", "cinema", "mirrorless")]
+SWAPS = [
+    ("turret", "infrared", "zoom-lens", 1),
+    ("turret", "infrared", "zoom-lens", 2),
+    ("turret", "zoom-lens", "infrared", 3),
+    ("thesis", "cinema", "mirrorless", 1),
+    ("thesis", "cinema", "mirrorless", 2),
+]
 
 
-@pytest.mark.parametrize(("rig", "first", "second"), SWAPS)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("rig", "first", "second", "seed"), SWAPS)
 def test_a_swap_is_announced_and_learned(rig: str, first: str, second: str, seed: int) -> None:
-    """Announced within 3 s; 10 s after it, all of the new payload is known to a per cent of what changed."""
+    """Announced within 3 s; 10 s after it, all of the new payload is known to two per cent of what changed."""
     before, after = Rig.load(rig, first), Rig.load(rig, second)
-    log = joined(renoised(quiet(rig, first, 15.0), seed), renoised(quiet(rig, second, 15.0), seed + 9))
-    swap, online = 15.0, Online.of(before)
+    log = joined(renoised(quiet(rig, first), seed), renoised(quiet(rig, second), seed + 9))
+    swap, online = quiet(rig, first).t[-1], Online.of(before)
     memory = online.advance(online.start(), log.part(slice(0, round((swap + 10.0) / log.dt))))
     changes = [event for event in memory.events if event.what == "changed"]
     assert len(changes) == 1 and swap < changes[0].t < swap + 3.0 and abs(changes[0].since - swap) < 1.0
-    old, new = (
-        np.concatenate([given_beta(one, online.rows.reduction), one.friction.ravel()]) for one in (before, after)
-    )
+    old, new = (truth(one, online) for one in (before, after))
     estimate = online.estimate(memory).estimate
-    assert np.linalg.norm(estimate.theta - new) < 0.01 * np.linalg.norm(old - new)
+    assert np.linalg.norm(estimate.theta - new) < 0.02 * np.linalg.norm(old - new)
     assert np.sqrt(np.mean(((estimate.theta - new) / estimate.std) ** 2)) < 2.0
     assert isinstance(online.model(memory), Model)
 
 
+def truth(rig: Rig, online: Online) -> Array:
+    """What the parameters of a simulated rig are."""
+    return np.concatenate([given_beta(rig, online.rows.reduction), rig.friction.ravel()])
+
+
+@pytest.mark.parametrize("rig", ["turret", "handheld"])
+def test_a_swap_in_full_motion(rig: str) -> None:
+    """From one sample to the next, nothing at rest: also announced within 3 s, learned within 10 s."""
+    before, after = Rig.load(rig, "mirrorless"), Rig.load(rig, "infrared")
+    logs = [renoised(prescribed(nominal(one), seconds=30.0), 4) for one in (before, after)]
+    tau = np.where(logs[0].t[:, None] < 20.0, logs[0].tau, logs[1].tau)
+    filtering = Filtering(alignment=0.0)
+    online = Online.of(before, filtering=filtering)
+    memory = online.advance(online.start(), replace(logs[0], tau=tau))
+    assert [event.what for event in memory.events] == ["known", "changed", "known"]
+    assert 20.0 < memory.events[1].t < 23.0 and memory.events[2].t < 30.0
+    estimate, new = online.estimate(memory).estimate, truth(after, online)
+    assert np.sqrt(np.mean(((estimate.theta - new) / estimate.std) ** 2)) < 2.0
+
+
+def test_what_is_no_payload_raises_no_alarm() -> None:
+    """A push, friction that grows by a tenth, dry friction that falls with the rate: none is announced as a payload."""
+    rig = Rig.load("turret")
+    log = renoised(prescribed(nominal(rig), seconds=30.0), 5)
+    v, tau = np.asarray(log.v), np.array(log.tau)
+    tau += rig.friction[:, 0] * (0.1 * log.t[:, None] / log.t[-1] + 0.3 * np.exp(-np.abs(v) / 0.1)) * np.sign(v)
+    tau[(log.t > 20.0) & (log.t < 20.2)] += 0.5 * np.abs(tau).max()
+    online = Online.of(rig, filtering=Filtering(alignment=0.0))
+    memory = online.advance(online.start(), replace(log, tau=tau))
+    assert [event.what for event in memory.events] == ["known"] and memory.known.settled.rows > 150
+
+
 def test_everything_anew_after_a_swap() -> None:
     rig = Rig.load("turret", "infrared")
-    log = joined(quiet("turret", "infrared", 15.0), quiet("turret", "zoom-lens", 15.0))
+    log = joined(quiet("turret", "infrared"), quiet("turret", "zoom-lens"))
     online = Online.of(rig, everything=True)
     memory = online.advance(online.start(), log)
     assert [event.what for event in memory.events] == ["known", "changed", "known"] and memory.known.prior is None
@@ -212,28 +249,25 @@ def test_everything_anew_after_a_swap() -> None:
 
 
 def test_a_clean_log_raises_no_alarm() -> None:
-    """A minute of the same noise that the swaps are found in; ten minutes are measured in the README's figures."""
+    """A minute with the noise that the swaps are found in."""
     online = Online.of(Rig.load("turret", "infrared"))
-    log = quiet("turret", "infrared", 15.0)
+    log = quiet("turret", "infrared")
     whole = log
     for seed in range(3):
         whole = joined(whole, renoised(log, seed))
-    memory = online.advance(online.start(), replace(whole, v=whole.v))
+    memory = online.advance(online.start(), whole)
     assert [event.what for event in memory.events] == ["known"] and memory.known.dispersion < 2.0
 
 
 def test_a_new_camera_on_a_known_gimbal() -> None:
     """With the gimbal known, ten seconds show the camera; friction keeps what is known of it."""
-    known = identify(Rig.load("turret", "infrared"), [quiet("turret", "infrared", 15.0)], holdout="none").model
+    known = identify(Rig.load("turret", "infrared"), [quiet("turret", "infrared")], holdout="none").model
     rig = Rig.load("turret", "zoom-lens")
     online = Online.of(rig, known=known)
-    memory = online.advance(online.start(), quiet("turret", "zoom-lens", 15.0).part(slice(0, 10_000)))
+    memory = online.advance(online.start(), quiet("turret", "zoom-lens").part(slice(0, 10_000)))
     estimate, free = online.estimate(memory).estimate, Online.of(rig)
-    alone = free.estimate(
-        free.advance(free.start(), quiet("turret", "zoom-lens", 15.0).part(slice(0, 10_000)))
-    ).estimate
-    truth = np.concatenate([given_beta(rig, online.rows.reduction), rig.friction.ravel()])
-    assert np.all(np.abs(estimate.theta - truth) < 4 * estimate.std + 1e-6)
+    alone = free.estimate(free.advance(free.start(), quiet("turret", "zoom-lens").part(slice(0, 10_000)))).estimate
+    assert np.all(np.abs(estimate.theta - truth(rig, online)) < 4 * estimate.std + 1e-6)
     assert np.all(estimate.std < 1.3 * alone.std) and np.median(estimate.std / alone.std) < 0.9
 
 
@@ -326,22 +360,44 @@ def test_steps_come_once_a_second() -> None:
 
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
-    """Lines of JSON while it runs, the CONTRACT's result at the end, the files written."""
+    """A line of JSON each second; Ctrl-C, the pipe being open still, ends with CONTRACT's result and the files."""
     log, path, model, plot = noisy(), tmp_path / "log.csv", tmp_path / "m.yaml", tmp_path / "p.png"
     write_log(log, path)
     command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]
     command += ["-o", str(model), "--plot", str(plot), "--alignment", "0"]
-    with path.open("rb") as file:
-        done = subprocess.run(command, stdin=file, capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
-    *lines, result = [json.loads(line) for line in done.stdout.splitlines()]
-    assert {line["kind"] for line in lines} == {"progress"} and len(lines) >= 20
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    lines: list[dict[str, Any]] = []
+    with subprocess.Popen(command, cwd=ROOT, **pipes) as running:
+        assert running.stdin is not None and running.stdout is not None
+        running.stdin.write(path.read_bytes())
+        running.stdin.flush()
+        while not lines or lines[-1]["t"] < log.t[-1]:
+            lines.append(json.loads(running.stdout.readline()))
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=60)
+    assert running.returncode == 0, err
+    result = json.loads(out)
+    assert {line["kind"] for line in lines} == {"progress"} and len(lines) >= 20 and lines[-1]["ready"]
     assert result["kind"] == "result" and result["estimator"] == "recursive" and result["schema"] == 1
-    assert lines[-1]["base_parameters"] == [
-        {k: row[k] for k in ("name", "value", "std", "unit")} for row in result["base_parameters"]
-    ]
+    assert lines[-1]["base_parameters"] == result["base_parameters"]
     assert min(result["held_out"]["fit_percent"].values()) > 99 and plot.stat().st_size > 10_000
-    rig = Rig.load("turret")
-    online = Online.of(rig, filtering=replace(Online.of(rig).rows.filtering, alignment=0.0))
+    online = Online.of(Rig.load("turret"), filtering=Filtering(alignment=0.0))
     expected = online.model(online.advance(online.start(), log))
-    np.testing.assert_allclose(read_model(model, rig).rig.phi, expected.rig.phi, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(read_model(model, expected.rig).rig.phi, expected.rig.phi, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--follow", "--holdout", "none"], "--holdout"),
+        (["--follow", "--estimator", "ols"], "--estimator"),
+        (["--forget", "5"], "add --follow"),
+        (["--anew", "everything"], "add --follow"),
+        (["other.csv", "--follow"], "one at a time"),
+    ],
+)
+def test_options_that_do_not_go_together(capsys: pytest.CaptureFixture[str], options: list[str], words: str) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["identify", "turret", "log.csv", *options])
+    said = capsys.readouterr()
+    assert stop.value.code == 2 and words in said.err and said.err.count("\n") == 1 and not said.out

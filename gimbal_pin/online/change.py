@@ -14,9 +14,9 @@ from gimbal_pin.online.recursive import Known
 
 WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
-LONGER = 2
-"""A window's score must be beyond chance for as many rows as it has and so many more: one row, or a passage near
-standstill that the model does not describe, is no payload."""
+LONGER = 7
+"""A window's score must be beyond chance for as many rows as it has and so many more: the filters spread one push, or a
+passage near standstill that the model does not describe, over six or so."""
 CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
 SEEN = 0.5

@@ -130,11 +130,16 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     rows = values(known.window[-max(WINDOWS) :])
     found = scores(rows, watch)
     alarms = [one.alarms(known.dispersion) for one in found]
-    beyond = tuple(before + 1 if alarm else 0 for before, alarm in zip(known.beyond, alarms))
+    beyond = tuple(counted(*three) for three in zip(known.beyond, found, alarms))
     known = replace(known, beyond=beyond)
     if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
         return changed(task, known, reference, watch, now)
     return announced(task, known if any(alarms) else watched(known, found[-1]), now)
+
+
+def counted(before: int, found: Score, alarm: bool) -> int:
+    """For how many rows a score has been beyond chance; rows at standstill tell nothing."""
+    return before + 1 if alarm else before if found.freedom == 0 else 0
 
 
 def values(window: tuple[Row, ...]) -> Array:
