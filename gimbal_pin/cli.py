@@ -664,12 +664,13 @@ def followed(
     memory = online.start(logs[0])
     with contextlib.suppress(KeyboardInterrupt):
         for memory in steps(online, follow(logs[0], loaded, mapping, idle=inf if idle is None else idle), logs[0]):
-            if not memory.samples or (int(memory.t) == spoken and len(memory.events) == told):
+            second = int(memory.t + 1e-6) if memory.samples else 0
+            if second == spoken and len(memory.events) == told:
                 continue
             now = progress(online, memory)
             history += [now] if plot is not None else []
             print(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told), flush=True)
-            told, spoken = len(memory.events), int(memory.t)
+            told, spoken = len(memory.events), second
     found = online.identified(memory)
     result = reported(found)
     if output is not None:

@@ -49,9 +49,9 @@ def joined(first: Log, second: Log) -> Log:
 
 
 @cache
-def quiet(rig: str, payload: str) -> Log:
-    """A simulated closed loop with the rig's own sensors, three whole periods: it ends at rest where it began."""
-    return bench_run(nominal(Rig.load(rig, payload)), rng=np.random.default_rng(0), seconds=15.0, period=5.0)
+def quiet(rig: str, payload: str, seconds: float = 15.0) -> Log:
+    """A simulated closed loop with the rig's own sensors, whole periods: it ends at rest where it began."""
+    return bench_run(nominal(Rig.load(rig, payload)), rng=np.random.default_rng(0), seconds=seconds, period=5.0)
 
 
 def renoised(log: Log, seed: int) -> Log:
@@ -168,23 +168,22 @@ def test_causal_rows_are_as_good_as_the_batch(rig: str) -> None:
 def test_forgetting_follows_a_drift() -> None:
     """Friction doubles slowly: what forgets ends at its present size, what does not at its mean."""
     rig = Rig.load("turret")
-    log = prescribed(nominal(rig), seconds=40.0, torque_noise=0.005)
+    log = prescribed(nominal(rig), seconds=24.0, torque_noise=0.005)
     grown = rig.friction[0, 0] * (1 + log.t / log.t[-1])
     tau = np.array(log.tau)
     tau[:, 0] += (grown - rig.friction[0, 0]) * np.sign(log.v[:, 0])  # type: ignore[index]
     drifting = replace(log, tau=tau)
     ends = {}
-    for fading in (np.inf, 4.0):
+    for fading in (np.inf, 2.5):
         online = Online.of(rig, filtering=Filtering(alignment=0.0), fading=fading)
         model = online.model(online.advance(online.start(), drifting))
         ends[fading] = next(t.values[0] for t in model.terms if t.effect == Coulomb("pan")) / rig.friction[0, 0]
-    assert ends[np.inf] < 1.75 and abs(ends[4.0] - 1.9) < 0.1
+    assert ends[np.inf] < 1.75 and abs(ends[2.5] - 1.9) < 0.1
 
 
 SWAPS = [
     ("turret", "infrared", "zoom-lens", 1),
     ("turret", "infrared", "zoom-lens", 2),
-    ("turret", "zoom-lens", "infrared", 3),
     ("thesis", "cinema", "mirrorless", 1),
     ("thesis", "cinema", "mirrorless", 2),
 ]
@@ -194,14 +193,17 @@ SWAPS = [
 def test_a_swap_is_announced_and_learned(rig: str, first: str, second: str, seed: int) -> None:
     """Announced within 3 s; 10 s after it, all of the new payload is known to two per cent of what changed."""
     before, after = Rig.load(rig, first), Rig.load(rig, second)
-    log = joined(renoised(quiet(rig, first), seed), renoised(quiet(rig, second), seed + 9))
+    log = joined(renoised(quiet(rig, first), seed), renoised(quiet(rig, second, 10.0), seed + 9))
     swap, online = quiet(rig, first).t[-1], Online.of(before)
-    memory = online.advance(online.start(), log.part(slice(0, round((swap + 10.0) / log.dt))))
+    between = round((swap + 1.0) / log.dt)
+    memory = online.advance(online.start(), log.part(slice(0, between)))
+    meanwhile = online.estimate(memory).estimate.theta
+    memory = online.advance(memory, log.part(slice(between, None)))
     changes = [event for event in memory.events if event.what == "changed"]
     assert len(changes) == 1 and swap < changes[0].t < swap + 3.0 and abs(changes[0].since - swap) < 1.0
     old, new = (truth(one, online) for one in (before, after))
-    estimate = online.estimate(memory).estimate
-    assert np.linalg.norm(estimate.theta - new) < 0.02 * np.linalg.norm(old - new)
+    estimate, change = online.estimate(memory).estimate, np.linalg.norm(old - new)
+    assert np.linalg.norm(meanwhile - old) < 0.05 * change and np.linalg.norm(estimate.theta - new) < 0.02 * change
     assert np.sqrt(np.mean(((estimate.theta - new) / estimate.std) ** 2)) < 2.0
     assert isinstance(online.model(memory), Model)
 
@@ -240,7 +242,7 @@ def test_what_is_no_payload_raises_no_alarm() -> None:
 
 def test_everything_anew_after_a_swap() -> None:
     rig = Rig.load("turret", "infrared")
-    log = joined(quiet("turret", "infrared"), quiet("turret", "zoom-lens"))
+    log = joined(quiet("turret", "infrared"), quiet("turret", "zoom-lens", 10.0))
     online = Online.of(rig, everything=True)
     memory = online.advance(online.start(), log)
     assert [event.what for event in memory.events] == ["known", "changed", "known"] and memory.known.prior is None
@@ -264,9 +266,9 @@ def test_a_new_camera_on_a_known_gimbal() -> None:
     known = identify(Rig.load("turret", "infrared"), [quiet("turret", "infrared")], holdout="none").model
     rig = Rig.load("turret", "zoom-lens")
     online = Online.of(rig, known=known)
-    memory = online.advance(online.start(), quiet("turret", "zoom-lens").part(slice(0, 10_000)))
+    memory = online.advance(online.start(), quiet("turret", "zoom-lens", 10.0))
     estimate, free = online.estimate(memory).estimate, Online.of(rig)
-    alone = free.estimate(free.advance(free.start(), quiet("turret", "zoom-lens").part(slice(0, 10_000)))).estimate
+    alone = free.estimate(free.advance(free.start(), quiet("turret", "zoom-lens", 10.0))).estimate
     assert np.all(np.abs(estimate.theta - truth(rig, online)) < 4 * estimate.std + 1e-6)
     assert np.all(estimate.std < 1.3 * alone.std) and np.median(estimate.std / alone.std) < 0.9
 
@@ -361,10 +363,10 @@ def test_steps_come_once_a_second() -> None:
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     """A line of JSON each second; Ctrl-C, the pipe being open still, ends with CONTRACT's result and the files."""
-    log, path, model, plot = noisy(), tmp_path / "log.csv", tmp_path / "m.yaml", tmp_path / "p.png"
+    log, path, model = noisy(), tmp_path / "log.csv", tmp_path / "m.yaml"
     write_log(log, path)
     command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]
-    command += ["-o", str(model), "--plot", str(plot), "--alignment", "0"]
+    command += ["-o", str(model), "--alignment", "0"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     lines: list[dict[str, Any]] = []
     with subprocess.Popen(command, cwd=ROOT, **pipes) as running:
@@ -380,7 +382,7 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     assert {line["kind"] for line in lines} == {"progress"} and len(lines) >= 20 and lines[-1]["ready"]
     assert result["kind"] == "result" and result["estimator"] == "recursive" and result["schema"] == 1
     assert lines[-1]["base_parameters"] == result["base_parameters"]
-    assert min(result["held_out"]["fit_percent"].values()) > 99 and plot.stat().st_size > 10_000
+    assert min(result["held_out"]["fit_percent"].values()) > 99
     online = Online.of(Rig.load("turret"), filtering=Filtering(alignment=0.0))
     expected = online.model(online.advance(online.start(), log))
     np.testing.assert_allclose(read_model(model, expected.rig).rig.phi, expected.rig.phi, rtol=1e-9, atol=1e-12)

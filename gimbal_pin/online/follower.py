@@ -203,6 +203,8 @@ class Online:
     def estimate(self, memory: Memory) -> Known:
         """Return the parameters from all samples so far, since the last change of payload.
 
+        While the newest second or two seem to be of another payload, but may be a push, they are left out.
+
         Raises:
             DataError: They are too few yet, or leave no trace of some parameters; it names these.
         """

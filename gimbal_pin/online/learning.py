@@ -74,7 +74,7 @@ class Task:
 class Learned:
     """What is kept of the rows: arrays of fixed sizes, and the events.
 
-    The newest rows stay apart in a window until it is plain that nothing changed: `answer` counts them in.
+    The newest rows stay apart in a window until it is plain that nothing changed: `gathered` counts them in.
 
     Attributes:
         settled: Rows before the window, since the last change.
@@ -105,6 +105,12 @@ class Learned:
     since: float = -inf
     ready: bool = False
     events: tuple[Event, ...] = ()
+
+    @property
+    def doubtful(self) -> int:
+        """How many of the newest rows seem to be of another payload, until that is announced or passes."""
+        rows = max((count + window for count, window in zip(self.beyond, WINDOWS) if count), default=0)
+        return min(rows, len(self.window))
 
 
 def nothing(n: int, width: int, prior: Prior | None) -> Learned:
@@ -239,8 +245,8 @@ def announced(task: Task, known: Learned, now: float) -> Learned:
 
 
 def gathered(task: Task, known: Learned) -> Moments:
-    """All rows so far since the last change, the window's included."""
-    return absorbed(task, known.settled, known.window)
+    """All rows so far since the last change, but for the newest while they seem to be of another payload."""
+    return absorbed(task, known.settled, known.window[: len(known.window) - known.doubtful])
 
 
 def absorbed(task: Task, moments: Moments, rows: tuple[Row, ...]) -> Moments:
