@@ -27,7 +27,7 @@ from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.io import write_log
 from gimbal_pin.io.follow import follow, whole_lines
 from gimbal_pin.io.model import read_model
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
@@ -36,7 +36,7 @@ from gimbal_pin.online.recursive import Known, Moments, loosened, solved
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering
 from gimbal_pin.signals import lowpass
-from tests.bench_logs import prescribed
+from tests.bench_logs import fourier, prescribed
 
 ROOT = Path(__file__).parents[1]
 
@@ -48,10 +48,18 @@ def joined(first: Log, second: Log) -> Log:
     return Log("swapped", first.joints, t, q, v, tau)
 
 
+SWAP, END = 15.0, 25.0
+"""When the payload is swapped, and the end, s."""
+
+
 @cache
-def quiet(rig: str, payload: str, seconds: float = 15.0) -> Log:
-    """A simulated closed loop with the rig's own sensors, whole periods: it ends at rest where it began."""
-    return bench_run(nominal(Rig.load(rig, payload)), rng=np.random.default_rng(0), seconds=seconds, period=5.0)
+def quiet(rig: str, payload: str, late: bool = False) -> Log:
+    """A simulated closed loop with the rig's own sensors: the part of one motion before the swap, or that after it."""
+    body = Rig.load(rig, payload)
+    motion = fourier(body, 0, END)
+    rows = motion.t >= SWAP if late else motion.t < SWAP
+    part = Motion(motion.t[rows] - motion.t[rows][0], motion.q[rows], motion.v[rows], motion.a[rows])
+    return bench_run(nominal(body), rng=np.random.default_rng(0), reference=part)
 
 
 def renoised(log: Log, seed: int) -> Log:
@@ -104,7 +112,7 @@ def identified_rmse(theta: Array, rows: list[Row]) -> dict[str, float]:
     return dict(zip(("pan", "tilt"), rmse.tolist()))
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(st.lists(st.integers(1, 7999), max_size=12), st.booleans())
 def test_any_cut_into_blocks_gives_the_same(cuts: list[int], gap: bool) -> None:
     """Bit for bit: the frames do not depend on the blocks. Also across a gap, and with a clock that jitters."""
@@ -193,14 +201,13 @@ SWAPS = [
 def test_a_swap_is_announced_and_learned(rig: str, first: str, second: str, seed: int) -> None:
     """Announced within 3 s; 10 s after it, all of the new payload is known to two per cent of what changed."""
     before, after = Rig.load(rig, first), Rig.load(rig, second)
-    log = joined(renoised(quiet(rig, first), seed), renoised(quiet(rig, second, 10.0), seed + 9))
-    swap, online = quiet(rig, first).t[-1], Online.of(before)
-    between = round((swap + 1.0) / log.dt)
+    log = joined(renoised(quiet(rig, first), seed), renoised(quiet(rig, second, late=True), seed + 9))
+    online, between = Online.of(before), round((SWAP + 1.0) / log.dt)
     memory = online.advance(online.start(), log.part(slice(0, between)))
     meanwhile = online.estimate(memory).estimate.theta
     memory = online.advance(memory, log.part(slice(between, None)))
     changes = [event for event in memory.events if event.what == "changed"]
-    assert len(changes) == 1 and swap < changes[0].t < swap + 3.0 and abs(changes[0].since - swap) < 1.0
+    assert len(changes) == 1 and SWAP < changes[0].t < SWAP + 3.0 and abs(changes[0].since - SWAP) < 1.0
     old, new = (truth(one, online) for one in (before, after))
     estimate, change = online.estimate(memory).estimate, np.linalg.norm(old - new)
     assert np.linalg.norm(meanwhile - old) < 0.05 * change and np.linalg.norm(estimate.theta - new) < 0.02 * change
@@ -213,10 +220,9 @@ def truth(rig: Rig, online: Online) -> Array:
     return np.concatenate([given_beta(rig, online.rows.reduction), rig.friction.ravel()])
 
 
-@pytest.mark.parametrize("rig", ["turret", "handheld"])
-def test_a_swap_in_full_motion(rig: str) -> None:
-    """From one sample to the next, nothing at rest: also announced within 3 s, learned within 10 s."""
-    before, after = Rig.load(rig, "mirrorless"), Rig.load(rig, "infrared")
+def test_a_swap_of_a_light_camera_on_a_large_rig() -> None:
+    """What changes least of all bundled pairs: also announced within 3 s, and learned within 10 s."""
+    before, after = Rig.load("thesis", "mirrorless"), Rig.load("thesis", "infrared")
     logs = [renoised(prescribed(nominal(one), seconds=30.0), 4) for one in (before, after)]
     tau = np.where(logs[0].t[:, None] < 20.0, logs[0].tau, logs[1].tau)
     filtering = Filtering(alignment=0.0)
@@ -242,7 +248,7 @@ def test_what_is_no_payload_raises_no_alarm() -> None:
 
 def test_everything_anew_after_a_swap() -> None:
     rig = Rig.load("turret", "infrared")
-    log = joined(quiet("turret", "infrared"), quiet("turret", "zoom-lens", 10.0))
+    log = joined(quiet("turret", "infrared"), quiet("turret", "zoom-lens", late=True))
     online = Online.of(rig, everything=True)
     memory = online.advance(online.start(), log)
     assert [event.what for event in memory.events] == ["known", "changed", "known"] and memory.known.prior is None
@@ -266,9 +272,9 @@ def test_a_new_camera_on_a_known_gimbal() -> None:
     known = identify(Rig.load("turret", "infrared"), [quiet("turret", "infrared")], holdout="none").model
     rig = Rig.load("turret", "zoom-lens")
     online = Online.of(rig, known=known)
-    memory = online.advance(online.start(), quiet("turret", "zoom-lens", 10.0))
+    memory = online.advance(online.start(), quiet("turret", "zoom-lens", late=True))
     estimate, free = online.estimate(memory).estimate, Online.of(rig)
-    alone = free.estimate(free.advance(free.start(), quiet("turret", "zoom-lens", 10.0))).estimate
+    alone = free.estimate(free.advance(free.start(), quiet("turret", "zoom-lens", late=True))).estimate
     assert np.all(np.abs(estimate.theta - truth(rig, online)) < 4 * estimate.std + 1e-6)
     assert np.all(estimate.std < 1.3 * alone.std) and np.median(estimate.std / alone.std) < 0.9
 
@@ -363,7 +369,7 @@ def test_steps_come_once_a_second() -> None:
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     """A line of JSON each second; Ctrl-C, the pipe being open still, ends with CONTRACT's result and the files."""
-    log, path, model = noisy(), tmp_path / "log.csv", tmp_path / "m.yaml"
+    log, path, model = noisy().part(slice(0, 12_000)), tmp_path / "log.csv", tmp_path / "m.yaml"
     write_log(log, path)
     command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]
     command += ["-o", str(model), "--alignment", "0"]
@@ -379,7 +385,7 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
         out, err = running.communicate(timeout=60)
     assert running.returncode == 0, err
     result = json.loads(out)
-    assert {line["kind"] for line in lines} == {"progress"} and len(lines) >= 20 and lines[-1]["ready"]
+    assert {line["kind"] for line in lines} == {"progress"} and len(lines) >= 12 and lines[-1]["ready"]
     assert result["kind"] == "result" and result["estimator"] == "recursive" and result["schema"] == 1
     assert lines[-1]["base_parameters"] == result["base_parameters"]
     assert min(result["held_out"]["fit_percent"].values()) > 99
