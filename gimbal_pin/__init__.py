@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from gimbal_pin.io import write_log as write_log
     from gimbal_pin.log import Log as Log
     from gimbal_pin.model import nominal as nominal
+    from gimbal_pin.online import Online as Online
     from gimbal_pin.platform import Platform as Platform
     from gimbal_pin.profile import profile_s as profile_s
     from gimbal_pin.rig import Rig as Rig
@@ -30,6 +31,7 @@ __version__ = "0.1.0"
 HOMES = {
     "GimbalPinError": "errors",
     "Log": "log",
+    "Online": "online",
     "Platform": "platform",
     "Rig": "rig",
     "auto": "walk",

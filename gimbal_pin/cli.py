@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -283,6 +284,33 @@ def identify(
     trust: Trust = None,
     bootstrap: Bootstrap = 0,
     seed: Seed = 0,
+    follow: Annotated[
+        bool, arg(help="learn from one growing CSV file, or from - (standard input), as it is written; Ctrl-C ends it")
+    ] = False,
+    forget: Annotated[
+        float | None,
+        arg(metavar="SECONDS", help="with --follow: what is older counts less", help_behavior_hint="(default: never)"),
+    ] = None,
+    anew: Annotated[
+        Literal["payload", "everything"],
+        arg(help="with --follow: what is estimated anew when the payload has changed"),
+    ] = "payload",
+    idle: Annotated[
+        float | None,
+        arg(
+            metavar="SECONDS",
+            help="with --follow: end when the file has not grown for so long",
+            help_behavior_hint="(default: never)",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        arg(
+            metavar="FILE",
+            help="with --follow: write the estimates over time: .png, .svg or .pdf",
+            help_behavior_hint="",
+        ),
+    ] = None,
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
@@ -295,6 +323,22 @@ def identify(
     trusted = TRUST if trust is None else trust
     method = estimator_of(estimator, trusted, bootstrap, seed)
     options: Any = {"estimator": method, "holdout": holdout, "filtering": filtering(cutoff, alignment)}
+    if follow:
+        batch_only = {
+            "--estimator": estimator != "weighted",
+            "--holdout": holdout is not None,
+            "--bias": bias,
+            "--trust": trust is not None,
+            "--bootstrap": bootstrap > 0,
+        }
+        alone("--follow", batch_only, "it learns by weighted least squares and is tested on what comes next")
+        wish = {"fading": inf if forget is None else forget, "everything": anew == "everything"}
+        followed(
+            rig, payload, logs, map, known, {**wish, "filtering": options["filtering"]}, idle, output, urdf, plot, json
+        )
+        return
+    given = {"--forget": forget, "--idle": idle, "--plot": plot, "--anew": anew if anew != "payload" else None}
+    alone("a log that is whole", {name: value is not None for name, value in given.items()}, "add --follow")
     if known is not None or len(tags_of(logs)) > 1:
         several = cameras(rig, payload, logs, map, known, options)
         if urdf is not None:
@@ -696,6 +740,64 @@ def cameras(
     pairs = {tag: load_logs(rig, None, mine, mapping) for tag, mine in each.items()}
     rigs, read_by = ({tag: pair[k] for tag, pair in pairs.items()} for k in (0, 1))
     return identify_several(rigs, read_by, **options)  # type: ignore[arg-type]
+
+
+def alone(what: str, given: Mapping[str, bool], mend: str) -> None:
+    """Raise `UsageError` if an option is given that does not go with `what`."""
+    for option, is_given in given.items():
+        if is_given:
+            raise UsageError(option, f"does not go with {what}", mend)
+
+
+def followed(
+    rig: str,
+    payload: str | None,
+    logs: Sequence[str],
+    mapping: Sequence[str],
+    known: str | None,
+    wish: dict[str, Any],
+    idle: float | None,
+    output: Path | None,
+    urdf: Path | None,
+    plot: Path | None,
+    json: Path | None,
+) -> None:
+    """Learn from a growing log until it ends or Ctrl-C is pressed, a line a second; then write what was learned."""
+    from gimbal_pin.balance import reported
+    from gimbal_pin.io.files import atomic_write, replacing, to_json, write_json
+    from gimbal_pin.io.follow import follow
+    from gimbal_pin.io.model import read_model, write_model
+    from gimbal_pin.online import Online, progress, steps
+    from gimbal_pin.online.chart import chart
+
+    if len(logs) != 1:
+        raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
+    loaded = load_rig(rig, payload or tags_of(logs)[0])
+    before = None if known is None else read_model(known, load_rig(rig, mounted(known)))
+    online = Online.of(loaded, known=before, **wish)
+    lines, history, told, spoken = json is not None and str(json) == "-", [], 0, 0
+    memory = online.start(logs[0])
+    with contextlib.suppress(KeyboardInterrupt):
+        for memory in steps(online, follow(logs[0], loaded, mapping, idle=inf if idle is None else idle), logs[0]):
+            second = int(memory.t + 1e-6) if memory.samples else 0
+            if second == spoken and len(memory.events) == told:
+                continue
+            now = progress(online, memory)
+            history += [now] if plot is not None else []
+            print(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told), flush=True)
+            told, spoken = len(memory.events), second
+    found = online.identified(memory)
+    result = reported(found)
+    if output is not None:
+        write_model(found, output)
+    if urdf is not None:
+        atomic_write(urdf, found.to_urdf())
+    if plot is not None:
+        with replacing(plot) as temporary:
+            chart(history).savefig(temporary)
+    print(to_json({**result, "kind": "result"}, None)[:-1] if lines else text.identified(found))
+    if json is not None and not lines:
+        write_json(result, json)
 
 
 def positive(option: str, value: float) -> None:

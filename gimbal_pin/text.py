@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
+    from gimbal_pin.online import Progress
     from gimbal_pin.payloads import Several
     from gimbal_pin.pointing.verify import Verified
     from gimbal_pin.tracking import Tracking
@@ -163,6 +164,24 @@ def within(figure: Figure, factor: float = 1.0) -> str:
     places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
     value = f"{figure.value * factor:.{places}f} ± {number(half, 2)}"
     return value if figure.shown else f"{value}*"
+
+
+def following(found: Progress, told: int) -> str:
+    """One line on an online estimate: time, torque error, the most telling parameters; then what happened anew.
+
+    Args:
+        found: The state.
+        told: How many events were told before.
+    """
+    error = ", ".join(f"{joint} {number(value, 2)}" for joint, value in found.torque_error.items())
+    parts = [f"{found.t:8.1f} s", *([f"off by {error} N m;"] if error else [])]
+    if found.hidden:
+        parts.append(f"{len(found.hidden)} of {len(found.names)} parameters do not show yet")
+    else:
+        rows = [(found.names[k], found.value[k], 1.96 * found.std[k], found.units[k]) for k in found.telling[:3]]
+        parts.append(", ".join(f"{name} {number(x)} ± {number(half, 1)} {unit}" for name, x, half, unit in rows))
+    events = [f"{event.t:8.1f} s  {event.sentence}" for event in found.events[told:]]
+    return "\n".join([*events, "  ".join(parts)])
 
 
 def several(found: Several) -> str:

@@ -23,7 +23,7 @@ VERBS = (
     "suspicion identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
     " pointing"
 )
-WHOLE = "checking balance payloads"
+WHOLE = "checking balance payloads online"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""

@@ -106,13 +106,19 @@ def triangle(matrix: Array) -> Array:
     return np.array(np.linalg.qr(matrix, mode="r"), dtype=np.float64)
 
 
-def solve(factors: Array, scale: Array) -> tuple[Array, Array, float]:
-    """Least squares over all joints, joint j's rows multiplied by ``scale[j]``.
+def solve(factors: Array, scale: Array, prior: Array | None = None) -> tuple[Array, Array, float]:
+    """Least squares over all joints, joint j's rows multiplied by ``scale[j]``, and what is known beforehand.
+
+    Args:
+        factors: Of each joint's [A b], (n, k + 1, k + 1).
+        scale: Square root of each joint's weight, (n,).
+        prior: Rows ``[U z]`` with ``U theta = z`` up to noise of unit size, (any, k + 1); None: none.
 
     Returns:
         theta (k,); ``(AᵀWA)⁻¹`` (k, k), infinite where a direction is not seen; the condition number.
     """
-    stacked = triangle((factors * scale[:, None, None]).reshape(-1, factors.shape[2]))
+    rows = (factors * scale[:, None, None]).reshape(-1, factors.shape[2])
+    stacked = triangle(rows if prior is None else np.concatenate([prior, rows]))
     R, y = stacked[:-1, :-1], stacked[:-1, -1]
     norms = np.linalg.norm(R, axis=0)
     unit = np.where(norms > 0, norms, 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -19,16 +19,31 @@ def weighted(blocks: Sequence[Block]) -> Estimate:
     A lightly loaded axis has small torques and small errors; equal weights would let the heavy axes' errors drown
     what only that axis shows. The factors are computed once; every pass only reweights them.
     """
-    factors = factor(blocks)
+    factors, count = factor(blocks), effective_rows(blocks)
     rows = sum(len(block.t) for block in blocks)
-    scale: Array = np.ones(len(factors))
-    for _ in range(PASSES):
-        theta, information, condition = solve(factors, scale)
-        power = residual_power(factors, theta, effective_rows(blocks))
-        scale = joint_weights(power)
-    theta, information, condition = solve(factors, scale)
+    theta, information, condition, power, scale = reweighted(factors, lambda x: residual_power(factors, x, count))
     spread = covariance(blocks, theta, information, scale)
     return Estimate(theta, spread, np.sqrt(power), condition, rows, "weighted")
+
+
+def reweighted(
+    factors: Array, power_of: Callable[[Array], Array], prior: Array | None = None
+) -> tuple[Array, Array, float, Array, Array]:
+    """Solve, weigh each joint by its residual, and again; `PASSES` times and once more.
+
+    Args:
+        factors: Of each joint's [A b], (n, k + 1, k + 1).
+        power_of: theta → each joint's residual power, (n,).
+        prior: As for `solve`.
+
+    Returns:
+        theta, ``(AᵀWA)⁻¹`` and the condition number as from `solve`; the power, and the weights' roots, (n,).
+    """
+    scale: Array = np.ones(len(factors))
+    for _ in range(PASSES):
+        power = power_of(solve(factors, scale, prior)[0])
+        scale = joint_weights(power)
+    return *solve(factors, scale, prior), power, scale
 
 
 def joint_weights(power: Array) -> Array:

@@ -64,8 +64,13 @@ def read_log(
     file, payload = split_payload(path)
     links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
     data = read_channels(file, rig, log_groups(rig.joints, links, need_tau), mapping, map_file)
+    return to_log(data, str(file), rig, links, payload)
+
+
+def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str], payload: str | None) -> Log:
+    """Return the log of the groups that were read."""
     return Log(
-        name=str(file),
+        name=name,
         joints=rig.joints,
         t=data["t"][:, 0],
         q=data["q"],

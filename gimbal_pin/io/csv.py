@@ -136,16 +136,23 @@ def open_csv(path: Path) -> CsvTable:
     Raises:
         LogError: The file is missing, empty, binary, or has one column only.
     """
-    data = as_utf8(read_bytes(path, LogError))
+    found = headed(str(path), as_utf8(read_bytes(path, LogError)))
+    if found is None:
+        raise LogError(str(path), "is empty", "give a file with a header and one row per sample")
+    return found
+
+
+def headed(name: str, data: bytes) -> CsvTable | None:
+    """Return the table that starts with `data`, whole lines; None where these hold neither header nor row."""
     if b"\0" in data[:4096]:
-        raise LogError(str(path), "is binary, not CSV", "give it the suffix of its format")
+        raise LogError(name, "is binary, not CSV", "give it the suffix of its format")
     remark = ""
     for number, start, end, line in lines(data):
         if line.lstrip().startswith("#"):
             remark = line.lstrip().lstrip("#")
         elif line.strip():
-            return table(str(path), data, (number, start, end), line, remark)
-    raise LogError(str(path), "is empty", "give a file with a header and one row per sample")
+            return table(name, data, (number, start, end), line, remark)
+    return None
 
 
 def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark: str) -> CsvTable:

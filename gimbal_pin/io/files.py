@@ -96,9 +96,12 @@ def write_yaml(value: object, path: str | Path) -> None:
     atomic_write(path, text)
 
 
-def to_json(value: object) -> str:
-    """Return `plain(value)` as JSON text, keys in the order given; NaN and infinities, which JSON lacks, are null."""
-    return json.dumps(finite(plain(value)), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+def to_json(value: object, indent: int | None = 2) -> str:
+    """Return `plain(value)` as JSON text, keys in the order given; NaN and infinities, which JSON lacks, are null.
+
+    Without an indent it is one line.
+    """
+    return json.dumps(finite(plain(value)), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_json(value: object, path: str | Path) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import tyro
 
-from benchmark import diagnosing, memory, regression, simulation
+from benchmark import diagnosing, memory, online, regression, simulation
 from benchmark.figure import Figure, line, summary
 from gimbal_pin.io.files import write_json
 
@@ -25,7 +25,7 @@ def main(json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> 
     """
     print(f"{machine()}\n{'':72}{'measured':>12}{'required':>22}", flush=True)
     figures: list[Figure] = []
-    for measure in (regression.measure, memory.measure, simulation.measure, diagnosing.measure):
+    for measure in (regression.measure, memory.measure, simulation.measure, online.measure, diagnosing.measure):
         for figure in measure():
             print(line(figure), flush=True)
             figures.append(figure)

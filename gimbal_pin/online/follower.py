@@ -1,0 +1,298 @@
+"""Identification on the running gimbal: samples in, at any moment the model that `identify` would give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.effects import Effect
+from gimbal_pin.errors import DataError, LogError, UsageError
+from gimbal_pin.estimators import Estimate
+from gimbal_pin.identification import Accuracy, Identified, accuracy, assembled, to_model
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import Model, friction_effects
+from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
+from gimbal_pin.online.change import WINDOWS
+from gimbal_pin.online.grid import FIRST, Grid, interval, next_frame
+from gimbal_pin.online.learning import (
+    DOUBT,
+    Event,
+    Learned,
+    Task,
+    answer,
+    few,
+    gathered,
+    hidden,
+    learned,
+    nothing,
+    values,
+)
+from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
+from gimbal_pin.payloads import Carried, estimated
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Block, Filtering, Rows, settling
+
+
+class Memory(NamedTuple):
+    """All that is remembered of a log: as much after an hour as after a second, but for the events.
+
+    Attributes:
+        name: Name of the log.
+        grid: Samples that are in no frame yet.
+        noise: Noise of the sensors.
+        known: What was learned.
+        design: Constants that follow from the sampling interval; None until it is known.
+        running: Memory of the filters; None before the first frame.
+        task: Constants of the estimate; None until the sampling interval is known.
+        pending: Blocks that came since the grid was looked at.
+        due: Time of a sample that is worth looking at it, s.
+        t: Time of the newest sample, s.
+        samples: How many came.
+        rates: Whether they have rates.
+        row: The newest row; None before the first.
+    """
+
+    name: str
+    grid: Grid
+    noise: Noise
+    known: Learned
+    design: Design | None = None
+    running: Running | None = None
+    task: Task | None = None
+    pending: tuple[Log, ...] = ()
+    due: float = -inf
+    t: float = -inf
+    samples: int = 0
+    rates: bool = False
+    row: Row | None = None
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened: payloads changed, parameters known."""
+        return self.known.events
+
+
+@dataclass(frozen=True, eq=False)
+class Online:
+    """``memory = online.advance(memory, log)`` takes samples in, one or many at a time; `model` answers at any moment.
+
+    The answer is that of `estimators.weighted` on the same rows, whichever way the samples were cut into blocks
+    (recursion: Lawson and Hanson 1974, ch. 27; covariance: Newey and West 1987). The base is taken as standing.
+
+    Attributes:
+        rows: Rig, base parameters, effects and filters.
+        directions: How a change of the payload moves the parameters, (k, r).
+        everything: Whether a change of payload lets all parameters loose.
+        fading: Time constant of forgetting, s of a joint's motion; infinite: none.
+        prior: What is known beforehand; None: nothing.
+    """
+
+    rows: Rows
+    directions: Array
+    everything: bool = False
+    fading: float = inf
+    prior: Prior | None = None
+
+    @staticmethod
+    def of(
+        rig: Rig,
+        effects: Sequence[Effect] = (),
+        *,
+        filtering: Filtering | None = None,
+        fading: float = inf,
+        everything: bool = False,
+        known: Model | None = None,
+    ) -> Online:
+        """Return the estimator for a rig.
+
+        Args:
+            rig: The rig.
+            effects: Effects on top of Coulomb and viscous friction; none with a memory.
+            filtering: Cutoff and alignment; None: the defaults.
+            fading: Time constant of exponential forgetting, s of a joint's motion; standing still forgets nothing.
+            everything: After a change of payload estimate all parameters anew, not the payload's alone.
+            known: An identified model of this gimbal with any payload: the payload's parameters alone are estimated.
+
+        Raises:
+            UsageError: An effect with a memory, a time constant that is not positive, a model of other parameters.
+        """
+        for effect in effects:
+            if effect.start() is not None:
+                raise UsageError(effect.name, "has a memory of its own", "identify it from a whole log")
+        if not fading > 0:
+            raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
+        everywhere = friction_effects(rig.joints) + tuple(effects)
+        rows = Rows(rig, reduce(rig), everywhere, (), filtering or Filtering())
+        directions = payload_directions(rows)
+        prior = None if known is None else beforehand(rows, directions, known)
+        return Online(rows, directions, everything, fading, prior)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.rows.rig.joints
+
+    def start(self, name: str = "online") -> Memory:
+        """Return the memory before the first sample; `name` is what errors and results call the log."""
+        n = self.rows.rig.n
+        known = nothing(n, len(self.rows.names), self.prior)
+        return Memory(name, Grid(n, np.zeros((0, 0))), Noise(np.zeros((2, n)), 0), known)
+
+    def advance(self, memory: Memory, log: Log) -> Memory:
+        """Return the memory after more samples.
+
+        Args:
+            memory: Before.
+            log: Samples later than those before, in one block or many; with rates in all of them or in none.
+
+        Raises:
+            LogError: They are not later than those before.
+            UsageError: No torque, too few samples per period of the cutoff, or rates in some blocks only.
+        """
+        if not len(log):
+            return memory
+        memory = joined(memory, log)
+        if memory.t <= memory.due:
+            return memory
+        memory = memory._replace(grid=memory.grid.with_logs(memory.pending), pending=())
+        design = memory.design
+        if design is None:
+            memory = self.timed(memory)
+            if (design := memory.design) is None:
+                return memory
+        while (after := self.framed(memory, design)) is not memory:
+            memory = after
+        # A copy: a view would keep the whole block alive behind its last samples.
+        grid = memory.grid._replace(raw=memory.grid.raw.copy())
+        return memory._replace(grid=grid, due=grid.due(design.count, design.alignment))
+
+    def timed(self, memory: Memory) -> Memory:
+        """Choose everything that depends on the sampling interval, once the first samples tell it."""
+        if memory.samples <= FIRST:
+            return memory
+        grid = memory.grid
+        filtering, dt = self.rows.filtering, interval(grid.raw[: FIRST + 1, 0])
+        if filtering.cutoff * dt > 0.2:
+            what = f"of {filtering.cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
+            raise UsageError(f"{memory.name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
+        design = designed(self.rows, dt)
+        base = len(self.rows.reduction.independent)
+        doubt = np.where(np.arange(len(self.rows.names)) < base, 0.0, DOUBT)
+        moved = (self.directions, doubt, self.everything, self.fading)
+        task = Task(self.rows.names, *moved, design.count * dt, SETTLING * settling(filtering))
+        return memory._replace(grid=grid._replace(dt=dt), design=design, task=task)
+
+    def framed(self, memory: Memory, design: Design) -> Memory:
+        """Take the next frame; the same memory if there is none."""
+        frame, grid = next_frame(memory.grid, design.count, design.alignment, design.gap)
+        if frame is None:
+            return memory if grid is memory.grid else memory._replace(grid=grid)
+        row, running, noise = passed(design, memory.running, memory.noise, frame)
+        memory = memory._replace(grid=grid, running=running, noise=noise)
+        if row is None or memory.task is None:
+            return memory
+        now = float(frame.t[-1])
+        return memory._replace(known=learned(memory.task, memory.known, row, now), row=row)
+
+    def estimate(self, memory: Memory) -> Known:
+        """Return the parameters from all samples so far, since the last change of payload.
+
+        While the newest second or two seem to be of another payload, but may be a push, they are left out.
+
+        Raises:
+            DataError: They are too few yet, or leave no trace of some parameters; it names these.
+        """
+        task = memory.task
+        if task is None:
+            raise DataError(memory.name, "has too few samples so far", "go on")
+        moments, prior = gathered(task, memory.known), memory.known.prior
+        if few(task, moments, prior):
+            what = f"has given {moments.rows} rows so far; they cannot show any of"
+            raise DataError(memory.name, what, "go on moving every joint", task.names)
+        known = solved(moments, prior)
+        if names := hidden(task, moments, known.estimate, prior):
+            raise DataError(memory.name, "so far leaves no trace of", "move every joint, several at a time", names)
+        return known
+
+    def ready(self, memory: Memory) -> bool:
+        """Whether `model` has an answer."""
+        return memory.task is not None and answer(memory.task, memory.known) is not None
+
+    def model(self, memory: Memory) -> Model:
+        """Return the model with its uncertainty, as `identify` gives it; `DataError` as `estimate`."""
+        return to_model(self.rows, self.estimate(memory).estimate)
+
+    def identified(self, memory: Memory) -> Identified:
+        """Return what `identify` returns; held out are the rows before they were learned, where that was possible.
+
+        Raises:
+            DataError: As `estimate`.
+        """
+        estimate = self.estimate(memory).estimate
+        task = memory.task
+        assert task is not None, "an estimate has a task"
+        block = gathered(task, memory.known).block()
+        found = assembled(self.rows, [block], estimate, None, "")
+        notes = tuple(event.sentence for event in memory.events)
+        if any(event.what == "changed" for event in memory.events):
+            notes += (f"what speaks of the payload's mass stands on {self.rows.rig.payload}, which was there at first",)
+        tested = tested_accuracy(self.joints, memory.known)
+        return replace(found, held_out=tested, logs=(memory.name,), notes=notes)
+
+    def torque_error(self, memory: Memory) -> Mapping[str, float]:
+        """Joint → rms of what the newest two seconds' torque was mispredicted by, N m; empty until it was predicted."""
+        known = memory.known
+        if known.reference is None or not known.window:
+            return {}
+        rows = values(known.window[-max(WINDOWS) :])
+        error = rows[:, :, -2] - rows[:, :, :-2] @ known.reference.estimate.theta
+        rms = np.sqrt(np.sum(error**2, axis=0) / np.maximum(np.sum(rows[:, :, -1] ** 2, axis=0), 1e-300))
+        return dict(zip(self.joints, rms.tolist()))
+
+
+def joined(memory: Memory, log: Log) -> Memory:
+    """Append samples; this is all that is done for most of them, so it is done with little."""
+    if log.tau is None:
+        raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
+    rates = log.v is not None
+    if memory.samples and rates is not memory.rates:
+        raise UsageError(memory.name, "has rates in some samples only", "give them in all or in none")
+    if not log.t.item(0) > memory.t:
+        what = f"time goes from {memory.t!r} back to {log.t.item(0)!r} s"
+        raise LogError(memory.name, what, "give the samples in the order of time")
+    samples = memory.samples + len(log)
+    return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=samples, rates=rates)
+
+
+def payload_directions(rows: Rows) -> Array:
+    """How the parameters of the camera's body, as far as they show, move all parameters, (k, r)."""
+    columns = Carried.of(rows.rig, rows.reduction).columns
+    out = np.zeros((len(rows.names), columns.shape[1]))
+    out[: len(columns)] = columns
+    return out
+
+
+def beforehand(rows: Rows, directions: Array, model: Model) -> Prior:
+    """Return what a model of the gimbal with another payload leaves known."""
+    known = estimated(model)
+    if known.names != rows.names:
+        raise UsageError("the known model", "holds other parameters than this rig", f"identify {rows.rig.name} once")
+    silent = np.zeros((LAGS + 1, rows.rig.n))
+    estimate = Estimate(known.theta, known.covariance, silent[0], inf, 0, "known")
+    return replace(loosened(Known(estimate, silent), directions), count=0.0)
+
+
+def tested_accuracy(joints: Sequence[str], known: Learned) -> Accuracy | None:
+    """Accuracy of the predictions of rows that were not learned yet; None where none was made."""
+    if not known.count:
+        return None
+    squares, vectors = np.linalg.eigh(3 / known.count * known.predicted)
+    roots = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
+    lines = roots.swapaxes(0, 1)  # rows with the same squares and products
+    block = Block(np.zeros(3), lines[:, :, :1], lines[:, :, 1], lines[:, :, 1], lines[:, :, 2])
+    return accuracy(joints, [block], np.ones(1), "predicted before it was learned")
