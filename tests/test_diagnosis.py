@@ -280,6 +280,15 @@ def test_logs_of_one_rig_agree(rig: Rig, planted: str) -> None:
     assert outright(rig, each) is None and agreement(rig, each, ()) is None
 
 
+@pytest.mark.parametrize("sizes", [(0.2, 0.2, 0.2), (0.2, 0.2, -0.2)])
+def test_a_cause_is_the_same_in_every_log_of_one_rig(rig: Rig, sizes: tuple[float, ...]) -> None:
+    """A constant torque explains the logs of one rig together, and not those of a rig that was touched in between."""
+    models = [plant_with(nominal(rig), [parse_effect(f"torque-bias:tilt:bias={x}", rig)]).plant for x in sizes]
+    logs = [prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002) for k, model in enumerate(models)]
+    fault = agreement(rig, alone(rig, logs, replace(BAND, alignment=0.0)), (CAUSES["torque-bias"]("tilt"),))
+    assert (fault is None) == (len(set(sizes)) == 1)
+
+
 def test_every_cause_of_the_contract_is_looked_for() -> None:
     """The library is what `effects` exports: nothing is listed twice."""
     assert all(kind.name == name for name, kind in CAUSES.items())

@@ -31,6 +31,8 @@ BEYOND = 2.0
 """The same over what each log's own fit leaves: less could be a misfit that the logs' motions bring out differently."""
 
 
+SETTLED = 0.5
+"""The same where the logs stood apart before any cause was found: causes must settle it, not only make it smaller."""
 SOUND = 4.0
 """Dispersion under which nothing that could set a log apart is left of it."""
 
@@ -43,8 +45,8 @@ class Apart(NamedTuple):
 
     Attributes:
         log: Its name.
-        torque: Torque that the difference of base parameters moves on it, friction refitted, N m rms, (n,): its share
-            of the whitened torque, times the torque's rms.
+        torque: Torque that the difference of parameters moves on it, friction refitted, N m rms, (n,): its share of
+            the whitened torque, times the torque's rms.
         excess: The same over what the log's own fit leaves, (n,).
         share: The same over the log's torque, (n,).
     """
@@ -54,10 +56,9 @@ class Apart(NamedTuple):
     excess: Array
     share: Array
 
-    @property
-    def serious(self) -> Flags:
-        """Joints at which it stands out and matters, (n,)."""
-        return (self.excess > BEYOND) & (self.share > MATERIAL)
+    def serious(self, limit: Array | float = BEYOND) -> Flags:
+        """Joints at which it stands out by more than a limit and matters, (n,)."""
+        return np.asarray((self.excess > limit) & (self.share > MATERIAL))
 
 
 def alone(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> Alone:
@@ -78,7 +79,7 @@ def outright(rig: Rig, problems: Alone) -> Fault | None:
     """
     states = {name: solved(problem, ()) for name, problem in problems.items()}
     sound = np.all([state.fit.dispersion < SOUND for state in states.values()], axis=0)
-    return disagreement(rig, states, sound)
+    return disagreement(rig, apart(states), np.where(sound, BEYOND, np.inf))
 
 
 def agreement(rig: Rig, problems: Alone, causes: Sequence[Cause]) -> Fault | None:
@@ -92,53 +93,58 @@ def agreement(rig: Rig, problems: Alone, causes: Sequence[Cause]) -> Fault | Non
     Returns:
         The fault, or None: the logs agree, or there is only one that is long enough to tell.
     """
-    states = {name: solved(problem, causes, solved(problem, ())) for name, problem in problems.items()}
-    return disagreement(rig, states, np.ones(rig.n, bool))
+    plain = {name: solved(problem, ()) for name, problem in problems.items()}
+    stood = np.any([row.serious() for row in apart(plain)] or [np.zeros(rig.n, bool)], axis=0)
+    states = {name: solved(problem, causes, plain[name]) for name, problem in problems.items()}
+    return disagreement(rig, apart(states), np.where(stood, SETTLED, BEYOND))
 
 
-def disagreement(rig: Rig, states: Mapping[str, State], joints: Flags) -> Fault | None:
-    """Return the fault if the logs' own fits differ at one of these joints."""
-    if len(states) < 2:
-        return None
-    width = len(next(iter(states.values())).problem.reduction.independent)
-    rows = apart(states, width)
-    return told(rig, rows) if any((row.serious & joints).any() for row in rows) else None
+def disagreement(rig: Rig, rows: Sequence[Apart], limit: Array) -> Fault | None:
+    """Return the fault if a log stands out by more than the limit of a joint, (n,)."""
+    return told(rig, rows, limit) if any(row.serious(limit).any() for row in rows) else None
 
 
-def apart(states: Mapping[str, State], width: int) -> list[Apart]:
-    """Compare each log's first `width` parameters with those that all share, ``(Σ H_i)⁻¹ Σ H_i β_i``.
+def apart(states: Mapping[str, State]) -> list[Apart]:
+    """Compare each log's parameters with those that all share, ``(Σ H_i)⁻¹ Σ H_i β_i``; none where one is alone.
 
-    H_i is the information that a log has of them, friction and causes left open.
+    H_i is the information that a log has of the base parameters and of what the causes add, which one rig has the same
+    in every log; friction, which changes with temperature, is left open.
     """
-    parts = {name: free(state, width) for name, state in states.items()}
+    if len(states) < 2:
+        return []
+    parts = {name: free(state) for name, state in states.items()}
     both = np.vstack([columns for columns, _ in parts.values()])
     shared = np.linalg.lstsq(both, np.concatenate([target for _, target in parts.values()]), rcond=1e-10)[0]
-    return [compared(name, state, parts[name][0], shared) for name, state in states.items()]
+    return [compared(name, state, *parts[name], shared) for name, state in states.items()]
 
 
-def free(state: State, width: int) -> tuple[Array, Array]:
-    """Weighted base columns without what friction and causes can take up, (rows n, width), and the torque they fit."""
-    fit = state.fit
-    columns = outside(fit.stack[:, width:], fit.stack[:, :width])
-    return columns, columns @ fit.theta[:width]
+def free(state: State) -> tuple[Array, Array]:
+    """Weighted columns of base parameters and causes without what friction can take up, and the torque they fit.
+
+    (rows n, shared) and (rows n,).
+    """
+    fit, width = state.fit, len(state.problem.reduction.independent)
+    rubbing = slice(width, width + len(state.problem.friction))
+    columns = outside(fit.stack[:, rubbing], np.delete(fit.stack, rubbing, axis=1))
+    return columns, columns @ np.delete(fit.theta, rubbing)
 
 
-def compared(name: str, state: State, columns: Array, shared: Array) -> Apart:
-    """Describe one log."""
+def compared(name: str, state: State, columns: Array, fitted: Array, shared: Array) -> Apart:
+    """Describe one log from what `free` says of it and the parameters that all logs share."""
     evidence, fit = state.problem.evidence, state.fit
     n = evidence.rig.n
     own = fit.residual.reshape(-1, n) / fit.scale
-    apart_by = (columns @ (fit.theta[: len(shared)] - shared)).reshape(-1, n) / fit.scale
+    apart_by = (fitted - columns @ shared).reshape(-1, n) / fit.scale
     whole = fit.target.reshape(-1, n) / fit.scale
     left, size, all_of_it = (np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-300) for x in (own, apart_by, whole))
     level = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
     return Apart(name, size / all_of_it * level, size / left, size / all_of_it)
 
 
-def told(rig: Rig, rows: Sequence[Apart]) -> Fault:
+def told(rig: Rig, rows: Sequence[Apart], limit: Array) -> Fault:
     """Return the fault, described by the joint and the log where the logs are furthest apart."""
-    worst = max(rows, key=lambda row: float(np.max(row.excess * row.serious)))
-    j = int(np.argmax(worst.excess * worst.serious))
+    worst = max(rows, key=lambda row: float(np.max(row.excess * row.serious(limit))))
+    j = int(np.argmax(worst.excess * worst.serious(limit)))
     figures = tuple(Parameter(f"log {row.log}", float(row.torque[j]), "N m") for row in rows)
     sentence = (
         f"the logs are not of one rig: what fits each of them apart differs by {worst.torque[j]:.2g} N m rms at "
