@@ -29,7 +29,8 @@ class Bootstrap:
 
     e* are blocks of the residual drawn with replacement (Künsch 1989), all joints of a time together: neither the
     residual's colour nor what joints share is modelled. Blocks must be longer than the residual remembers, and the log
-    many blocks long.
+    many blocks long. Over 60 simulated logs with slow noise 95 % intervals held the truth 89 times in 100, those by the
+    residual's colour 95: blocks lack what the fit took out of the residual and what correlates across their ends.
 
     Attributes:
         estimator: Estimator of rows; those that simulate the log itself have no rows to draw for.
