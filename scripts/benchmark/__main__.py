@@ -12,20 +12,20 @@ from typing import Annotated
 
 import tyro
 
-from benchmark import memory, regression, simulation
+from benchmark import excitation, memory, regression, simulation
 from benchmark.figure import Figure, line, summary
 from gimbal_pin.io.files import write_json
 
 
 def main(json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> None:
-    """Compare speed and memory with their requirements, on the bundled rig `thesis`.
+    """Compare speed, memory and excitation with their requirements, on the bundled rig `thesis`.
 
     Args:
         json: Write the figures as JSON, too.
     """
     print(f"{machine()}\n{'':72}{'measured':>12}{'required':>22}", flush=True)
     figures: list[Figure] = []
-    for measure in (regression.measure, memory.measure, simulation.measure):
+    for measure in (regression.measure, memory.measure, simulation.measure, excitation.measure):
         for figure in measure():
             print(line(figure), flush=True)
             figures.append(figure)
