@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from math import inf
 from pathlib import Path
+from select import select
+from time import monotonic
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin import text
 from gimbal_pin.config import Limits
 from gimbal_pin.effects import Coulomb, Effect, LoadDependentFriction, Stribeck, Term
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.excitation import (
     Condition,
     Determinant,
@@ -28,11 +41,16 @@ from gimbal_pin.excitation import (
     known,
     sequential,
 )
+from gimbal_pin.excitation.adjoint import links, regressor_gradient
+from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns, sliding
 from gimbal_pin.excitation.criteria import Criterion
+from gimbal_pin.excitation.design import cleared
+from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
+from gimbal_pin.regressor import regressor
 from gimbal_pin.rig import Rig, bundled_rigs
 
 PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
@@ -354,7 +372,9 @@ def test_sliding_is_the_mean_sign_of_a_straight_rate(v: float, a: float, step: f
 def test_yardstick_does_not_depend_on_what_is_mounted() -> None:
     motion = designed("thesis", 0).motion
     numbers = [condition_number(Rig.load("thesis", payload), motion) for payload in ("none", "cinema", "infrared")]
-    assert numbers == pytest.approx([designed("thesis", 0).condition_number] * 3, rel=1e-3)
+    assert numbers == pytest.approx([numbers[0]] * 3, rel=1e-9)
+    stated = designed("thesis", 0).condition_number  # on another grid: thirty reversals fall between its samples
+    assert numbers[0] == pytest.approx(stated, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", RIGS)
@@ -427,3 +447,226 @@ def test_sequential_gradient_and_sampling(seed: int) -> None:
     slope = (criterion.value(a + 1e-6 * change) - criterion.value(a - 1e-6 * change)) / 2e-6
     assert np.sum(left * (change @ right.T)) == pytest.approx(slope, rel=1e-5, abs=1e-7)
     assert criterion.value(np.vstack([a, a])) == pytest.approx(criterion.value(a), rel=1e-12)
+
+
+# the regressor's derivative, and the descent inside limits
+
+
+def branched(folder: Path) -> Rig:
+    """A slide that carries two swinging arms, one with a wrist: a tree, not a chain."""
+    text = SLIDER.replace("</robot>", "")
+    for name, parent, axis in (("left", "cart", "0.6 0 0.8"), ("hand", "boom", "1 0 0")):
+        text += f"""<link name="{name}"><inertial><origin xyz="0.1 0.05 0"/><mass value="0.5"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="to_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/><origin xyz="0.1 0.2 0.3"
+rpy="0.3 -0.2 0.5"/><axis xyz="{axis}"/><limit lower="-1" upper="1" effort="5" velocity="4"/></joint>"""
+    path = folder / "tree.urdf"
+    path.write_text(text + "</robot>")
+    return Rig.load(path)
+
+
+@pytest.mark.parametrize("which", [*RIGS, "tree"])
+def test_gradient_of_the_regressor_is_exact_on_chains_and_trees(which: str, tmp_path: Path) -> None:
+    rig, rng, count = branched(tmp_path) if which == "tree" else Rig.load(which), np.random.default_rng(0), 5
+    states = rng.standard_normal((3, count, rig.n))
+    weights = rng.standard_normal((count, rig.n, 10 * rig.n))
+    by_body = weights.reshape(count, rig.n, rig.n, 10).transpose(2, 3, 1, 0)
+    exact = regressor_gradient(links(rig.model), rig.model.gravity.linear, Motion(np.zeros(count), *states), by_body)
+
+    def total(flat: Array) -> Array:
+        return np.sum(weights * regressor(rig, *flat.reshape(states.shape)))
+
+    rough = differences(total, states.ravel()).reshape(states.shape)
+    assert np.abs(exact - rough).max() < 1e-7 * np.abs(rough).max()
+
+
+class Disc:
+    """Minimise a slope over a disc whose rim is a curved limit: the minimum is on the rim, down the slope."""
+
+    slope = np.array([3.0, -4.0])
+
+    def __init__(self) -> None:
+        self.seen: list[Array] = []
+
+    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
+        self.seen.append(x)
+        return float(self.slope @ x), lambda: self.slope
+
+    def room(self, x: Array) -> Array:
+        return np.array([1 - x @ x, 5 - x[0]])
+
+    def room_slopes(self, x: Array) -> Array:
+        return np.array([-2 * x, [-1.0, 0.0]])
+
+
+def test_descent_ends_at_the_minimum_and_never_leaves_the_limits() -> None:
+    disc = Disc()
+    points = list(descent(disc, np.array([0.3, 0.4]), 1e-6))
+    assert points[-1].x == pytest.approx([-0.6, 0.8], abs=2e-3)
+    assert all(disc.room(x).min() > 0 for x in disc.seen)
+    assert points[-1].f == pytest.approx(-5, abs=0.01)
+
+
+# what must not hit
+
+
+POST = """<robot name="post"><link name="base"><collision><origin xyz="0 0 -0.05"/>
+<geometry><cylinder radius="0.05" length="0.1"/></geometry></collision></link>
+<link name="post"><collision><origin xyz="{at} 0.1"/><geometry><cylinder radius="0.02" length="0.4"/></geometry>
+</collision></link><joint name="bolt" type="fixed"><parent link="base"/><child link="post"/></joint>
+<link name="arm"><inertial><origin xyz="0.05 0 0.02"/><mass value="0.8"/>
+<inertia ixx="0.004" iyy="0.006" izz="0.007" ixy="0" ixz="0.0005" iyz="0"/></inertial>
+<collision><origin xyz="0.05 0 0.05"/><geometry><box size="0.1 0.05 0.02"/></geometry></collision></link>
+<link name="head"><inertial><origin xyz="0.06 0.01 0.02"/><mass value="1.1"/>
+<inertia ixx="0.002" iyy="0.005" izz="0.005" ixy="0.0002" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0.08 0 0"/><geometry><box size="0.24 0.06 0.06"/></geometry></collision>{more}</link>
+<joint name="pan" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-2.5" upper="2.5" effort="4" velocity="2"/><dynamics damping="0.01" friction="0.03"/></joint>
+<joint name="tilt" type="revolute"><parent link="arm"/><child link="head"/><origin xyz="0.05 0 0.08"/>
+<axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="4" velocity="2"/><dynamics damping="0.01" friction="0.02"/></joint></robot>"""
+"""A head that swings round and meets a post which stands beside its base."""
+
+
+def beside(folder: Path, at: str = "0.12 0.18", more: str = "") -> Rig:
+    path = folder / "post.urdf"
+    path.write_text(POST.format(at=at, more=more))
+    return Rig.load(path)
+
+
+def apart(rig: Rig, found: Excitation) -> float:
+    """The smallest distance of all pairs on a grid twice as dense, without any short cut."""
+    all_pairs = Clearance.of(rig, 0.0, Envelope.of(rig))
+    q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 2401)).q
+    return float(all_pairs.distances(q, range(len(all_pairs.geometry.collisionPairs))).min())
+
+
+def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
+    rig, far = beside(tmp_path), Path(tmp_path / "far")
+    far.mkdir()
+    free = excite(beside(far, "3 3"), starts=1, seconds=5.0, rng=np.random.default_rng(0))
+    assert apart(rig, free) < 0  # what is best where there is no post runs into it
+    found = excite(rig, starts=1, seconds=5.0, rng=np.random.default_rng(0), clearance=0.01)
+    assert found.clearance is not None
+    assert found.clearance.distance == pytest.approx(apart(rig, found), abs=2e-6)
+    assert found.clearance.distance >= 0.01 - 1e-6
+    assert "head" in found.clearance.between
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    read = json.loads(json.dumps(found.to_dict()))["clearance"]
+    assert read == {"distance": found.clearance.distance, "between": list(found.clearance.between)}
+    assert f"smallest clearance: {1000 * read['distance']:.3g} mm, between" in text.excitation(found)
+
+
+def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = replace(problem(rig), clearance=replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=()))
+    for seed in range(40):
+        x = at.start(np.random.default_rng(seed))
+        gap = at.clearance.smallest(at.motion(x, at.dense).q)  # type: ignore[union-attr]
+        if gap is not None and gap.distance < 0.01 and at.clearance.distances(at.coefficients(x)[:1], (0,))[0] > 0.02:  # type: ignore[union-attr]
+            break
+    mended, now = cleared(at, x)
+    assert gap is not None and gap.distance < 0.01 <= now.distance + 1e-6  # type: ignore[union-attr]
+    assert np.abs(mended).sum() < np.abs(x).sum()
+
+
+def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=(0, 1, 2))
+    q = Envelope.of(rig).spread().q[:30]
+    exact, step = at.room_slopes(q), 1e-3
+    rough = np.stack([(at.room(q + step * e) - at.room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1)
+    error = np.abs(exact - rough)
+    assert np.quantile(error, 0.9) < 1e-3 * np.abs(rough).max()  # the others: another edge becomes the nearest
+    watching = replace(problem(rig), clearance=at)
+    x = watching.start(np.random.default_rng(0))
+    assert watching.room_slopes(x).shape == (len(watching.room(x)), len(x))
+
+
+def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = Clearance.of(rig, 0.01, Envelope.of(rig))
+    pairs = {frozenset(at.names(k)) for k in range(len(at.geometry.collisionPairs))}
+    assert pairs == {frozenset(p) for p in (("base", "head"), ("post", "head"), ("post", "arm"))}
+    assert frozenset(("post", "arm")) not in {
+        frozenset(built.names(k))
+        for built in [Clearance.of(rig, 0.2, Envelope.of(rig))]
+        for k in range(len(built.geometry.collisionPairs))
+    }
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_short_cut_to_the_smallest_distance_misses_nothing(name: str) -> None:
+    rig, found = Rig.load(name), designed(name, 0)
+    q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 301)).q
+    at = Clearance.of(rig, 0.005, Envelope.of(rig))
+    gap = at.smallest(q)
+    assert gap is not None
+    every = at.distances(q, range(len(at.geometry.collisionPairs)))
+    assert gap.distance == pytest.approx(every.min(), abs=2e-6)
+    assert gap.between == at.names(int(np.argmin(every.min(axis=0))))
+
+
+def test_rig_without_collision_geometry_has_no_clearance(tmp_path: Path) -> None:
+    rig = crane(tmp_path)
+    assert Clearance.of(rig, 0.005, Envelope.of(rig)).smallest(np.zeros((3, 2))) is None
+
+
+def test_mesh_that_is_not_there_is_named_and_one_that_is_counts(tmp_path: Path) -> None:
+    mesh = '<collision><geometry><mesh filename="package://rig/{}.stl"/></geometry></collision>'
+    rig = beside(tmp_path, more=mesh.format("lens") + mesh.format("gone"))
+    trimesh.creation.box((0.02, 0.02, 1.0)).export(tmp_path / "lens.stl")
+    at = Clearance.of(rig, 0.0, Envelope.of(rig))
+    assert at.unchecked == ("head",)
+    plain = Clearance.of(beside(tmp_path), 0.0, Envelope.of(rig))
+    level = np.zeros((1, 2))
+    assert at.smallest(level).distance < 0 < plain.smallest(level).distance  # type: ignore[union-attr]
+    (tmp_path / "gone.stl").write_text("no mesh")
+    with pytest.raises(RigError, match="collision mesh that cannot be read"):
+        Clearance.of(rig, 0.0, Envelope.of(rig))
+
+
+def test_rig_that_can_only_hit_is_named(tmp_path: Path) -> None:
+    rig = moved(beside(tmp_path, "0.2 0"), lower=-1.0, upper=1.0)
+    with pytest.raises(UsageError, match=r"keep 0.1 m from each other: at mid-range \w+ and \w+ are"):
+        excite(rig, starts=1, rng=np.random.default_rng(0), clearance=0.1)
+
+
+# a speed that shows friction
+
+
+def test_speed_target_is_reached_and_its_gradient_exact() -> None:
+    rig = Rig.load("handheld")
+    at = replace(problem(rig), speed=0.9)
+    x = at.start(np.random.default_rng(0))
+    rough = differences(at.objective, x)
+    assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
+    usual = designed("handheld", 0).speed
+    found = excite(rig, starts=1, rng=np.random.default_rng(0), speed=0.6)
+    for joint, limit in zip(rig.joints, rig.limits):
+        assert usual[joint] < 0.9 * 0.6 * limit.velocity
+        assert found.speed[joint] > 0.92 * 0.6 * limit.velocity
+
+
+# a real Ctrl-C, on a terminal
+
+
+def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    arguments = ["excite", "turret", "-o", str(tmp_path / "t.csv"), "--starts", "100", "--json", str(tmp_path / "j")]
+    command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True) as running:
+        shown, last = b"", monotonic() + 60
+        while b"excitation:   1%" not in shown and monotonic() < last:
+            if select([ours], [], [], 1.0)[0]:
+                shown += os.read(ours, 1000)
+        running.send_signal(signal.SIGINT)
+        said, _ = running.communicate(timeout=60)
+    assert b"descent/s" in shown
+    os.close(ours)
+    os.close(theirs)
+    assert running.returncode == 0
+    assert "interrupted: this is the best it had found" in said
+    assert json.loads((tmp_path / "j").read_text())["finished"] is False
+    assert len((tmp_path / "t.csv").read_text().splitlines()) == 10_002

@@ -24,7 +24,7 @@ NEAR = 0.8
 """Share of its limit that a torque must be able to reach to be watched while optimising, if the joints' other limits
 are all stated; the dense grid sees all of them anyway."""
 
-SLOW = 10.0
+SLOW = 100.0
 """What a joint that does not move at all costs; the criteria are logarithms."""
 
 POSES = 200

@@ -1,1 +1,1 @@
-"""Speed and memory, each figure beside its requirement; run by scripts/bench."""
+"""Speed, memory and excitation, each figure beside its requirement; run by scripts/bench."""

@@ -12,21 +12,21 @@ from typing import Annotated
 
 import tyro
 
-from benchmark import diagnosing, memory, online, regression, simulation
+from benchmark import diagnosing, excitation, memory, online, regression, simulation
 from benchmark.figure import Figure, line, summary
 from gimbal_pin.io.files import write_json
 
 
 def main(json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> None:
-    """Compare speed and memory with their requirements, on the bundled rig `thesis`.
+    """Compare speed, memory and excitation with their requirements, on the bundled rig `thesis`.
 
     Args:
         json: Write the figures as JSON, too.
     """
     print(f"{machine()}\n{'':72}{'measured':>12}{'required':>22}", flush=True)
     figures: list[Figure] = []
-    for measure in (regression.measure, memory.measure, simulation.measure, online.measure, diagnosing.measure):
-        for figure in measure():
+    for part in (regression, memory, simulation, online, diagnosing, excitation):
+        for figure in part.measure():
             print(line(figure), flush=True)
             figures.append(figure)
     if json is not None:
