@@ -145,6 +145,8 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
     foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
+    coarse = Forecast(spectrum().until(200.0), PID, DT, (0.0015,)).weights[0]
+    assert np.linalg.norm(coarse[0][1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
     filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
     np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from math import sqrt
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -72,8 +73,8 @@ class Fusion:
         attitudes = tuple(
             [R @ pin.exp3((before + now) * half) for R, before, now in zip(memory.attitudes, memory.turning, rates)]
         )
-        own, share = camera.T, 1 / (len(rates) + 1)
-        changes = [self.gain * (pin.log3(own @ R @ to) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)]
+        own, gain, share = camera.T, self.gain, 1 / (len(rates) + 1)
+        changes = [gain * (pin.log3(own @ (R @ to)) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)]
         gaps = tuple([gap + change for gap, change in zip(memory.gaps, changes)])
-        turn, rate = share * sum(gaps), share / self.dt * sum(changes)
+        turn, rate = reduce(add, gaps) * share, reduce(add, changes) * (share / self.dt)
         return turn, rate, Fused(attitudes, tuple(rates), gaps)

@@ -48,7 +48,7 @@ class Watch(NamedTuple):
         repeating: Equal samples in a row, per channel.
         healthy: Good samples in a row since it was lost, per channel; None for a channel that is not lost.
         moved: What the gyros say that each joint has moved since its angle last changed, rad, (n,).
-        rates: Joint rates from the encoders, rad/s, (n,).
+        rates: Joint rates, rad/s, (n,): from the encoders where something fails, else the gyros'.
         clock: What to add to a stamp for an even clock, s.
         events: What happened, in sentences.
     """
@@ -107,11 +107,10 @@ class Guard:
     def step(self, seen: Seen, watch: Watch, v: Array) -> tuple[Seen, Watch]:
         """Return the sample as it may be used, and the next memory; `v` are the joint rates so far, rad/s."""
         t, watch = self.timed(seen.t, watch)
-        moved = np.where(seen.q == watch.raw.q, watch.moved + (t - watch.good.t) * v, 0.0)
+        moved = (watch.moved + (t - watch.good.t) * v) * (seen.q == watch.raw.q)
         if watch.calm and self.sound(seen, watch.raw, moved):
             good = Seen(t, *seen[1:])
-            rates, clock, events = self.smoothed(good, watch), watch.clock, watch.events
-            return good, Watch(seen, good, NONE, NONE, KEPT, moved, rates, clock, events)
+            return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, watch.clock, watch.events)
         return self.sifted(t, seen, watch, v, moved)
 
     def sound(self, seen: Seen, before: Seen, moved: Array) -> bool:

@@ -99,7 +99,7 @@ class Navigator:
         R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
         between = self.sight.attitude(seen.q) if lead else view.R
-        v = view.inverse @ (seen.gyro - between.T @ seen.w)[self.sight.rows]
+        v = view.inverse @ (seen.gyro - seen.w @ between)[self.sight.rows]
         R, actual, rate, fused = self.attitude(R, between, seen, known.fused, elapsed, doubtful)
         error = view.inverse @ self.sight.error(actual, self.wanted)
         drop = view.inverse @ (seen.gyro + rate)[self.sight.rows]
@@ -156,11 +156,11 @@ class Navigator:
 
     def wished(self, q: Array, view: View, base: Carried) -> Ahead:
         """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""
-        v = -view.inverse @ (view.R.T @ base.w)[self.sight.rows]
+        against = -view.inverse
+        v = against @ (base.w @ view.R)[self.sight.rows]
         if not self.accelerates:
             return Ahead(q, v, np.zeros_like(q), base)
-        a = -view.inverse @ self.sight.drift(q, v, base.w, base.dw)
-        return Ahead(q, v, a, base)
+        return Ahead(q, v, against @ self.sight.drift(q, v, base.w, base.dw), base)
 
 
 def attitude(yaw: float, pitch: float, roll: float = 0.0) -> Array:

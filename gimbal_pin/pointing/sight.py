@@ -47,8 +47,11 @@ class Sight:
         self.fixed, self.own = rig.model, rig.model.createData()
         self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
         self.rows = slice(0, 3) if n > 2 else slice(1, 3)
-        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
-        self.q[6] = 1.0
+        # One array holds configuration, rates and accelerations, so that one assignment fills what changes in them.
+        scratch = np.zeros(7 + n + 2 * (6 + n))
+        scratch[6] = 1.0
+        self.q, self.v, self.a = np.split(scratch, [7 + n, 13 + 2 * n])
+        self.moving = scratch[7 : 19 + 2 * n]
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
@@ -65,14 +68,14 @@ class Sight:
 
     def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
-        self.q[7:], self.v[3:6], self.v[6:], self.a[3:6] = q, w, v, dw
+        self.moving[:] = [*q, 0.0, 0.0, 0.0, *w, *v, 0.0, 0.0, 0.0, *dw]
         pin.forwardKinematics(self.model, self.data, self.q, self.v, self.a)
         acceleration = pin.getFrameAcceleration(self.model, self.data, self.frame, pin.LOCAL).angular
         return np.asarray(acceleration[self.rows])
 
     def rate(self, q: Array, v: Array, w: Sequence[float] | Array) -> Array:
         """Camera's angular rate in its own frame, rad/s, (3,): what a gyro beside it reports."""
-        self.q[7:], self.v[3:6], self.v[6:] = q, w, v
+        self.moving[: 6 + 2 * self.rig.n] = [*q, 0.0, 0.0, 0.0, *w, *v]
         pin.forwardKinematics(self.model, self.data, self.q, self.v)
         return np.array(pin.getFrameVelocity(self.model, self.data, self.frame, pin.LOCAL).angular)
 
@@ -133,7 +136,7 @@ def inverted(J: Array) -> tuple[Array, bool]:
     else:
         own = J @ J.T
         exact = J.T @ np.linalg.inv(own) if np.linalg.det(own) > STEEP ** (-2 * m) else None
-    if exact is not None and float(np.abs(exact).max()) < STEEP:
+    if exact is not None and exact.min() > -STEEP and exact.max() < STEEP:
         return exact, False
     return J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(m)), True
 
