@@ -9,7 +9,6 @@ from math import sqrt
 from operator import add
 from typing import NamedTuple
 
-import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.log import Array
@@ -52,10 +51,6 @@ class Fusion:
         walk, white = self.gyro**2 * self.dt, max(self.step, 1e-9) ** 2 / 12
         ratio = walk / white
         return float((sqrt(ratio**2 + 4 * ratio) - ratio) / 2)
-
-    def start(self, attitudes: Sequence[Array], rates: Sequence[Array]) -> Fused:
-        """Memory for known attitudes in the world and first readings."""
-        return Fused(tuple(attitudes), tuple(rates), tuple(np.zeros(3) for _ in rates))
 
     def step_on(
         self, memory: Fused, rates: Sequence[Array], camera: Array, between: Sequence[Array], elapsed: float

@@ -30,18 +30,21 @@ class Sensed:
     def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
         """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
         self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
-        self.noise = station.draws(len(t), float(t[1] - t[0]), rng)
+        self.noise = station.draws(len(t), len(self.sight.moved), float(t[1] - t[0]), rng)
         self.w = np.asarray(platform.w[::2])
-        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + self.noise[:, 1:]
+        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + self.noise[:, 1:3]
+        self.between = self.noise[:, 3:].reshape(len(t), -1)
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
         self.before: Seen | None = None
 
     def see(self, k: int, state: State, lead: int | None) -> Seen | None:
         """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
-        gyro = self.sight.rate(state.q, state.v, self.w[k]) + self.noise[k, 0]
+        camera, between = self.sight.rates(state.q, state.v, self.w[k])
         w, f = self.told[k]
         true = None if lead is None else carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
-        seen = Seen(self.t[k], self.station.angles(state.q), gyro, w, f, true)
+        seen = Seen(
+            self.t[k], self.station.angles(state.q), camera + self.noise[k, 0], w, f, between + self.between[k], true
+        )
         arrived: Seen | None = seen
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)

@@ -46,6 +46,8 @@ class Sight:
         self.data = self.model.createData()
         self.fixed, self.own = rig.model, rig.model.createData()
         self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
+        links = gyros_between(rig)
+        self.moved, self.betweens = ([m.getFrameId(link) for link in links] for m in (self.model, self.fixed))
         self.rows = slice(0, 3) if n > 2 else slice(1, 3)
         # One array holds configuration, rates and accelerations, so that one assignment fills what changes in them.
         scratch = np.zeros(7 + n + 2 * (6 + n))
@@ -65,6 +67,18 @@ class Sight:
         """Return the camera's attitude in the base link, (3, 3)."""
         pin.forwardKinematics(self.fixed, self.own, q)
         return np.array(pin.updateFramePlacement(self.fixed, self.own, self.there).rotation)
+
+    def between(self, q: Array) -> tuple[Array, ...]:
+        """Return the camera's attitude in the base link, and in every link between that has a gyro, (3, 3) each."""
+        camera = self.attitude(q)
+        placed = [pin.updateFramePlacement(self.fixed, self.own, frame).rotation for frame in self.betweens]
+        return (camera, *[R.T @ camera for R in placed])
+
+    def rates(self, q: Array, v: Array, w: Array) -> tuple[Array, Array]:
+        """Rate of the camera, (3,), and of every link between that has a gyro, (3 L,), each in its frame, rad/s."""
+        camera = self.rate(q, v, w)
+        told = [pin.getFrameVelocity(self.model, self.data, frame, pin.LOCAL).angular for frame in self.moved]
+        return camera, np.concatenate(told) if told else np.zeros(0)
 
     def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
@@ -126,6 +140,15 @@ class Sight:
     def home(self) -> Array:
         """Angles from which a search for angles starts, rad, (n,)."""
         return np.array([min(max(0.0, limit.lower), limit.upper) for limit in self.rig.limits])
+
+
+def gyros_between(rig: Rig) -> tuple[str, ...]:
+    """Links with an IMU, by the rig's YAML, that are neither the base nor move with the camera."""
+    camera = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint
+    at = {
+        link: rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint for link in rig.config.imus
+    }
+    return tuple(link for link, joint in at.items() if joint not in (0, camera))
 
 
 def inverted(J: Array) -> tuple[Array, bool]:
