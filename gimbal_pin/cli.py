@@ -467,7 +467,7 @@ def track(
 
         for option, value in (("--seconds", seconds), ("--seeds", seeds), ("--jobs", jobs)):
             positive(option, value)
-        carrier = carried(loaded, "none" if platform_log else "S", platform_log, map, 1.0, 0.0, 1e-3, seed)
+        carrier = carried(loaded, platform, platform_log, map, 1.0, 0.0, 1e-3, seed)
         asked = Asked(
             plant=None if model is None else plant_of(model, loaded),
             known=None if controller is None else known_by(controller, loaded),

@@ -107,6 +107,27 @@ def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path:
         assert ours < pid
 
 
+def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path) -> None:
+    options = ("--platform", "S", "--learn", log_file, "--seeds", "1", "--seconds", "1")
+    found = result(run, "track", "turret", *options, "--controllers", "pid-world,switch,oracle")
+    assert found["schema"] == 1 and found["experiments"] == []
+    rows = {row["controller"]: row for row in found["pointing"]}
+    assert list(rows) == ["pid-world", "switch", "oracle"]
+    for row in rows.values():
+        assert row["platform"] == "S" and row["seeds"] == 1 and set(row["torque_rms"]) == {"pan", "tilt"}
+        assert 0 < row["jitter_rms_deg"] < row["jitter_max_deg"] and row["drift_deg"] >= 0
+    assert rows["switch"]["jitter_rms_deg"] < 0.5 * rows["pid-world"]["jitter_rms_deg"]
+    assert sum(part["share"] for part in found["pointing_budget"].values()) == pytest.approx(1.0)
+    gain, distance, jitter = found["pointing_targets"]
+    assert gain["value"] == pytest.approx(rows["pid-world"]["jitter_rms_deg"] / rows["switch"]["jitter_rms_deg"])
+    assert distance["must"] == 2.5 and jitter["value"] == pytest.approx(rows["switch"]["jitter_rms_deg"])
+    code, told, _ = run("track", "turret", *options[:-1], "0.3", "--controllers", "pid-world")
+    assert code == 0 and "jitter ° rms" in told and "missed" not in told
+    refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
+    refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")
+    refused(run("track", "turret", *options, "--platform-log", log_file), 2, "--platform")
+
+
 def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
     traj, page = tmp_path / "traj.csv", tmp_path / "traj.html"
     code, _, err = run("excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3)

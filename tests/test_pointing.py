@@ -30,7 +30,7 @@ from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Course, compete
 from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing
 from gimbal_pin.pointing.forecast import TAPS, Forecast
-from gimbal_pin.pointing.fusion import Fusion
+from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.measures import cumulative, jitter
 from gimbal_pin.pointing.navigator import attitude
@@ -38,7 +38,7 @@ from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES, Roster, without_hidden
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Seen, Station, rotations
-from gimbal_pin.pointing.sight import STEEP, Sight, inverted
+from gimbal_pin.pointing.sight import STEEP, Sight, gyros_between, inverted
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.trust import holding, trusted
@@ -82,9 +82,11 @@ def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
     q, v, w, dw = (rng.uniform(-0.5, 0.5, size) for size in (rig.n, rig.n, 3, 3))
     view = sight.view(q)
     np.testing.assert_allclose(sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12)
-    base = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None])
-    told = readings(rig, [rig.camera_frame], q[None], v[None], np.zeros((1, rig.n)), base)[rig.camera_frame]
-    np.testing.assert_allclose(np.asarray(told.gyro)[0], sight.rate(q, v, w), atol=1e-12)
+    base, links = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None]), gyros_between(rig)
+    told = readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
+    gyros = [np.asarray(told[link].gyro)[0] for link in (rig.camera_frame, *links)]
+    np.testing.assert_allclose(np.concatenate(gyros), np.concatenate(sight.rates(q, v, w)), atol=1e-12)
+    assert len(links) == (0 if name == "turret" else 1)
     h = 1e-6
     change = (sight.rate(q + h * v, v, w + h * dw) - sight.rate(q - h * v, v, w - h * dw)) / (2 * h)
     np.testing.assert_allclose(sight.drift(q, v, w, dw), change[sight.rows], atol=1e-7)
@@ -145,6 +147,8 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
     foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
+    coarse = Forecast(spectrum().until(200.0), PID, DT, (0.0015,)).weights[0]
+    assert np.linalg.norm(coarse[0][1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
     filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
     np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])
@@ -163,14 +167,14 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
     """The mean of two gyros' walks has half the variance of one; without noise nothing is corrected."""
     rng, fusion = np.random.default_rng(0), Fusion(GYRO, 2 * pi / 2**16, DT)
     camera, own, fused = np.eye(3), [], []
-    memory, last = fusion.start((np.eye(3),), (np.zeros(3),)), np.zeros(3)
+    memory, last = Fused((np.eye(3),), (np.zeros(3),), (np.zeros(3),)), np.zeros(3)
     for gyro, other in rng.standard_normal((8000, 2, 3)) * GYRO / np.sqrt(2 * DT):
         camera = camera @ pin.exp3((last + gyro) * DT / 2)
         turn, _, memory = fusion.step_on(memory, (other,), camera, (np.eye(3),), DT)
         own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(turn)))
         last = gyro
     assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(np.diff(own[::200], axis=0) ** 2)
-    still = fusion.start((np.eye(3),), (np.ones(3),))
+    still = Fused((np.eye(3),), (np.ones(3),), (np.zeros(3),))
     turn, rate, _ = fusion.step_on(still, (np.ones(3),), pin.exp3(np.ones(3) * DT), (np.eye(3),), DT)
     assert max(np.abs(turn).max(), np.abs(rate).max()) < 1e-12
 
@@ -322,6 +326,7 @@ FAULTS = {
     "platform IMU frozen": (Frozen(("w", "f"), 0.2), "without feed-forward", 1.0),
     "encoders frozen": (Frozen(("q",), 0.2), "encoders", 1.0),
     "encoders say NaN": (Missing(("q",), 0.2), "angles go on from the gyros", 1.0),
+    "the gyro in between frozen": (Frozen(("links",), 0.2), "own gyro alone", 0.1),
     "a sample is dropped": (Dropped(0.2, 0.201), "never came", 0.1),
     "the clock steps back": (ClockStep(0.2, -7.0), "clock stepped", 0.1),
     "NaN from the first sample on": (Missing(("gyro", "w", "f"), 0.0, 0.1), "failed", 180.0),
@@ -358,15 +363,15 @@ def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torqu
 READING = st.sampled_from([0.0, 1.0, -3.0, np.nan, np.inf, 1e9])
 
 
-@given(st.lists(st.tuples(*[READING] * 4, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])), min_size=1, max_size=60))
+@given(st.lists(st.tuples(*[READING] * 5, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])), min_size=1, max_size=60))
 def test_whatever_the_sensors_say_the_guard_passes_numbers_on(stream: list[tuple[float, ...]]) -> None:
     guard, stamp, last = Guard(DT), 0.0, -1.0
-    first = Seen(0.0, *(np.zeros(3) for _ in range(4)))
+    first = Seen(0.0, *(np.zeros(3) for _ in range(5)))
     watch = guard.start(first)
     for *values, step in stream:
         stamp = step if stamp != stamp else stamp + step
         seen, watch = guard.step(Seen(stamp, *(np.full(3, x) for x in values)), watch, np.zeros(3))
-        for channel in (seen.q, seen.gyro, seen.w, seen.f, watch.rates):
+        for channel in (seen.q, seen.gyro, seen.w, seen.f, seen.links, watch.rates):
             assert np.isfinite(channel).all()
         assert np.isfinite(seen.t) and seen.t > last
         last = seen.t

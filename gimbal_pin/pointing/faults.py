@@ -10,8 +10,8 @@ import numpy as np
 
 from gimbal_pin.pointing.seen import Seen
 
-Channel = Literal["q", "gyro", "w", "f"]
-"""The encoders, the camera's gyro, the platform's gyro, the platform's accelerometer."""
+Channel = Literal["q", "gyro", "w", "f", "links"]
+"""The encoders, the camera's gyro, the platform's gyro, the platform's accelerometer, the gyros in between."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,8 @@ class Forecast:
     @cached_property
     def weights(self) -> tuple[tuple[Array, Array], ...]:
         """Per lead, what gives rate and angular acceleration, (2, TAPS), and what gives the force, (TAPS,)."""
-        known, passed = self.spectrum, passing(self.gains, self.spectrum.f)
+        known = self.spectrum.until(0.5 / self.dt)
+        passed = passing(self.gains, known.f)
         return tuple(
             (
                 solved(known.f, known.rate, known.rate_noise, passed, self.dt, lead, (0, 1)),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from math import sqrt
+from operator import add
 from typing import NamedTuple
 
-import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.log import Array
@@ -52,10 +52,6 @@ class Fusion:
         ratio = walk / white
         return float((sqrt(ratio**2 + 4 * ratio) - ratio) / 2)
 
-    def start(self, attitudes: Sequence[Array], rates: Sequence[Array]) -> Fused:
-        """Memory for known attitudes in the world and first readings."""
-        return Fused(tuple(attitudes), tuple(rates), tuple(np.zeros(3) for _ in rates))
-
     def step_on(
         self, memory: Fused, rates: Sequence[Array], camera: Array, between: Sequence[Array], elapsed: float
     ) -> tuple[Array, Array, Fused]:
@@ -72,8 +68,8 @@ class Fusion:
         attitudes = tuple(
             [R @ pin.exp3((before + now) * half) for R, before, now in zip(memory.attitudes, memory.turning, rates)]
         )
-        own, share = camera.T, 1 / (len(rates) + 1)
-        changes = [self.gain * (pin.log3(own @ R @ to) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)]
+        own, gain, share = camera.T, self.gain, 1 / (len(rates) + 1)
+        changes = [gain * (pin.log3(own @ (R @ to)) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)]
         gaps = tuple([gap + change for gap, change in zip(memory.gaps, changes)])
-        turn, rate = share * sum(gaps), share / self.dt * sum(changes)
+        turn, rate = reduce(add, gaps) * share, reduce(add, changes) * (share / self.dt)
         return turn, rate, Fused(attitudes, tuple(rates), gaps)

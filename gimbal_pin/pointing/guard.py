@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite
+from operator import eq
 from typing import NamedTuple
 
 import numpy as np
@@ -11,14 +12,15 @@ import numpy as np
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.seen import Seen
 
-NONE, KEPT = (0, 0, 0, 0), (None, None, None, None)
+NONE, KEPT = (0, 0, 0, 0, 0), (None, None, None, None, None)
 """Of the channels, that none fails or repeats, and that none is lost."""
-CHANNELS = ("q", "gyro", "w", "f")
+CHANNELS = ("q", "gyro", "w", "f", "links")
 NAMES = {
     "q": "the encoders",
     "gyro": "the camera's gyro",
     "w": "the platform's gyro",
     "f": "the platform's accelerometer",
+    "links": "a gyro between platform and camera",
 }
 HELD = 20
 """Samples over which a reading that fails is bridged; then the sensor counts as lost."""
@@ -48,7 +50,7 @@ class Watch(NamedTuple):
         repeating: Equal samples in a row, per channel.
         healthy: Good samples in a row since it was lost, per channel; None for a channel that is not lost.
         moved: What the gyros say that each joint has moved since its angle last changed, rad, (n,).
-        rates: Joint rates from the encoders, rad/s, (n,).
+        rates: Joint rates, rad/s, (n,): from the encoders where something fails, else the gyros'.
         clock: What to add to a stamp for an even clock, s.
         events: What happened, in sentences.
     """
@@ -107,21 +109,20 @@ class Guard:
     def step(self, seen: Seen, watch: Watch, v: Array) -> tuple[Seen, Watch]:
         """Return the sample as it may be used, and the next memory; `v` are the joint rates so far, rad/s."""
         t, watch = self.timed(seen.t, watch)
-        moved = np.where(seen.q == watch.raw.q, watch.moved + (t - watch.good.t) * v, 0.0)
+        moved = (watch.moved + (t - watch.good.t) * v) * (seen.q == watch.raw.q)
         if watch.calm and self.sound(seen, watch.raw, moved):
             good = Seen(t, *seen[1:])
-            rates, clock, events = self.smoothed(good, watch), watch.clock, watch.events
-            return good, Watch(seen, good, NONE, NONE, KEPT, moved, rates, clock, events)
+            return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, watch.clock, watch.events)
         return self.sifted(t, seen, watch, v, moved)
 
     def sound(self, seen: Seen, before: Seen, moved: Array) -> bool:
         """Whether all readings are plausible, none is frozen, and none repeats: the quick way through."""
-        rates = seen.gyro.tolist() + seen.w.tolist()
+        rates = seen.gyro.tolist() + seen.w.tolist() + seen.links.tolist()
         finite = isfinite(sum(rates) + sum(seen.q.tolist()) + sum(seen.f.tolist()))
         if not finite or max(rates) >= FASTEST or -min(rates) >= FASTEST or max(map(abs, moved.tolist())) >= MOVED:
             return False
-        old = before.gyro.item(0), before.w.item(0), before.f.item(0)
-        return not self.noisy or (rates[0] != old[0] and rates[3] != old[1] and seen.f.item(0) != old[2])
+        old = before.gyro.tolist() + before.w.tolist() + before.links.tolist()
+        return not self.noisy or (seen.f.item(0) != before.f.item(0) and not any(map(eq, rates[::3], old[::3])))
 
     def smoothed(self, good: Seen, watch: Watch) -> Array:
         """Joint rates from the encoders, rad/s, (n,)."""
@@ -139,7 +140,8 @@ class Guard:
             if name == "q":
                 fine = fine and (any(failing[1:3]) or float(np.abs(moved).max()) < MOVED)
             elif self.noisy:
-                same = fine and bool((getattr(seen, name) == getattr(watch.raw, name)).all())
+                now, old = getattr(seen, name), getattr(watch.raw, name)
+                same = fine and len(now) > 0 and bool((now == old).reshape(-1, 3).all(axis=1).any())
                 repeating[i] = repeating[i] + 1 if same else 0
                 fine = fine and repeating[i] < REPEATS
             failing[i] = 0 if fine else failing[i] + 1
@@ -173,7 +175,7 @@ class Guard:
         values = getattr(seen, name).tolist()
         if not isfinite(sum(values)):
             return False
-        return name in ("q", "f") or max(values) < FASTEST > -min(values)
+        return name in ("q", "f") or all(-FASTEST < value < FASTEST for value in values)
 
     def judged(self, t: float, name: str, failing: int, healthy: int | None, watch: Watch) -> tuple[int | None, Watch]:
         """Return for how long a lost channel has been good, None if it is not lost, and the memory."""
@@ -195,5 +197,6 @@ FALLBACK = {
     "gyro": "the camera's rate comes from the platform's gyro and the encoders, PID at half the bandwidth",
     "w": "world-frame PID without feed-forward",
     "f": "world-frame PID without feed-forward",
+    "links": "the camera's own gyro alone",
 }
 """What happens without a sensor."""

@@ -94,7 +94,7 @@ class Pointer:
             if "gyro" in lost:
                 seen = seen._replace(gyro=self.navigator.stand_in(seen, watch.rates, "w" in lost))
         fix, known = self.navigator.fix(seen, memory.known, doubtful)
-        back = self.fallback if self.fallback is not None and lost - {"q"} else None
+        back = self.fallback if self.fallback is not None and lost - {"q", "links"} else None
         law: Law = self.law if back is None else back
         own = memory.law
         if (back is not None) != memory.fallback:

@@ -30,18 +30,21 @@ class Sensed:
     def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
         """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
         self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
-        self.noise = station.draws(len(t), float(t[1] - t[0]), rng)
+        self.noise = station.draws(len(t), len(self.sight.moved), float(t[1] - t[0]), rng)
         self.w = np.asarray(platform.w[::2])
-        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + self.noise[:, 1:]
+        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + self.noise[:, 1:3]
+        self.between = self.noise[:, 3:].reshape(len(t), -1)
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
         self.before: Seen | None = None
 
-    def see(self, k: int, state: State, lead: int) -> Seen | None:
+    def see(self, k: int, state: State, lead: int | None) -> Seen | None:
         """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
-        gyro = self.sight.rate(state.q, state.v, self.w[k]) + self.noise[k, 0]
+        camera, between = self.sight.rates(state.q, state.v, self.w[k])
         w, f = self.told[k]
-        true = carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
-        seen = Seen(self.t[k], self.station.angles(state.q), gyro, w, f, true)
+        true = None if lead is None else carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
+        seen = Seen(
+            self.t[k], self.station.angles(state.q), camera + self.noise[k, 0], w, f, between + self.between[k], true
+        )
         arrived: Seen | None = seen
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)
@@ -93,7 +96,8 @@ def point(
     sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
     system, motors = Plant(plant, base), Drive((*plant.drive, *drive), rig, dt)
     state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
-    lead = round(2 * max(pointer.navigator.forecast.leads) / dt)
+    navigator = pointer.navigator
+    lead = round(2 * max(navigator.forecast.leads) / dt) if navigator.oracle else None
     pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
     command: Array = np.zeros(rig.n)
     memory, limit = None, rig.tau_max
@@ -107,7 +111,7 @@ def point(
         if memory is not None and seen is not None:
             command, memory = pointer.torque(seen, memory)
         pending.append(command)
-        q[k], tau[k] = state.q, np.minimum(np.maximum(pending.popleft(), -limit), limit)
+        q[k], tau[k] = state.q, pending.popleft().clip(-limit, limit)
         state = system.step(sensed.t[k], state, motors.acting(tau[k]), dt)
     error = errors(sensed.sight, q, attitudes, wanted)
     events = () if memory is None else memory.told

@@ -31,6 +31,7 @@ class Seen(NamedTuple):
         gyro: Rate of the gyro beside the camera, in the camera's frame, rad/s, (3,).
         w: Rate of the platform's gyro, in the base link's frame, rad/s, (3,).
         f: Specific force of the platform, m/s², (3,).
+        links: Rates of the gyros on links between the two, each in its link's frame, rad/s, (3 L,).
         true: The platform's true motion where the torque will act; for the oracle, which no rig has.
     """
 
@@ -39,6 +40,7 @@ class Seen(NamedTuple):
     gyro: Array
     w: Array
     f: Array
+    links: Array
     true: Carried | None = None
 
 
@@ -73,10 +75,10 @@ class Station:
         """Sensors without error."""
         return Station(np.zeros(rig.n), Noise())
 
-    def draws(self, samples: int, dt: float, rng: np.random.Generator) -> Array:
-        """Noise of camera gyro, platform gyro and accelerometer, rad/s and m/s², (samples, 3, 3)."""
-        sizes = np.array([self.noise.gyro, self.noise.gyro, self.noise.accelerometer]) / np.sqrt(2 * dt)
-        return sizes[:, None] * rng.standard_normal((samples, 3, 3))
+    def draws(self, samples: int, links: int, dt: float, rng: np.random.Generator) -> Array:
+        """Noise of camera gyro, platform gyro, accelerometer and links' gyros, rad/s, m/s², (samples, 3 + links, 3)."""
+        densities = [self.noise.gyro, self.noise.gyro, self.noise.accelerometer] + [self.noise.gyro] * links
+        return np.array(densities)[:, None] / np.sqrt(2 * dt) * rng.standard_normal((samples, 3 + links, 3))
 
     def angles(self, q: Array) -> Array:
         """The angles as the encoders report them, rad, (n,)."""

@@ -46,9 +46,14 @@ class Sight:
         self.data = self.model.createData()
         self.fixed, self.own = rig.model, rig.model.createData()
         self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
+        links = gyros_between(rig)
+        self.moved, self.betweens = ([m.getFrameId(link) for link in links] for m in (self.model, self.fixed))
         self.rows = slice(0, 3) if n > 2 else slice(1, 3)
-        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
-        self.q[6] = 1.0
+        # One array holds configuration, rates and accelerations, so that one assignment fills what changes in them.
+        scratch = np.zeros(7 + n + 2 * (6 + n))
+        scratch[6] = 1.0
+        self.q, self.v, self.a = np.split(scratch, [7 + n, 13 + 2 * n])
+        self.moving = scratch[7 : 19 + 2 * n]
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
@@ -63,16 +68,28 @@ class Sight:
         pin.forwardKinematics(self.fixed, self.own, q)
         return np.array(pin.updateFramePlacement(self.fixed, self.own, self.there).rotation)
 
+    def between(self, q: Array) -> tuple[Array, ...]:
+        """Return the camera's attitude in the base link, and in every link between that has a gyro, (3, 3) each."""
+        camera = self.attitude(q)
+        placed = [pin.updateFramePlacement(self.fixed, self.own, frame).rotation for frame in self.betweens]
+        return (camera, *[R.T @ camera for R in placed])
+
+    def rates(self, q: Array, v: Array, w: Array) -> tuple[Array, Array]:
+        """Rate of the camera, (3,), and of every link between that has a gyro, (3 L,), each in its frame, rad/s."""
+        camera = self.rate(q, v, w)
+        told = [pin.getFrameVelocity(self.model, self.data, frame, pin.LOCAL).angular for frame in self.moved]
+        return camera, np.concatenate(told) if told else np.zeros(0)
+
     def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
-        self.q[7:], self.v[3:6], self.v[6:], self.a[3:6] = q, w, v, dw
+        self.moving[:] = [*q, 0.0, 0.0, 0.0, *w, *v, 0.0, 0.0, 0.0, *dw]
         pin.forwardKinematics(self.model, self.data, self.q, self.v, self.a)
         acceleration = pin.getFrameAcceleration(self.model, self.data, self.frame, pin.LOCAL).angular
         return np.asarray(acceleration[self.rows])
 
     def rate(self, q: Array, v: Array, w: Sequence[float] | Array) -> Array:
         """Camera's angular rate in its own frame, rad/s, (3,): what a gyro beside it reports."""
-        self.q[7:], self.v[3:6], self.v[6:] = q, w, v
+        self.moving[: 6 + 2 * self.rig.n] = [*q, 0.0, 0.0, 0.0, *w, *v]
         pin.forwardKinematics(self.model, self.data, self.q, self.v)
         return np.array(pin.getFrameVelocity(self.model, self.data, self.frame, pin.LOCAL).angular)
 
@@ -125,6 +142,15 @@ class Sight:
         return np.array([min(max(0.0, limit.lower), limit.upper) for limit in self.rig.limits])
 
 
+def gyros_between(rig: Rig) -> tuple[str, ...]:
+    """Links with an IMU, by the rig's YAML, that are neither the base nor move with the camera."""
+    camera = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint
+    at = {
+        link: rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint for link in rig.config.imus
+    }
+    return tuple(link for link, joint in at.items() if joint not in (0, camera))
+
+
 def inverted(J: Array) -> tuple[Array, bool]:
     """``J⁻¹``, ``Jᵀ(J Jᵀ)⁻¹`` for more axes, and ``Jᵀ(J Jᵀ + λ²)⁻¹`` where that is steep, as near roll ±90°."""
     m, n = J.shape
@@ -133,7 +159,7 @@ def inverted(J: Array) -> tuple[Array, bool]:
     else:
         own = J @ J.T
         exact = J.T @ np.linalg.inv(own) if np.linalg.det(own) > STEEP ** (-2 * m) else None
-    if exact is not None and float(np.abs(exact).max()) < STEEP:
+    if exact is not None and exact.min() > -STEEP and exact.max() < STEEP:
         return exact, False
     return J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(m)), True
 

@@ -12,6 +12,8 @@ from gimbal_pin.log import Array, Imu
 
 RESOLUTION = 0.5
 """Width of a frequency bin, Hz."""
+VIBRATION = (0.03, 1.0)
+"""Vibration, rad/s and m/s² rms, that no one can foresee where nothing is known: it counts as noise."""
 MEAN = 2
 """First bin that gravity, a constant, does not leak into."""
 SMEARED = 0.02
@@ -63,13 +65,21 @@ class Spectrum:
         force = force + force[MEAN:].sum() * RESOLUTION * surprise
         return Spectrum(f, rate, force, rate_noise, force_noise)
 
+    def until(self, top: float) -> Spectrum:
+        """Return it up to another highest frequency, Hz: no motion above what was seen, but the sensor's noise."""
+        step = float(self.f[1] - self.f[0])
+        f = step * np.arange(round(top / step) + 1)
+        rate, force = (np.interp(f, self.f, power, right=0.0) for power in (self.rate, self.force))
+        return Spectrum(f, rate, force, self.rate_noise, self.force_noise)
+
     @staticmethod
     def assumed(dt: float, gyro: float, accelerometer: float) -> Spectrum:
         """A hand's motion, 0.3 rad/s and 1.5 m/s² rms, for noise densities in rad/s/√Hz and m/s²/√Hz."""
         f = np.linspace(0.0, 0.5 / dt, round(0.5 / dt / RESOLUTION) + 1)
         force = 1.5**2 * assumed(f)
         force[0] += 100.0 / RESOLUTION
-        return Spectrum(f, 0.3**2 * assumed(f), force, max(gyro, 1e-9) ** 2, max(accelerometer, 1e-9) ** 2)
+        noise = [max(own, 1e-9) ** 2 + x**2 / f[-1] for own, x in zip((gyro, accelerometer), VIBRATION)]
+        return Spectrum(f, 0.3**2 * assumed(f), force, *noise)
 
 
 def assumed(f: Array) -> Array:

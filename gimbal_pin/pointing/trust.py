@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gimbal_pin.control.uncertainty import base_columns, columns
@@ -36,6 +38,22 @@ def trusted(model: Model, wanted: Array, platform: Platform) -> tuple[bool, ...]
     variance = np.einsum("njk,kl,njl->nj", Y, known.covariance, Y)
     torque = model.inverse(held.q, held.v, held.a, platform=part)
     return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())
+
+
+def drawn(model: Model, rng: np.random.Generator) -> Model:
+    """Return a model whose parameters are drawn from the covariance of another one's; the same where it has none."""
+    known = model.estimated
+    places = None if known is None else base_columns(model, known)
+    if known is None or places is None:
+        return replace(model, estimated=None)
+    change = rng.multivariate_normal(np.zeros(len(known.theta)), known.covariance, method="eigh")
+    phi, at, terms = model.rig.phi.copy(), len(places), []
+    phi[places] += change[:at]
+    for term in model.terms:
+        size = len(term.values)
+        terms.append(replace(term, values=tuple((np.array(term.values) + change[at : at + size]).tolist())))
+        at += size
+    return replace(model, rig=model.rig.with_phi(phi), terms=tuple(terms), estimated=None)
 
 
 def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from gimbal_pin.control.loop import Margins
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import Platform
@@ -24,6 +25,7 @@ from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.targets import Target, targets
+from gimbal_pin.pointing.trust import drawn
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 
@@ -33,7 +35,8 @@ class Asked:
     """What a verification is asked for.
 
     Attributes:
-        plant: The plant; None: the rig as its URDF states it, its payload 5 mm off the tilt axis.
+        plant: The plant; None: where a log is given, a rig that it leaves possible, else the rig as its URDF states it,
+            its payload 5 mm off the last axis.
         known: The model that the controllers know; None: from a log.
         recorded: Motion of the platform; None: profile S, one per seed.
         size: Profile S times this.
@@ -104,6 +107,8 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     for name in names:
         if name not in NAMES:
             raise UsageError("--controllers", f"knows no '{name}'", f"there are {', '.join(NAMES)}")
+    if asked.log is not None and asked.plant is None:
+        return verify(rig, replace(asked, plant=possible(rig, asked.log, asked)))
     plant, drive = plant_with(
         nominal(unbalanced(rig)) if asked.plant is None else asked.plant,
         [parse_effect(text, rig) for text in asked.causes],
@@ -128,6 +133,12 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[str,
     if after is None or not found.findings:
         return asked.known, ()
     return after.model, tuple(finding.sentence for finding in found.findings)
+
+
+def possible(rig: Rig, log: Log, asked: Asked) -> Model:
+    """Return a plant that a log leaves possible: its model, the parameters drawn from their covariance."""
+    model = modelled(rig, log, asked)[0] or identify(rig, [log], holdout="none").model
+    return drawn(model, np.random.default_rng(LEARNED))
 
 
 def ground(rig: Rig, asked: Asked) -> tuple[Ground, str, float]:
