@@ -9,7 +9,7 @@ import io
 import re
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -778,7 +778,8 @@ def followed(
     lines, history, told, spoken = json is not None and str(json) == "-", [], 0, 0
     memory = online.start(logs[0])
     with contextlib.suppress(KeyboardInterrupt):
-        for memory in steps(online, follow(logs[0], loaded, mapping, idle=inf if idle is None else idle), logs[0]):
+        come = noted(follow(logs[0], loaded, mapping, idle=inf if idle is None else idle))
+        for memory in steps(online, come, logs[0]):
             second = int(memory.t + 1e-6) if memory.samples else 0
             if second == spoken and len(memory.events) == told:
                 continue
@@ -798,6 +799,16 @@ def followed(
     print(to_json({**result, "kind": "result"}, None)[:-1] if lines else text.identified(found))
     if json is not None and not lines:
         write_json(result, json)
+
+
+def noted(logs: Iterator[Log]) -> Iterator[Log]:
+    """Pass logs on; say each thing that was noticed about them once."""
+    said: set[str] = set()
+    for log in logs:
+        for event in (event for event in log.events if event.split()[0] not in said):
+            said.add(event.split()[0])
+            print(f"gimbal-pin: note: {event}", file=sys.stderr)
+        yield log
 
 
 def positive(option: str, value: float) -> None:

@@ -371,7 +371,7 @@ def test_steps_come_once_a_second() -> None:
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     """A line of JSON each second; Ctrl-C, the pipe being open still, ends with CONTRACT's result and the files."""
-    log, path, model = noisy().part(slice(0, 12_000)), tmp_path / "log.csv", tmp_path / "m.yaml"
+    log, path, model = noisy().part(slice(0, 12_001)), tmp_path / "log.csv", tmp_path / "m.yaml"
     write_log(log, path)
     command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]
     command += ["-o", str(model), "--alignment", "0"]
@@ -381,7 +381,7 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
         assert running.stdin is not None and running.stdout is not None
         running.stdin.write(path.read_bytes())
         running.stdin.flush()
-        while not lines or lines[-1]["t"] < log.t[-1]:
+        while not lines or lines[-1]["t"] < log.t[-1] - 1e-6:
             lines.append(json.loads(running.stdout.readline()))
         running.send_signal(signal.SIGINT)
         out, err = running.communicate(timeout=60)

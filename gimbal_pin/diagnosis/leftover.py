@@ -27,7 +27,7 @@ RESONANCES = (2.0, 4.0, 6.0, 9.0)
 SURE = 0.005
 """Chance of calling noise structured."""
 SEEN = 0.3
-"""Size under which structure does not matter, in units of the noise floor."""
+"""Size under which structure does not matter, in units of what is left, or of the noise floor where that is more."""
 MUCH = 4.0
 """Dispersion from which what is left must be like noise, too, not only without pattern."""
 NOISY = 40.0
@@ -89,7 +89,8 @@ def concentrated(now: Fit, library: list[Pattern], joint: int, rng: np.random.Ge
     """The pattern that one joint's residual shows most, or ""."""
     limit = min(float(np.quantile(flipped(now, library, rng), SURE)), SURE / max(len(library), 1))
     rows = [(score(now, pattern, False), pattern) for pattern in library]
-    found = [(s.gain, pattern.where) for s, pattern in rows if s.p < limit and s.size[joint] > SEEN]
+    least = SEEN * float(np.sqrt(max(now.dispersion[joint], 1.0)))
+    found = [(s.gain, pattern.where) for s, pattern in rows if s.p < limit and s.size[joint] > least]
     return max(found)[1] if found else ""
 
 

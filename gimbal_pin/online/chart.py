@@ -65,4 +65,4 @@ def band(axes: Axes, t: Array, x: Array, y: Array) -> None:
     narrow = axes.twinx()
     narrow.semilogy(t, y, color="tab:gray", lw=0.9)
     narrow.set_ylabel("± 95 %", color="tab:gray", fontsize="small")
-    narrow.tick_params(colors="tab:gray", labelsize="small")
+    narrow.tick_params(which="both", colors="tab:gray", labelsize="small")
