@@ -19,6 +19,7 @@ from gimbal_pin import signals
 from gimbal_pin.consistency import nearest
 from gimbal_pin.effects import Effect, Term
 from gimbal_pin.errors import DataError
+from gimbal_pin.holes import filled
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
@@ -150,9 +151,12 @@ def inertia(model: Model, data: pin.Data, q: Array) -> Array:
 
 
 def simulated(rows: Rows, model: Model) -> tuple[Log, ...]:
-    """Return the logs with the model's motion in the place of the measured one: rates, and no noise."""
+    """Return the logs with the model's motion in the place of the measured one: rates, and no noise.
+
+    Holes that the measured motion closes are filled in them, for they would be other ones in a motion without noise.
+    """
     made = []
-    for log in rows.logs:
+    for log in (filled(log, rows.filtering.cutoff).log for log in rows.logs):
         q = np.array(log.q)
         v = np.gradient(q, log.t, axis=0)
         for one in runs(rows, model, log, calm=True):

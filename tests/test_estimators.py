@@ -121,6 +121,19 @@ def test_a_true_model_follows_its_log(turret: Rig) -> None:
     assert np.abs(inner).max() < 1e-3 * np.ptp(log.q)
 
 
+@pytest.mark.parametrize("bits", [11, 24])
+def test_lost_samples_leave_instruments_and_rows_of_one_shape(turret: Rig, log: Log, bits: int) -> None:
+    """Whether the motion closes a hole depends on its resolution: the simulated motion has the measured one's holes."""
+    some = np.ones(len(log), bool)
+    for begin, lost in ((3000, 40), (6000, 60), (8000, 300)):
+        some[begin : begin + lost] = False
+    torn = quantised(log, bits)
+    torn = replace(torn, t=torn.t[some], q=torn.q[some], tau=np.asarray(torn.tau)[some], v=None)
+    blocks = rows_of(turret, torn, EXACT)
+    free = weighted(blocks)
+    assert np.all(np.abs(idim(blocks).theta - free.theta) < 6 * free.std)
+
+
 def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: Regression) -> None:
     heavier = turret.with_phi(1.3 * turret.phi)
     rows = replace(quiet.rows, rig=heavier)

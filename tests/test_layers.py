@@ -16,13 +16,10 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config floating rig"
 SENSED = "signals platform profile calibration regressor imu"
-MATHS = (
-    f"{SENSED} reduction inertia consistency bodies effects model carrier plant holes rows replay estimators simulation"
-)
-VERBS = (
-    "suspicion identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base"
-    " pointing"
-)
+ROWS = "holes rows replay"
+MATHS = f"{SENSED} reduction inertia consistency bodies effects model carrier plant {ROWS} estimators simulation"
+BEFORE = "suspicion identification excitation control trajectories"
+VERBS = f"{BEFORE} tuning experiment tracking montecarlo diagnosis base pointing"
 WHOLE = "checking balance payloads online"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()

@@ -24,6 +24,8 @@ from gimbal_pin.rows import columns_of
 
 ENTER = 1e-4
 """A candidate whose own p is above this does not enter."""
+WORTH = 1e-2
+"""The same on the coarse grid, before its shape parameters are refined."""
 MOST = 8
 """Most causes that are composed."""
 STEPS = 16
@@ -274,7 +276,7 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     first: dict[tuple[str, str], Cause] = {}
     for gain, one in rows:
         key = (one.cause.name, one.cause.place)
-        if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < ENTER:
+        if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < WORTH:
             first[key] = one.cause
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
