@@ -121,7 +121,10 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
     gain, distance, jitter = found["pointing_targets"]
     assert gain["value"] == pytest.approx(rows["pid-world"]["jitter_rms_deg"] / rows["switch"]["jitter_rms_deg"])
     assert distance["must"] == 2.5 and jitter["value"] == pytest.approx(rows["switch"]["jitter_rms_deg"])
-    code, told, _ = run("track", "turret", *options[:-1], "0.3", "--controllers", "pid-world")
+    code, told, _ = run(
+        "track", "turret", *options[:-1], "0.3", "--controllers", "pid-world", "--plot", tmp_path / "p.svg"
+    )
+    assert (tmp_path / "p.svg").stat().st_size > 1000
     assert code == 0 and "jitter ° rms" in told and "missed" not in told
     refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
     refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")

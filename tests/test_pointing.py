@@ -283,6 +283,7 @@ def test_the_budget_adds_up(sizes: list[float]) -> None:
     parted = Budget.of(dict(zip(("pid-world", "computed-torque", "oracle"), sizes)))
     assert parted is not None
     assert sum(parted.parts.values()) == pytest.approx(1.0)
+    assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "sensor floor"]
     assert parted.size("sensor floor") == pytest.approx(sizes[2]) == parted.floor
 
 
