@@ -442,6 +442,10 @@ def track(
     seeds: Annotated[int, arg(help="runs on a platform, each with its own motion and noise")] = 5,
     seconds: Annotated[float, arg(help="length of each of these runs, s")] = 30.0,
     jobs: Annotated[int, arg(help="processes that share these runs")] = 1,
+    plot: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
+    ] = None,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
@@ -463,6 +467,8 @@ def track(
         stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
         told, result = [text.tracking(found, stood)], found.to_dict()
     if moving:
+        from gimbal_pin.io.files import replacing
+        from gimbal_pin.pointing.chart import chart
         from gimbal_pin.pointing.verify import Asked, verify
 
         for option, value in (("--seconds", seconds), ("--seeds", seeds), ("--jobs", jobs)):
@@ -483,6 +489,9 @@ def track(
             delay=delay_samples,
         )
         verified = verify(loaded, asked)
+        if plot is not None:
+            with replacing(plot) as temporary:
+                chart(verified.contest).savefig(temporary)
         told, result = [*told, text.verified(verified)], {**result, **verified.to_dict()}
     present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
 

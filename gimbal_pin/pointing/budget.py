@@ -35,14 +35,15 @@ class Budget:
 
     @staticmethod
     def of(jitter: Mapping[str, float]) -> Budget | None:
-        """Part the error by controllers' jitter, rad rms; steps whose controller did not run fall into the next one."""
+        """Part the error by controllers' jitter, rad rms; steps whose controller did not run are told with the next."""
         if BASELINE not in jitter or len(jitter) < 2:
             return None
-        whole, parts, before = jitter[BASELINE], {}, jitter[BASELINE]
+        whole, parts, before, since = jitter[BASELINE], {}, jitter[BASELINE], ""
         for what, name in STEPS:
+            since = since or what
             if name in jitter:
-                parts[what] = (before**2 - jitter[name] ** 2) / whole**2
-                before = jitter[name]
+                parts[what if since == what else f"{since} to {what}"] = (before**2 - jitter[name] ** 2) / whole**2
+                before, since = jitter[name], ""
         parts[FLOOR] = before**2 / whole**2
         return Budget(whole, parts, before)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
@@ -92,30 +93,55 @@ def point(
     base = halved(platform, t)
     if base.quat is None:
         raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
-    attitudes = rotations(np.asarray(base.quat[::2]))
+    quat = np.asarray(base.quat[::2])
     sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
-    system, motors = Plant(plant, base), Drive((*plant.drive, *drive), rig, dt)
-    state, wanted = ready(sensed, attitudes[0], pointer.navigator.wanted), pointer.navigator.wanted
-    navigator = pointer.navigator
-    lead = round(2 * max(navigator.forecast.leads) / dt) if navigator.oracle else None
-    pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
-    command: Array = np.zeros(rig.n)
-    memory, limit = None, rig.tau_max
-    q, tau = np.empty((len(t), rig.n)), np.empty((len(t), rig.n))
-    for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
-        if not isfinite(sum(state.q.tolist())):
-            raise UsageError(name, f"diverged {t[k]:.3g} s after its start", "lower the bandwidth or the delay")
-        seen = sensed.see(k, state, lead)
-        if memory is None and seen is not None:
-            memory = pointer.start(seen, attitudes[k] @ sensed.sight.view(state.q).R, attitudes[k])
-        if memory is not None and seen is not None:
-            command, memory = pointer.torque(seen, memory)
-        pending.append(command)
-        q[k], tau[k] = state.q, pending.popleft().clip(-limit, limit)
-        state = system.step(sensed.t[k], state, motors.acting(tau[k]), dt)
-    error = errors(sensed.sight, q, attitudes, wanted)
-    events = () if memory is None else memory.told
-    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, np.asarray(base.quat[::2]), limit, events)
+    loop = Loop(Plant(plant, base), Drive((*plant.drive, *drive), rig, dt), sensed, rotations(quat), delay, name)
+    q, tau, events = loop.run(pointer)
+    error = errors(sensed.sight, q, loop.attitudes, pointer.navigator.wanted)
+    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, quat, rig.tau_max, events)
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Plant, drives and sensors, ready to run.
+
+    Attributes:
+        system: The plant, on the platform.
+        motors: The drives.
+        sensed: The sensors.
+        attitudes: Attitude of the platform in the world at every sample, (N, 3, 3).
+        delay: Samples between measurement and torque.
+        name: What a bar and an error speak of.
+    """
+
+    system: Plant
+    motors: Drive
+    sensed: Sensed
+    attitudes: Array
+    delay: int
+    name: str
+
+    def run(self, pointer: Pointer) -> tuple[Array, Array, tuple[str, ...]]:
+        """Return true angles and commanded torques, (N, n) each, and what happened."""
+        t, dt, navigator, limit = self.sensed.t, pointer.dt, pointer.navigator, self.system.model.rig.tau_max
+        lead = round(2 * max(navigator.forecast.leads) / dt) if navigator.oracle else None
+        state = ready(self.sensed, self.attitudes[0], navigator.wanted)
+        command: Array = np.zeros(len(limit))
+        pending: deque[Array] = deque([command] * self.delay)
+        memory, q, tau = None, np.empty((len(t), len(limit))), np.empty((len(t), len(limit)))
+        for k in tqdm(range(len(t)), self.name, unit="sample", disable=None, leave=False, delay=2):
+            if not isfinite(sum(state.q.tolist())):
+                raise UsageError(self.name, f"diverged {t[k]:.3g} s after its start", "lower bandwidth or delay")
+            seen = self.sensed.see(k, state, lead)
+            if memory is None and seen is not None:
+                camera = self.attitudes[k] @ self.sensed.sight.attitude(state.q)
+                memory = pointer.start(seen, camera, self.attitudes[k])
+            if memory is not None and seen is not None:
+                command, memory = pointer.torque(seen, memory)
+            pending.append(command)
+            q[k], tau[k] = state.q, pending.popleft().clip(-limit, limit)
+            state = self.system.step(t[k], state, self.motors.acting(tau[k]), dt)
+        return q, tau, () if memory is None else memory.told
 
 
 def ready(sensed: Sensed, base: Array, wanted: Array) -> State:

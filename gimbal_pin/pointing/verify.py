@@ -108,7 +108,10 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         if name not in NAMES:
             raise UsageError("--controllers", f"knows no '{name}'", f"there are {', '.join(NAMES)}")
     if asked.log is not None and asked.plant is None:
-        return verify(rig, replace(asked, plant=possible(rig, asked.log, asked)))
+        model, causes = modelled(rig, asked.log, asked)
+        known = model or identify(rig, [asked.log], holdout="none").model
+        plant = drawn(known, np.random.default_rng(LEARNED))
+        return replace(verify(rig, replace(asked, plant=plant, known=known, find=False)), causes=causes)
     plant, drive = plant_with(
         nominal(unbalanced(rig)) if asked.plant is None else asked.plant,
         [parse_effect(text, rig) for text in asked.causes],
@@ -133,12 +136,6 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[str,
     if after is None or not found.findings:
         return asked.known, ()
     return after.model, tuple(finding.sentence for finding in found.findings)
-
-
-def possible(rig: Rig, log: Log, asked: Asked) -> Model:
-    """Return a plant that a log leaves possible: its model, the parameters drawn from their covariance."""
-    model = modelled(rig, log, asked)[0] or identify(rig, [log], holdout="none").model
-    return drawn(model, np.random.default_rng(LEARNED))
 
 
 def ground(rig: Rig, asked: Asked) -> tuple[Ground, str, float]:

@@ -16,6 +16,14 @@ from benchmark.timing import alternating
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
+from gimbal_pin.pointing.bench import WANTED, Shaken
+from gimbal_pin.pointing.contest import Course
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Station
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.profile import profile_s
 from gimbal_pin.rig import GRAVITY, Rig
 from gimbal_pin.simulation import Controller, Reference, Sensors, plant_with, simulate
@@ -68,9 +76,25 @@ def moving(model: Model, reference: Motion, controller: Controller) -> Iterator[
         carried = {"platform": platform, "sensors": replace(sensors, imus=rig.config.imus)}
         return simulate(plant, controller, reference, rng=np.random.default_rng(0), delay=DELAY, drive=drive, **carried)
 
+    yield held(model)
     taken = alternating({"ours": shaken}, ROUNDS, "simulation on a moving base").median("ours")
     name = "closed loop, moving base, sensors, effects: simulated time / time"
     yield Figure(name, DT * len(reference) / taken, "x", at_least=4.0)
+
+
+def held(model: Model) -> Figure:
+    """Return the real-time factor of a camera held still: navigation, forecast, fusion, guard and law on top."""
+    rig, seconds = model.rig, 2.0
+    course = Course(model, Shaken(Sight(rig).centre, seconds), "S", seconds, Station.of(rig))
+    spectrum, station = Spectrum.assumed(DT, GYRO, ACCELEROMETER), course.station
+    pointer = Roster(model, WANTED, spectrum, station.noise, float(station.step.max())).pointer("switch")
+    ground = course.ground(0)
+
+    def pointed() -> Pointing:
+        return point(model, pointer, ground, rng=np.random.default_rng(0), seconds=seconds)
+
+    taken = alternating({"ours": pointed}, ROUNDS, "camera held on a moving base").median("ours")
+    return Figure("camera held still on a moving base: simulated time / time", seconds / taken, "x")
 
 
 def mujoco_model(rig: Rig) -> mujoco.MjModel:
