@@ -20,7 +20,7 @@ class Cogging(Harmonic):
     name: ClassVar[str] = "cogging"
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf)
     bends: ClassVar[tuple[str, ...]] = ("cable-spring",)
-    highest: ClassVar[int] = 200
+    highest: ClassVar[int] = 400
     experiment: ClassVar[str] = "slow sweeps both ways over as much of a turn as there is"
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-ripple", "position-dependent-friction", "cable-spring")
     compensation: ClassVar[str] = "cogging feed-forward by angle"
