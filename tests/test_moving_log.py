@@ -14,6 +14,7 @@ import pytest
 
 from gimbal_pin.base import base
 from gimbal_pin.cli import main
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.experiment import perturbed
 from gimbal_pin.identification import given_beta, identify, moved
@@ -169,6 +170,22 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
     expected = given_beta(true.rig, found.reduction)
     assert np.abs(found.estimate.theta[: len(expected)] - expected).max() < 1e-3 * np.abs(expected).max()
     assert found.held_out is not None and min(found.held_out.fit_percent.values()) > 99.8
+
+
+@pytest.mark.parametrize("size", [0.0, 0.02])
+def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float) -> None:
+    """Against a model that stands; a base at rest is none, though its IMU is in the log."""
+    rig, rng = rig_of("turret"), np.random.default_rng(2)
+    clean = carried(nominal(rig), swaying(times(12.0), size), 12.0)
+    assert clean.tau is not None
+    log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape))
+    found = diagnose(rig, [log], {}, rng=rng)
+    assert [one.cause for one in found.findings] == ["platform-motion"] * (size > 0)
+    for one in found.findings:
+        assert one.gain["torque_rmse_after"] < 0.5 * one.gain["torque_rmse_before"]
+        assert one.gain["rollout_rmse_after"] < one.gain["rollout_rmse_before"]
+        rate = np.sqrt(np.mean(np.sum(swaying(times(12.0), size).w[:8_000] ** 2, axis=1)))
+        assert one.parameters[0].value == pytest.approx(rate, rel=0.05)
 
 
 def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_deviations() -> None:

@@ -19,8 +19,9 @@ from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight, Untestable
 from gimbal_pin.diagnosis.followed import followed
-from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rms, torque_rmse
+from gimbal_pin.diagnosis.heldout import Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
+from gimbal_pin.diagnosis.platform_motion import Ridden, ridden
 from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import (
     Library,
@@ -51,7 +52,6 @@ BAND = Filtering(cutoff=12.0, smoothing=2.5)
 ERROR_RATE = 0.003
 """Chance that a log with nothing in it has anything named, over the whole library."""
 FLIPS = 1999
-Figures = Mapping[str, Mapping[str, float]]
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 CONFIRMED = 1.01
@@ -113,7 +113,16 @@ def diagnose(
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
-    return compared(said, found.final, causes)
+    moving = ridden(found.first, held, train, test, filtering)
+    return compared(said if moving is None else beside(said, moving), found.final, causes)
+
+
+def beside(said: Diagnosis, moving: Ridden) -> Diagnosis:
+    """Put the motion of the platform beside what was found with it in the model."""
+    findings = tuple(sorted((*said.findings, moving.finding), key=lambda one: -one.explained_share))
+    statuses = [one.status for one in findings]
+    verdict_ = verdict.overall(statuses, tuple(said.residual.values()))
+    return replace(said, findings=findings, verdict=verdict_, baseline=moving.baseline)
 
 
 class Searched(NamedTuple):
@@ -304,15 +313,6 @@ def doubted(left: leftover.Residual, joint: str, causes: Sequence[Cause]) -> lef
     if not any(cause.place == joint or not cause.of_joint for cause in causes):
         return left
     return leftover.Residual("structured", left.noise_floor, left.dispersion, left.where or "over its angle")
-
-
-def measured(held: Evidence, model: Extended) -> Figures:
-    """Held-out figures of a model, by joint."""
-    joints, rmse = held.rig.joints, torque_rmse(held, model)
-    fit = 100 * (1 - rmse / np.maximum(torque_rms(held), 1e-300))
-    rolled = rollout_rmse(held, model)
-    rows = {"torque_rmse": rmse, "fit_percent": fit, "rollout_rmse": rolled}
-    return {name: dict(zip(joints, values.tolist())) for name, values in rows.items()}
 
 
 def finding(

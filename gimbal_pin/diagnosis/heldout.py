@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +14,8 @@ from gimbal_pin.log import Array
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
 
+Figures = Mapping[str, Mapping[str, float]]
+"""Name of a figure → joint → its value."""
 HORIZON = 0.2
 """Length of a rollout, s."""
 STARTS = 24
@@ -22,6 +24,15 @@ POSES = 16
 """Poses at which a model's mass matrix is looked at."""
 FINE = 2e-3
 """Longest step of a rollout, s."""
+
+
+def measured(held: Evidence, model: Extended) -> Figures:
+    """Held-out figures of a model, by joint."""
+    joints, rmse = held.rig.joints, torque_rmse(held, model)
+    fit = 100 * (1 - rmse / np.maximum(torque_rms(held), 1e-300))
+    rolled = rollout_rmse(held, model)
+    rows = {"torque_rmse": rmse, "fit_percent": fit, "rollout_rmse": rolled}
+    return {name: dict(zip(joints, values.tolist())) for name, values in rows.items()}
 
 
 def torque_rmse(evidence: Evidence, model: Extended) -> Array:

@@ -46,4 +46,4 @@ CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
         if isinstance(kind, type) and issubclass(kind, Cause) and hasattr(kind, "name") and kind not in ALWAYS
     }
 )
-"""Every physical cause of CONTRACT.md by its name there (platform-motion is not a cause of its own yet)."""
+"""Every physical cause of CONTRACT.md by its name there but platform-motion, which is measured rather than fitted."""

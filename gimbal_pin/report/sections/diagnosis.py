@@ -8,6 +8,7 @@ from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.likeness import Likeness
+from gimbal_pin.diagnosis.platform_motion import COMPENSATION
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
@@ -75,7 +76,8 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list
     lines: list[Content] = [f"{', '.join(figure)} (± is one standard deviation)."] if figure else []
     if finding.next_experiment:
         lines.append(f"This log cannot tell it from {listed(finding.alike[1:])}: try {finding.next_experiment}.")
-    lines.append(f"What to do about it: {CAUSES[finding.cause].compensation}.")
+    kind = CAUSES.get(finding.cause)
+    lines.append(f"What to do about it: {COMPENSATION if kind is None else kind.compensation}.")
     gain = finding.gain
     if gain["rollout_rmse_before"] > 0:
         rolled = gain["rollout_rmse_after"] / gain["rollout_rmse_before"]

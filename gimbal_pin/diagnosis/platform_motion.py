@@ -1,0 +1,128 @@
+"""A platform that moves: what its IMU measured, against the model of a rig whose base stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
+from gimbal_pin.diagnosis.extended import extended
+from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.heldout import Figures, measured
+from gimbal_pin.diagnosis.search import Problem, State, solved
+from gimbal_pin.log import Array, Log
+from gimbal_pin.parameter import Parameter
+from gimbal_pin.platform import LEANS, Platform
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import GRAVITY, Rig
+from gimbal_pin.rows import Filtering
+
+CLEAR = 3.0
+"""Standard deviations by which the fit must gain over blocks."""
+CONFIRMED = 1.01
+"""Held-out error of a base that stands over that of one that moves, from which the motion matters."""
+NAME = "platform-motion"
+COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
+
+
+class Ridden(NamedTuple):
+    """The platform's motion as a finding.
+
+    Attributes:
+        finding: It.
+        baseline: Held-out figures of the refitted model whose base stands.
+    """
+
+    finding: Finding
+    baseline: Figures
+
+
+def ridden(
+    carried: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering
+) -> Ridden | None:
+    """Refit the rig as if its base stood, and compare; None where no IMU says that it moves, or where that is nothing.
+
+    Args:
+        carried: The refitted model without causes on the base's measured motion.
+        held: The held-out evidence, with that motion.
+        train: The logs that were trained on.
+        test: The held-out ones; none where the training logs stand for them.
+        filtering: The band.
+    """
+    if carried.problem.reduction.base == "fixed":
+        return None
+    rig = carried.problem.evidence.rig
+    origins = {log.name: float(log.t[0]) for log in (*train, *test)}
+    evidence = gather(rig, [standing(rig, log) for log in train], filtering, origins)
+    problem = Problem.of(evidence, reduce(rig))
+    ignoring = solved(problem, (), solved(problem, ()))
+    there = judged(rig, [standing(rig, log) for log in test], filtering, origins) if test else evidence
+    before, after = measured(there, extended(ignoring)), measured(held, extended(carried))
+    ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
+    j = int(np.argmax(ratios))
+    clear = clarity(ignoring, carried, j)
+    if ratios[j] < CONFIRMED or clear < CLEAR:
+        return None
+    return Ridden(told(rig, rig.joints[j], (before, after), motion(rig, train), clear), before)
+
+
+def standing(rig: Rig, log: Log) -> Log:
+    """Return a log without what the base's IMU says."""
+    return replace(log, imus={link: imu for link, imu in log.imus.items() if link != rig.base})
+
+
+def clarity(before: State, after: State, joint: int) -> float:
+    """Fall of one joint's sum of squares over its scatter by blocks, in standard deviations."""
+    falls = squares(before, joint) - squares(after, joint)
+    return float(np.sum(falls) / max(float(np.std(falls) * np.sqrt(len(falls))), 1e-300))
+
+
+def squares(state: State, joint: int) -> Array:
+    """One joint's squared residual in units of the noise floor, summed over each block, (blocks,)."""
+    rows = state.fit.residual.reshape(-1, len(state.fit.scale)) / state.fit.scale
+    own = np.zeros_like(rows)
+    own[:, joint] = rows[:, joint] ** 2
+    return state.fit.by_block(own.reshape(-1, 1))[:, 0]
+
+
+def motion(rig: Rig, logs: Sequence[Log]) -> tuple[float, float]:
+    """Root mean square of the base's rate, rad/s, and of its specific force off what an upright base feels, m/s²."""
+    moves = [Platform.measured(log.t, log.imus[rig.base], log.name) for log in logs if rig.base in log.imus]
+    w, f = (np.concatenate([getattr(move, name) for move in moves]) for name in ("w", "f"))
+    off = f - np.array([0.0, 0.0, GRAVITY])
+    rate, force = (float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) for x in (w, off))
+    return rate, force
+
+
+def told(rig: Rig, joint: str, figures: tuple[Figures, Figures], moved: tuple[float, float], clear: float) -> Finding:
+    """Describe the platform's motion by the joint at which it matters most."""
+    rate, force = moved
+    torque, rolled = ([each[name][joint] for each in figures] for name in ("torque_rmse", "rollout_rmse"))
+    felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
+    change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
+    return Finding(
+        cause=NAME,
+        joint=None,
+        status="named",
+        alike=(NAME,),
+        parameters=(Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2")),
+        gain={
+            "torque_rmse_before": torque[0],
+            "torque_rmse_after": torque[1],
+            "rollout_rmse_before": rolled[0],
+            "rollout_rmse_after": rolled[1],
+        },
+        p_value=float(norm.sf(clear)),
+        selection_frequency=1.0,
+        explained_share=1 - (torque[1] / max(torque[0], 1e-300)) ** 2,
+        visible_fraction=1.0,
+        rivals=(),
+        sentence=f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU), "
+        "which a model that stands ignores; "
+        f"held-out torque error of {joint} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %)",
+        next_experiment=None,
+    )
