@@ -249,7 +249,8 @@ def searched(problem: Problem, halves: Sequence[int], rng: np.random.Generator, 
     Yields after every part; `tried` holds where each one is by then, and in the end the finest as well.
     """
     tried.extend(problem.inside(problem.start(rng)) for _ in range(halves[0] - 1))
-    soft = replace(problem, criterion=softened(problem.criterion))
+    speed = problem.speed if problem.speed > SPEED else 0.0  # a good motion reaches the usual one by itself
+    soft = replace(problem, criterion=softened(problem.criterion), speed=speed)
     runs = [descent(soft, x, TOLERANCE) for x in tried]
     values, left = np.full(len(tried), np.inf), list(range(len(tried)))
     for count in halves:
