@@ -542,10 +542,10 @@ def apart(rig: Rig, found: Excitation) -> float:
 
 
 def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
-    rig, far = beside(tmp_path), Path(tmp_path / "far")
-    far.mkdir()
-    free = excite(beside(far, "3 3"), starts=1, seconds=5.0, rng=np.random.default_rng(0))
-    assert apart(rig, free) < 0  # what is best where there is no post runs into it
+    free = excite(beside(tmp_path, "3 3"), starts=1, seconds=5.0, rng=np.random.default_rng(0))
+    passed = np.median(free.motion.q[:, 0])
+    rig = beside(tmp_path, f"{0.21 * np.cos(passed)} {0.21 * np.sin(passed)}")
+    assert apart(rig, free) < 0  # what is best where there is no post runs into one that stands in its way
     found = excite(rig, starts=1, seconds=5.0, rng=np.random.default_rng(0), clearance=0.01)
     assert found.clearance is not None
     assert found.clearance.distance == pytest.approx(apart(rig, found), abs=2e-6)

@@ -90,13 +90,14 @@ class Frames:
         n, count = len(tree), len(motion)
         v, a = motion.v.T, motion.a.T
         passages = np.stack([link.parts for link in tree]) @ waves(tree, motion.q.T)
-        columns, arrived = np.empty((2, n, 6, 2 + n, count))
+        columns, arrived = np.zeros((2, n, 6, 2 + n, count))
         base = np.zeros((6, 2 + n, count))
         base[:3, 0] = -gravity[:, None]
         for i, link in enumerate(tree):
-            np.einsum("abt,bkt->akt", passages[i], columns[link.parent] if link.parent >= 0 else base, out=arrived[i])
+            before = (columns[link.parent] if link.parent >= 0 else base)[:, : 2 + i]
+            np.einsum("abt,bkt->akt", passages[i], before, out=arrived[i, :, : 2 + i])
             own, along = columns[i], link.axis[:, None]
-            own[...] = arrived[i]
+            own[:, : 2 + i] = arrived[i, :, : 2 + i]
             own[:, 1] += along * v[i]
             own[:, 0] += along * a[i] - link.cross @ own[:, 1] * v[i]
             own[:, 2 + i] = along
@@ -135,15 +136,14 @@ def regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, w
     bars = frames.bars(weights)
     out = np.empty((3, len(tree), len(motion)))
     for i, link in reversed(list(enumerate(tree))):
-        bar, v = bars[i], motion.v[:, i]
-        bar[:, 2 + i :] = 0.0  # the own axis is fixed, and later ones do not move this body
+        bar, v = bars[i, :, : 2 + i], motion.v[:, i]  # the own axis is fixed, and later ones do not move this body
         turned = link.cross.T @ bar[:, 0]
         out[1, i] = -np.einsum("at,at->t", turned, frames.columns[i, :, 1])
         bar[:, 1] -= turned * v
         out[1, i] += link.axis @ bar[:, 1]
         out[2, i] = link.axis @ bar[:, 0]
-        moved = link.cross @ frames.arrived[i].reshape(6, -1)
+        moved = link.cross @ frames.arrived[i, :, : 2 + i].reshape(6, -1)
         out[0, i] = -np.einsum("akt,akt->t", bar, moved.reshape(bar.shape))
         if link.parent >= 0:
-            bars[link.parent] += np.einsum("abt,akt->bkt", frames.passages[i], bar)
+            bars[link.parent, :, : 2 + i] += np.einsum("abt,akt->bkt", frames.passages[i], bar)
     return np.swapaxes(out, 1, 2)

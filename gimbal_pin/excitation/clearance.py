@@ -20,7 +20,7 @@ from gimbal_pin.rig import Rig
 STATES = 100
 """States spread over the limits on which it is seen which pairs can come near each other."""
 
-NEAR = 0.02
+NEAR = 0.008
 """Distance beyond the required one, m, within which a pair must come on one of them to be watched while optimising;
 the finished motion is checked for all pairs anyway."""
 

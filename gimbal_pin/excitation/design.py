@@ -26,7 +26,7 @@ from gimbal_pin.rig import Rig
 TOLERANCE = 3e-4
 """Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""
 
-HEATS, STEPS = 3, 8
+HEATS, STEPS = 3, 6
 """Random motions for every start; steps after which the worse half of those that are left is given up."""
 
 MOST = 80
@@ -133,7 +133,7 @@ def excite(
             way; rate, acceleration and torque are free where the rig states no limit.
         seconds: Length, s.
         harmonics: Harmonics of 1/seconds, two or more.
-        starts: How much is tried, one or more: four random motions for each.
+        starts: How much is tried, one or more: three random motions for each.
         rng: Source of the starts.
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
@@ -249,7 +249,8 @@ def searched(problem: Problem, halves: Sequence[int], rng: np.random.Generator, 
     Yields after every part; `tried` holds where each one is by then, and in the end the finest as well.
     """
     tried.extend(problem.inside(problem.start(rng)) for _ in range(halves[0] - 1))
-    soft = replace(problem, criterion=softened(problem.criterion))
+    speed = problem.speed if problem.speed > SPEED else 0.0  # a good motion reaches the usual one by itself
+    soft = replace(problem, criterion=softened(problem.criterion), speed=speed)
     runs = [descent(soft, x, TOLERANCE) for x in tried]
     values, left = np.full(len(tried), np.inf), list(range(len(tried)))
     for count in halves:

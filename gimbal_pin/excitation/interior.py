@@ -34,7 +34,7 @@ class Program(Protocol):
         """Return what is left of every limit (m,)."""
 
     def room_slopes(self, x: Array) -> Array:
-        """Return its Jacobian (m, k)."""
+        """Return its Jacobian (m, k), the same array where it is the same."""
 
 
 class Point(NamedTuple):
@@ -73,7 +73,8 @@ def descent(program: Program, start: Array, tolerance: float) -> Iterator[Point]
         if new is None:
             return
         z = np.clip(z + reach(z, dz) * dz, mu / at.s / SPREAD, mu / at.s * SPREAD)
-        B = updated(B, new.x - at.x, new.g - at.g - (new.A - at.A).T @ z)
+        bend = 0.0 if new.A is at.A else (new.A - at.A).T @ z
+        B = updated(B, new.x - at.x, new.g - at.g - bend)
         idle = idle + 1 if mu == last and at.f - new.f < tolerance else 0
         mu, at = max(last, SHRINK * mu), new
         yield at

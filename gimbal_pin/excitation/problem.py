@@ -87,7 +87,9 @@ class Problem:
 
     def motion(self, x: Array, grid: tuple[Array, Array]) -> Motion:
         """The motion of x on a grid."""
-        return Motion(grid[0], *(grid[1] @ x.reshape(-1, self.model.rig.n)))
+        states = grid[1] @ x.reshape(-1, self.model.rig.n)
+        states.flags.writeable = False  # spares `Motion` its copies
+        return Motion(grid[0], *states)
 
     def objective(self, x: Array) -> float:
         """The criterion on the coarse grid."""
@@ -143,14 +145,14 @@ class Problem:
 
     def room_slopes(self, x: Array) -> Array:
         """Exact Jacobian of `room`, (rows, len(x))."""
-        parts = [-self.kinematic_slopes, self.kinematic_slopes]
+        parts = [self.kinematic_slopes]
         if self.driven.any():
             slopes = self.envelope.torque_slopes(self.model, self.motion(x, self.coarse))[:, :, :, self.driven]
             parts.append(-np.einsum("sctji,ctk->stjki", slopes, self.coarse[1]).reshape(-1, len(x)))
         if self.apart is not None:
             nearing = self.apart.room_slopes(self.motion(x, self.coarse).q)
             parts.append(np.einsum("tpi,tk->tpki", nearing, self.coarse[1][0]).reshape(-1, len(x)))
-        return np.vstack(parts)
+        return np.vstack(parts) if len(parts) > 1 else parts[0]
 
     @cached_property
     def apart(self) -> Clearance | None:
@@ -159,10 +161,11 @@ class Problem:
 
     @cached_property
     def kinematic_slopes(self) -> Array:
-        """Jacobian of the kinematic shares that have limits: the basis over the limit."""
+        """Jacobian of `room` where it is kinematic: the basis over the limit, with either sign."""
         limits = np.stack([self.envelope.half, self.envelope.velocity, self.envelope.acceleration])
         each = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(self.model.rig.n), 1 / limits)
-        return each[self.stated].reshape(-1, each.shape[3] * each.shape[4])
+        one_way = each[self.stated].reshape(-1, each.shape[3] * each.shape[4])
+        return np.vstack([-one_way, one_way])
 
     def holds(self, x: Array, grid: tuple[Array, Array]) -> bool:
         """Whether every limit holds on a grid."""
