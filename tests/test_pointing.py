@@ -167,16 +167,15 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
     """The mean of two gyros' walks has half the variance of one; without noise nothing is corrected."""
     rng, fusion = np.random.default_rng(0), Fusion(GYRO, 2 * pi / 2**16, DT)
     camera, own, fused = np.eye(3), [], []
-    memory, last = Fused((np.eye(3),), (np.zeros(3),), (np.zeros(3),)), np.zeros(3)
+    memory, last = Fused.begun([np.eye(3)], np.zeros((1, 3))), np.zeros(3)
     for gyro, other in rng.standard_normal((8000, 2, 3)) * GYRO / np.sqrt(2 * DT):
         camera = camera @ pin.exp3((last + gyro) * DT / 2)
-        turn, _, memory = fusion.step_on(memory, (other,), camera, (np.eye(3),), DT)
-        own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(turn)))
-        last = gyro
+        memory, last = fusion.compared(memory.on(other[None], DT), camera, [np.eye(3)]), gyro
+        own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(memory.turn)))
     assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(np.diff(own[::200], axis=0) ** 2)
-    still = Fused((np.eye(3),), (np.ones(3),), (np.zeros(3),))
-    turn, rate, _ = fusion.step_on(still, (np.ones(3),), pin.exp3(np.ones(3) * DT), (np.eye(3),), DT)
-    assert max(np.abs(turn).max(), np.abs(rate).max()) < 1e-12
+    still = Fused.begun([np.eye(3)], np.ones((1, 3))).on(np.ones((1, 3)), DT)
+    after = fusion.compared(still, pin.exp3(np.ones(3) * DT), [np.eye(3)])
+    assert max(np.abs(after.turn).max(), np.abs(after.rate).max()) < 1e-12
 
 
 # --- Laws and margins ----------------------------------------------------------------------------------------------
