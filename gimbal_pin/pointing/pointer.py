@@ -111,7 +111,7 @@ class Pointer:
         sizes = np.abs(tau).tolist()
         at_limit = [size >= limit for size, limit in zip(sizes, self.limits)]
         # A law clips, and Python's clipping makes a limit of what is no number: so what went in is looked at, too.
-        finite = isfinite(sum(sizes) + float(fix.aim.q.sum() + fix.aim.a.sum()))
+        finite = isfinite(sum(sizes) + float(fix.aim.q.dot(fix.aim.a)))
         if finite and not any(at_limit) and not before.limited and fix.steep == before.steep:
             return tau, after
         events = list(after.events)
