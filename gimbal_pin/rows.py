@@ -17,6 +17,7 @@ from scipy.ndimage import uniform_filter1d
 from gimbal_pin import signals
 from gimbal_pin.effects import Effect, Sample
 from gimbal_pin.errors import UsageError
+from gimbal_pin.holes import filled, holes, inside
 from gimbal_pin.log import Array, Log
 from gimbal_pin.platform import BaseMotion, Platform
 from gimbal_pin.reduction import Reduction
@@ -55,7 +56,8 @@ class Filtering:
 class Channels(NamedTuple):
     """A stretch of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
 
-    `platform` is the motion of the base, through the same filter; None where it stands upright.
+    `platform` is the motion of the base, through the same filter; None where it stands upright. `lost` flags the
+    samples in holes of the log, (m,): nobody measured them; None where there is no hole.
     """
 
     t: Array
@@ -65,12 +67,14 @@ class Channels(NamedTuple):
     tau: Array
     rate_std: Array
     platform: Platform | None = None
+    lost: Flags | None = None
 
     def every(self, rows: slice) -> Channels:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
         t, q, v, a, tau = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau))
-        return Channels(t, q, v, a, tau, self.rate_std, platform)
+        lost = None if self.lost is None else self.lost[rows]
+        return Channels(t, q, v, a, tau, self.rate_std, platform, lost)
 
 
 class Block(NamedTuple):
@@ -92,13 +96,18 @@ class Block(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Uniform grid over a part of a log without gaps: `length` samples every `dt` s from `start`."""
+    """Uniform grid over a part of a log: `length` samples every `dt` s from `start`.
+
+    The part has no holes but those whose begin and end, s, are in `holes`, (k, 2); `log` has them filled where the
+    motion tells what was in them.
+    """
 
     log: Log
     rows: slice
     start: float
     dt: float
     length: int
+    holes: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,13 +216,15 @@ class Rows:
 
 
 def standstill(channels: Channels, filtering: Filtering) -> Flags:
-    """Samples at which the smoothed rate does not tell its sign, (m, n).
+    """Samples at which the smoothed rate does not tell its sign, or that nobody measured, (m, n).
 
     It is under a few of its own standard deviations, or changes its sign, or is within the smoother's memory of such
-    a place: smoothing rounds the corners of a joint that sticks.
+    a place: smoothing rounds the corners of a joint that sticks, and carries what fills a hole to its neighbours.
     """
     still = np.abs(channels.v) < STANDSTILL * channels.rate_std
     still[1:] |= channels.v[1:] * channels.v[:-1] < 0
+    if channels.lost is not None:
+        still |= channels.lost[:, None]
     reach = int(np.ceil(MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
     return dilated(still, reach)
 
@@ -260,19 +271,28 @@ def settling(filtering: Filtering) -> float:
     return signals.settling(filtering.cutoff) + signals.settling(filtering.cutoff * filtering.smoothing)
 
 
-def stretches(log: Log, cutoff: float) -> Iterator[Stretch]:
-    """Yield the parts of a log between gaps: longer than four samples and than a tenth of the cutoff's period."""
+def stretches(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Stretch]:
+    """Yield the parts of a log between holes; what the motion itself closes is none.
+
+    Args:
+        log: The log.
+        cutoff: Highest frequency that will be looked at, Hz.
+        across: Holes up to so long, s, do not part it either: for those who only look at what was measured.
+    """
     if len(log) < SHORTEST:
         return
-    dt = log.dt
-    gaps = np.flatnonzero(np.diff(log.t) > max(4.5 * dt, 0.1 / cutoff))
-    edges = [0, *(gaps + 1).tolist(), len(log)]
+    log, closed = filled(log, cutoff)
+    dt, gaps = log.dt, holes(log, cutoff)
+    ends = np.stack([log.t[gaps], log.t[gaps + 1]], axis=1)
+    passed = ends[:, 1] - ends[:, 0] <= across
+    closed = np.sort(np.concatenate([closed, ends[passed]]), axis=0)
+    edges = [0, *(gaps[~passed] + 1).tolist(), len(log)]
     for first, last in itertools.pairwise(edges):
         if last - first >= SHORTEST:
             span = log.t[last - 1] - log.t[first]
             count = int(span / dt * (1 + 1e-9)) + 1
             # The grid's own interval makes it end on the last sample: an interval rounded from jitter would drift.
-            yield Stretch(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count)
+            yield Stretch(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count, closed)
 
 
 def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carrier: str | None = None) -> Channels:
@@ -303,7 +323,8 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carr
         v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
     tau = signals.zero_phase(signals.resample(t + alignment, log.tau[near], grid), sections)
     platform = None if carrier is None else carried(log, carrier, near, grid, sections)
-    return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform)
+    lost = inside(stretch.holes, grid) if len(stretch.holes) else None
+    return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
 
 
 def carried(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:

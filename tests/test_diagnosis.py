@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
-from gimbal_pin.diagnosis.agreement import agreement
+from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.score import chance
 from gimbal_pin.effects import CAUSES
@@ -246,7 +246,8 @@ def test_logs_of_one_rig_agree(rig: Rig, planted: str) -> None:
     """Whatever else is wrong with it, and even before that is known."""
     model = plant_with(nominal(rig), [parse_effect(planted, rig)] if planted else []).plant
     logs = [prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002) for k in range(3)]
-    assert agreement(rig, logs, (), replace(BAND, alignment=0.0)) is None
+    each = alone(rig, logs, replace(BAND, alignment=0.0))
+    assert outright(rig, each) is None and agreement(rig, each, ()) is None
 
 
 def test_every_cause_of_the_contract_is_looked_for() -> None:

@@ -442,23 +442,26 @@ def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, shar
     np.testing.assert_allclose(rigid, read, atol=1e-9 * max(np.abs(read)) + 1e-12)
 
 
-@given(seed=st.integers(0, 2**32 - 1), gap=st.floats(1e-4, 0.1), inertia=st.floats(1e-4, 1e-2))
+@given(st.integers(0, 2**32 - 1), st.floats(1e-4, 0.1), st.floats(1e-4, 1e-2), st.sampled_from([0.0, 0.25, 0.5]))
 @settings(deadline=None)
-def test_backlash_keeps_the_momentum_and_the_gap(seed: int, gap: float, inertia: float) -> None:
+def test_backlash_keeps_the_momentum_and_the_gap(seed: int, gap: float, inertia: float, share: float) -> None:
     rng, dt = np.random.default_rng(seed), 1e-3
-    signal, x = Backlash("tilt", gap, inertia), rng.normal(size=200) + 0.5 * np.sin(np.arange(200) / 10)
+    moved = inertia * (1 - 1 / share if share else 1.0)  # the rotor's, or less the link's that no encoder sees
+    signal, x = Backlash("tilt", gap, inertia, share), rng.normal(size=200) + 0.5 * np.sin(np.arange(200) / 10)
     memory, passed = signal.start(), 0.0
     for k, torque in enumerate(x.tolist()):
         before = memory
         memory, y = signal.step(memory, torque, dt)
         passed += y * dt
-        assert passed + inertia * memory[1] == pytest.approx(x[: k + 1].sum() * dt, abs=1e-9)
+        assert passed + moved * memory[1] == pytest.approx(x[: k + 1].sum() * dt, abs=1e-9)
         assert abs(memory[0]) <= gap / 2
         pushes = abs(before[0]) == gap / 2 and before[1] == 0 and torque * before[0] > 0
         if pushes:
             assert y == pytest.approx(torque)
-        if abs(memory[0]) < gap / 2:
+        if abs(memory[0]) < gap / 2 and not share:
             assert y == pytest.approx(0, abs=1e-9)
+    stepped = Signal.acting(signal, x, dt)
+    np.testing.assert_array_equal(signal.acting(x, dt), stepped)
 
 
 def test_static_signals() -> None:

@@ -16,7 +16,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors parameter reading log urdf config floating rig"
 SENSED = "signals platform profile calibration regressor imu"
-MATHS = f"{SENSED} reduction inertia effects model carrier plant rows estimators simulation"
+MATHS = f"{SENSED} reduction inertia effects model carrier plant holes rows estimators simulation"
 VERBS = "identification excitation control trajectories tuning experiment tracking montecarlo diagnosis base pointing"
 WHOLE = "checking balance payloads"
 EDGES = "io view report walk text cli"

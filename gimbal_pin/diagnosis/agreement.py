@@ -6,6 +6,7 @@ well: this comes before any name.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
-from gimbal_pin.reduction import Reduction, reduce
+from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, Flags
 
@@ -28,6 +29,13 @@ MATERIAL = 0.01
 """Torque that the disagreement moves, as a share of the joint's rms, under which it does not matter."""
 BEYOND = 2.0
 """The same over what each log's own fit leaves: less could be a misfit that the logs' motions bring out differently."""
+
+
+SOUND = 4.0
+"""Dispersion under which nothing that could set a log apart is left of it."""
+
+Alone = Mapping[str, Problem]
+"""Each log by its number and name."""
 
 
 class Apart(NamedTuple):
@@ -52,40 +60,49 @@ class Apart(NamedTuple):
         return (self.excess > BEYOND) & (self.share > MATERIAL)
 
 
-def agreement(rig: Rig, logs: Sequence[Log], causes: Sequence[Cause], filtering: Filtering) -> Fault | None:
-    """Fit each log on its own and compare.
+def alone(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> Alone:
+    """Return every log that is long enough to tell on its own; held-out logs are among them."""
+    reduction, found = reduce(rig), {}
+    for k, log in enumerate(logs if len(logs) > 1 else ()):
+        with contextlib.suppress(DataError):
+            evidence = gather(rig, [log], filtering, {log.name: float(log.t[0])})
+            found[f"{k + 1}: {log.name}"] = Problem.of(evidence, reduction)
+    return found
+
+
+def outright(rig: Rig, problems: Alone) -> Fault | None:
+    """Compare the logs before anything is looked for: each on its own is as good as its sensors, together they are not.
+
+    Where something is left of a log on its own, that may be what sets it apart: then `agreement` tells, once causes
+    have been found.
+    """
+    states = {name: solved(problem, ()) for name, problem in problems.items()}
+    sound = np.all([state.fit.dispersion < SOUND for state in states.values()], axis=0)
+    return disagreement(rig, states, sound)
+
+
+def agreement(rig: Rig, problems: Alone, causes: Sequence[Cause]) -> Fault | None:
+    """Fit each log on its own, with all that has been found in the fit, and compare.
 
     Args:
         rig: The rig.
-        logs: All logs, held-out ones among them.
-        causes: What has been found: it is in every fit.
-        filtering: The band.
+        problems: The logs.
+        causes: What has been found.
 
     Returns:
         The fault, or None: the logs agree, or there is only one that is long enough to tell.
     """
-    if len(logs) < 2:
-        return None
-    reduction = reduce(rig)
-    states = fits(rig, logs, causes, filtering, reduction)
+    states = {name: solved(problem, causes, solved(problem, ())) for name, problem in problems.items()}
+    return disagreement(rig, states, np.ones(rig.n, bool))
+
+
+def disagreement(rig: Rig, states: Mapping[str, State], joints: Flags) -> Fault | None:
+    """Return the fault if the logs' own fits differ at one of these joints."""
     if len(states) < 2:
         return None
-    rows = apart(states, len(reduction.independent))
-    return told(rig, rows) if any(row.serious.any() for row in rows) else None
-
-
-def fits(
-    rig: Rig, logs: Sequence[Log], causes: Sequence[Cause], filtering: Filtering, reduction: Reduction
-) -> Mapping[str, State]:
-    """Fit each log that is long enough."""
-    found = {}
-    for k, log in enumerate(logs):
-        try:
-            problem = Problem.of(gather(rig, [log], filtering, {log.name: float(log.t[0])}), reduction)
-        except DataError:
-            continue
-        found[f"{k + 1}: {log.name}"] = solved(problem, causes, solved(problem, ()))
-    return found
+    width = len(next(iter(states.values())).problem.reduction.independent)
+    rows = apart(states, width)
+    return told(rig, rows) if any((row.serious & joints).any() for row in rows) else None
 
 
 def apart(states: Mapping[str, State], width: int) -> list[Apart]:

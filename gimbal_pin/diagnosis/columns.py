@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,8 @@ ALIKE = (0.3, 3.0)
 """A drive's column fits if its coefficient, which is one, is found within these."""
 
 
+PUSHED = 0.2
+"""Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
 MOST_TAKEN = 0.5
 """A drive that takes more of the torque than this explains nothing: it silences the joint."""
 
@@ -68,6 +70,23 @@ def plain_columns(evidence: Evidence, effect: Effect, torque: list[Array]) -> li
         basis = effect.basis(part.sample(j, tau[:, j]))
         out.append(np.stack([np.broadcast_to(x, len(tau)) for x in basis], axis=1))
     return out
+
+
+def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], torque: list[Array]) -> bool:
+    """Whether one joint's friction would drive it: ``rms min(τ sign v, 0) > PUSHED rms τ``, away from standstill.
+
+    Args:
+        evidence: The logs.
+        friction: All that brakes the joint, each with its coefficients.
+        torque: The model's total torque, N m, (m, n) per part.
+    """
+    j = evidence.rig.joint_index(friction[0][0].joint)
+    sizes = [0.0, 0.0]
+    each = [[x @ values for x in plain_columns(evidence, effect, torque)] for effect, values in friction]
+    for part, *parts in zip(evidence.parts, *each):
+        braking = np.sum(parts, axis=0) * np.sign(part.channels.v[:, j]) * part.gate[:, j]
+        sizes = [sizes[0] + float(np.sum(np.minimum(braking, 0.0) ** 2)), sizes[1] + float(np.sum(braking**2))]
+    return sizes[0] > PUSHED**2 * sizes[1]
 
 
 def lost(evidence: Evidence, signal: Signal, torque: list[Array]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +13,9 @@ from scipy.stats import norm
 
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import leftover, verdict
-from gimbal_pin.diagnosis.agreement import agreement
+from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.audit import Audit, audit
-from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight
 from gimbal_pin.diagnosis.followed import followed
@@ -31,6 +32,7 @@ from gimbal_pin.diagnosis.search import (
     pruned,
     solved,
     swapped,
+    width,
     without,
 )
 from gimbal_pin.diagnosis.trusted import compared
@@ -49,11 +51,15 @@ BAND = Filtering(cutoff=12.0, smoothing=2.5)
 ERROR_RATE = 0.003
 """Chance that a log with nothing in it has anything named, over the whole library."""
 FLIPS = 1999
-Figures = Sequence[Mapping[str, Mapping[str, float]]]
+Figures = Mapping[str, Mapping[str, float]]
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 CONFIRMED = 1.01
 """Held-out error without a cause over that with it, from which the held-out part confirms the cause."""
+STRAYED = 1.1
+"""Error of the rollout with a cause over that without it, from which it makes the simulation worse."""
+LIVELY = 1e-3
+"""Least share of a joint's samples that must be away from standstill."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
@@ -85,17 +91,26 @@ def diagnose(
     for log in logs:
         within(log, filtering)
     audits = [audit(rig, rectified(rig, log).log) for log in logs]
+    train, test, _ = split([found.log for found in audits], holdout, filtering)
+    fitted = {log.name for log in train}
+    audits = [found if found.log.name in fitted else found.spared for found in audits]
     if any(not found.reliable for found in audits):
         return spoilt(rig, logs, audits, filtering)
-    train, test, _ = split([found.log for found in audits], holdout, filtering)
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
-    apart = agreement(rig, [one.log for one in audits], found.final.causes, filtering)
+    held = judged(rig, test, filtering, origins) if test else evidence
+    if np.all(held.used() < LIVELY):
+        raise DataError(
+            test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
+        )
+    each = alone(rig, [one.log for one in audits], filtering)
+    apart = outright(rig, each)
+    if apart is None:
+        found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
+        apart = agreement(rig, each, found.final.causes)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
-    held = gather(rig, test, filtering, origins) if test else evidence
     found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     return compared(said, found.final, causes)
@@ -114,6 +129,8 @@ class Searched(NamedTuple):
         null: Smallest p over the library on flipped residuals, sorted, (flips,).
         doubtful: What fits and deserves no trust.
         denied: What the held-out part did not confirm.
+        best: Held-out figures of the model with all that deserves a name.
+        lacking: The same without each of its causes.
     """
 
     shelf: Library
@@ -125,6 +142,8 @@ class Searched(NamedTuple):
     null: Array
     doubtful: tuple[Cause, ...] = ()
     denied: tuple[Cause, ...] = ()
+    best: Figures = MappingProxyType({})
+    lacking: tuple[Figures, ...] = ()
 
 
 def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
@@ -150,27 +169,35 @@ def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator)
 
 
 def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
-    """Drop what the held-out part denies, the weakest first: without it the torque there is predicted as well.
+    """Drop what the held-out part denies, the weakest first.
 
-    Nothing is ever added or fitted there. What is left is judged again with all else that was found.
+    Without it the torque there is predicted as well, or the simulation follows the measured angles better. Nothing is
+    ever added or fitted there. What is left is judged again with all else that was found.
     """
-    final, denied, joints = found.final, list[Cause](), held.rig.joints
-    while final.causes:
-        best = torque_rmse(held, extended(final))
-        rows = []
-        for i, cause in enumerate(final.causes):
-            lacking = torque_rmse(held, extended(without(final, cause)))
-            own = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
-            rows.append((max(float(lacking[j] / best[j]) for j in own), i))
-        ratio, weakest = min(rows)
+    final, denied = found.final, list[Cause]()
+    while True:
+        best = measured(held, extended(final))
+        lacking = [measured(held, extended(without(final, cause))) for cause in final.causes]
+        rows = [(confirmation(best, one, held, cause), i) for i, (one, cause) in enumerate(zip(lacking, final.causes))]
+        ratio, weakest = min(rows, default=(np.inf, 0))
         if ratio > CONFIRMED:
             break
         denied.append(final.causes[weakest])
         final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
+    found = found._replace(final=final, denied=tuple(denied), best=best, lacking=tuple(lacking))
     if not denied:
         return found
     rest = solved(found.state.problem, [c for c in found.state.causes if c not in denied], found.state)
-    return found._replace(final=final, residual=left_over(rest, found.doubtful, rng), denied=tuple(denied))
+    return found._replace(residual=left_over(rest, found.doubtful, rng))
+
+
+def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
+    """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse."""
+    own = [cause.place] if cause.of_joint else list(held.rig.joints)
+    strayed, without_ = (np.linalg.norm([one["rollout_rmse"][joint] for joint in own]) for one in (best, lacking))
+    if strayed > STRAYED * without_:
+        return 0.0
+    return max(lacking["torque_rmse"][joint] / best["torque_rmse"][joint] for joint in own)
 
 
 def reported(
@@ -179,8 +206,10 @@ def reported(
     """Measure the gain on the held-out part, and put it all together."""
     joints, state = held.rig.joints, found.state
     before, after = extended(found.first), extended(found.final)
-    figures = [measured(held, model) for model in (before, after)]
-    each = combined([finding(found, cause, held, figures, rng) for cause in found.final.causes])
+    baseline = measured(held, before)
+    each = combined(
+        [finding(found, *row, held, baseline, rng) for row in zip(found.final.causes, found.lacking, strict=True)]
+    )
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
@@ -193,8 +222,8 @@ def reported(
         untestable=verdict.untestable(found.first, found.shelf),
         detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
         alignment=hold,
-        baseline=figures[0],
-        extended=figures[1],
+        baseline=baseline,
+        extended=found.best,
         before=before,
         after=after,
         held=held,
@@ -207,7 +236,7 @@ def reported(
 def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:
     """The verdict *data*: the logs say nothing about physics that could be relied on."""
     given = Extended(nominal(rig))
-    figures: dict[str, dict[str, float]] = {}
+    figures: Figures = {}
     with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
         figures = measured(gather(rig, logs, filtering, {log.name: float(log.t[0]) for log in logs}), given)
     return Diagnosis(
@@ -231,7 +260,7 @@ def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Fi
 
 def denial(cause: Cause) -> str:
     """Say that the held-out part did not confirm a cause."""
-    return f"{cause.place}: {cause.name} fits the part that was trained on and predicts nothing of the held-out part"
+    return f"{cause.place}: {cause.name} fits the part that was trained on and the held-out part does not confirm it"
 
 
 def alignment(log: Log, filtering: Filtering) -> float:
@@ -248,7 +277,7 @@ def check_moved(evidence: Evidence, name: str) -> None:
     """Raise `DataError` if a joint never moved."""
     joints = evidence.rig.joints
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < MOVED)
-    if still or np.any(evidence.used() < 1e-3):
+    if still or np.any(evidence.used() < LIVELY):
         raise DataError(
             name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
         )
@@ -277,7 +306,7 @@ def doubted(left: leftover.Residual, joint: str, causes: Sequence[Cause]) -> lef
     return leftover.Residual("structured", left.noise_floor, left.dispersion, left.where or "over its angle")
 
 
-def measured(held: Evidence, model: Extended) -> dict[str, dict[str, float]]:
+def measured(held: Evidence, model: Extended) -> Figures:
     """Held-out figures of a model, by joint."""
     joints, rmse = held.rig.joints, torque_rmse(held, model)
     fit = 100 * (1 - rmse / np.maximum(torque_rms(held), 1e-300))
@@ -286,20 +315,19 @@ def measured(held: Evidence, model: Extended) -> dict[str, dict[str, float]]:
     return {name: dict(zip(joints, values.tolist())) for name, values in rows.items()}
 
 
-def finding(found: Searched, cause: Cause, held: Evidence, figures: Figures, rng: np.random.Generator) -> Finding:
-    """Describe one chosen cause."""
+def finding(
+    found: Searched, cause: Cause, lacking: Figures, held: Evidence, baseline: Figures, rng: np.random.Generator
+) -> Finding:
+    """Describe one chosen cause; `lacking`: held-out figures without it."""
     state, null = found.final, found.null
     judged = verdict.judged(state, cause, found.shelf, rng)
     joints = held.rig.joints
     at = cause.place if cause.of_joint else joints[int(np.argmax(judged.own.size))]
-    lacking = extended(without(state, cause))
-    torque, rolled = (dict(zip(joints, f(held, lacking).tolist())) for f in (torque_rmse, rollout_rmse))
-    base, best = figures[0]["torque_rmse"][at], figures[1]["torque_rmse"][at]
+    torque, rolled = lacking["torque_rmse"], lacking["rollout_rmse"]
+    base, best = baseline["torque_rmse"][at], found.best["torque_rmse"][at]
     figure = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
     shown = parameters(state, cause)
-    values = (
-        tuple(state.coefficients(cause).tolist()) if verdict.width(cause) and hasattr(cause, "coefficients") else ()
-    )
+    values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
     said = f"{figure.sentence(values)}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
     ambiguous = len(judged.alike) > 1
@@ -313,7 +341,7 @@ def finding(found: Searched, cause: Cause, held: Evidence, figures: Figures, rng
             "torque_rmse_before": torque[at],
             "torque_rmse_after": best,
             "rollout_rmse_before": rolled[at],
-            "rollout_rmse_after": figures[1]["rollout_rmse"][at],
+            "rollout_rmse_after": found.best["rollout_rmse"][at],
         },
         p_value=float((1 + np.sum(null <= judged.own.p)) / (1 + len(null))),
         selection_frequency=judged.frequency,

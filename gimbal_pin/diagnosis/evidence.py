@@ -5,6 +5,7 @@ log → smoothed channels → columns at full rate → × gate → spectrum ÷ n
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -28,6 +29,10 @@ BLOCKS = 40
 """Blocks of time that errors are counted by."""
 SHORTEST = 0.7
 """Shortest such block, s."""
+TAPER = 0.5
+"""Width over which the gate opens, in periods of the band: sharp edges fold what is above the band into it."""
+COVERED = 0.5
+"""Share of the time that stretches without holes must cover, under which lone samples are judged."""
 
 
 class Part(NamedTuple):
@@ -120,6 +125,11 @@ class Evidence:
         return np.concatenate([part.whiten(signal, joint) for part, signal in zip(self.parts, signals)])
 
     @property
+    def seconds(self) -> float:
+        """Length of all parts, s."""
+        return sum(part.dt * len(part.gate) for part in self.parts)
+
+    @property
     def torque(self) -> list[Array]:
         """Measured torque, N m, (m, n) for each part."""
         return [part.channels.tau for part in self.parts]
@@ -138,7 +148,37 @@ class Evidence:
         return np.mean(np.concatenate([part.gate**2 for part in self.parts]), axis=0)
 
 
-def gather(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping[str, float]) -> Evidence:
+def judged(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping[str, float]) -> Evidence:
+    """Return what can be judged of logs that nothing is fitted to.
+
+    Where holes leave too little of the time in stretches that the filters can settle in, every sample away from the
+    holes is taken: angle and torque were measured there, and of the rate only its slow part and its sign matter much.
+
+    Args:
+        rig: The rig.
+        logs: As for `gather`.
+        filtering: As for `gather`.
+        origins: As for `gather`.
+
+    Raises:
+        DataError: Not even that.
+    """
+    whole = sum(float(log.t[-1] - log.t[0]) for log in logs)
+    with contextlib.suppress(DataError):
+        found = gather(rig, logs, filtering, origins)
+        if found.seconds >= COVERED * whole:
+            return found
+    return gather(rig, logs, filtering, origins, settling(filtering), TAPER / filtering.smoothing)
+
+
+def gather(
+    rig: Rig,
+    logs: Sequence[Log],
+    filtering: Filtering,
+    origins: Mapping[str, float],
+    across: float = 0.0,
+    taper: float = TAPER,
+) -> Evidence:
     """Return the logs' evidence in the band below the filtering's cutoff.
 
     Args:
@@ -146,12 +186,16 @@ def gather(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping
         logs: Logs or parts of them.
         filtering: Its cutoff is the band.
         origins: Name of a log → the time at which it began, s.
+        across: Holes up to so long, s, do not end a stretch; the gate is closed in them.
+        taper: Width over which the gate opens, in periods of the band.
 
     Raises:
         DataError: No stretch is long enough.
     """
     found = [
-        part(rig, stretch, filtering, origins[log.name]) for log in logs for stretch in stretches(log, filtering.cutoff)
+        part(rig, stretch, filtering, origins[log.name], taper)
+        for log in logs
+        for stretch in stretches(log, filtering.cutoff, across)
     ]
     parts = tuple(one for one in found if one is not None)
     if not parts:
@@ -160,7 +204,7 @@ def gather(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping
     return Evidence(rig, parts, filtering.cutoff, blocks_of(parts, filtering.cutoff), ranges(rig, parts, filtering))
 
 
-def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float) -> Part | None:
+def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper: float = TAPER) -> Part | None:
     """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
     step = max(1, int(1 / (FINE * stretch.dt)))
     # The last few samples go where that makes the Fourier transforms quick.
@@ -169,7 +213,7 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float) -> Par
     if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
         return None
     channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
-    gate = mask(standstill(channels, filtering), round(0.5 / filtering.cutoff / stretch.dt))
+    gate = mask(standstill(channels, filtering), round(taper / filtering.cutoff / stretch.dt))
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import fft
-from scipy.ndimage import uniform_filter1d
+from numpy.typing import NDArray
 
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Flags
 
 PASSES = 4
 FOLDS = 4
-SMOOTH = 25
-"""Frequencies over which the residual's spectrum is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +50,9 @@ class Fit:
         return float(self.residual @ self.residual)
 
     @cached_property
-    def spectrum(self) -> Array:
-        """Smoothed power of the weighted residual at each frequency of its rows, (f, n)."""
-        rows = self.residual.reshape(-1, len(self.scale))
-        power = np.abs(fft.rfft(rows, axis=0)) ** 2 / len(rows)
-        return np.asarray(uniform_filter1d(power, SMOOTH, axis=0))
+    def starts(self) -> NDArray[np.intp]:
+        """First row of each block, (blocks,)."""
+        return np.flatnonzero(np.diff(self.block, prepend=-1))
 
     @property
     def blocks(self) -> int:
@@ -70,8 +65,7 @@ class Fit:
 
     def by_block(self, values: Array) -> Array:
         """Sum rows (rows n, c) over each block, (blocks, c)."""
-        order = np.flatnonzero(np.diff(self.block, prepend=-1))
-        return np.add.reduceat(values, order, axis=0)
+        return np.add.reduceat(values, self.starts, axis=0)
 
 
 def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = None) -> Fit:
@@ -95,9 +89,10 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     stacked = (A * weight[:, None]).reshape(-1, k)
     target = (b * weight).ravel()
     theta = np.linalg.lstsq(stacked, target, rcond=1e-10)[0]
-    left, values, right = np.linalg.svd(stacked / np.maximum(norms(stacked), 1e-300), full_matrices=False)
+    size = norms(stacked)
+    unit = np.where(size > 0.0, size, 1.0)
+    left, values, right = np.linalg.svd(stacked / unit, full_matrices=False)
     seen = values > 1e-10 * values[0]
-    unit = np.maximum(norms(stacked), 1e-300)
     information = (right[seen].T / values[seen] ** 2) @ right[seen] / np.outer(unit, unit)
     residual = target - stacked @ theta
     return Fit(theta, stacked, target, left[:, seen], residual, weight, information, np.repeat(block, n))
@@ -115,20 +110,33 @@ def project(now: Fit, values: Array) -> Array:
 
 
 def improves(now: Fit, values: Array, fixed: bool) -> bool:
-    """Whether a candidate predicts better, in sum and in most of `FOLDS` parts of time that its fit has not seen."""
+    """Whether a candidate predicts better, in sum and in most of `FOLDS` parts of time that its fit has not seen.
+
+    Each part is every `FOLDS`-th block, less the rows of which the rest says nothing.
+    """
     extra = now.stacked(values)
-    fold = now.block * FOLDS // now.blocks
+    fold = now.block % FOLDS
     target = now.target - extra[:, 0] if fixed else now.target
     stack = now.stack if fixed else np.hstack([now.stack, extra])
     gains = []
     for k in range(FOLDS):
         here = fold == k
-        before, after = (missed(A, b, here) for A, b in ((now.stack, now.target), (stack, target)))
+        known = here & (leverage(stack, ~here) < 1.0)
+        before, after = (missed(A, b, ~here, known) for A, b in ((now.stack, now.target), (stack, target)))
         gains.append(before - after)
     return sum(gains) > 0 and sum(gain > 0 for gain in gains) > FOLDS / 2
 
 
-def missed(A: Array, b: Array, here: Flags) -> float:
-    """Sum of squares on some rows of a fit to all the others."""
-    theta = np.linalg.lstsq(A[~here], b[~here], rcond=1e-8)[0]
-    return float(np.sum((b[here] - A[here] @ theta) ** 2))
+def leverage(A: Array, fitted: Flags) -> Array:
+    """``aᵀ (AᵀA)⁻¹ a`` of every row a, (rows,), A's fitted rows in the inverse: above one a prediction extrapolates."""
+    _, values, right = np.linalg.svd(A[fitted], full_matrices=False)
+    seen = values > 1e-8 * max(float(values[0]), 1e-300)
+    inside = A @ (right[seen].T / values[seen])
+    beyond = np.sum(A**2, axis=1) - np.sum((A @ right[seen].T) ** 2, axis=1)
+    return np.asarray(np.sum(inside**2, axis=1) + np.where(beyond > 1e-8 * np.sum(A**2, axis=1), np.inf, 0.0))
+
+
+def missed(A: Array, b: Array, fitted: Flags, judged: Flags) -> float:
+    """Sum of squares on some rows of a fit to others."""
+    theta = np.linalg.lstsq(A[fitted], b[fitted], rcond=1e-8)[0]
+    return float(np.sum((b[judged] - A[judged] @ theta) ** 2))

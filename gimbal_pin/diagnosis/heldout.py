@@ -33,8 +33,9 @@ def torque_rms(evidence: Evidence) -> Array:
 
 
 def power_over_gate(evidence: Evidence, error: Array) -> Array:
-    """Mean square of a gated error over the samples that count, (N m)², (n,)."""
-    weight = np.sum(np.concatenate([part.gate for part in evidence.parts]) ** 2, axis=0)
+    """Mean square of a gated error over the samples that count, (N m)², (n,): an error of one gives one."""
+    counted = np.concatenate([filtered(part, np.ones((1, 1)), evidence.band) for part in evidence.parts])
+    weight = np.sum(counted**2, axis=0)
     return np.sum(error**2, axis=0) / np.maximum(weight, 1e-300)
 
 
@@ -56,29 +57,35 @@ def torque_error(part: Part, model: Extended) -> Array:
 
 
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
-    """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,)."""
+    """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,).
+
+    What friction remembers at a start comes from the measured way to it.
+    """
     errors = []
     for part in evidence.parts:
         plant = Plant(model.model, part.platform)
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part.channels.tau, part.dt)
+        memory = plant.friction.remembered(part.channels.q)
         for start in starts(part, horizon):
-            end = rolled(plant, part, tau, start, horizon)
+            state = State(part.channels.q[start], part.channels.v[start], tuple(memory[start].tolist()))
+            end = rolled(plant, part, tau, start, state, horizon)
             errors.append(end - part.channels.q[start + horizon])
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)
 
 
 def starts(part: Part, horizon: int) -> Sequence[int]:
-    """Samples to start from, evenly spread, clear of the ends."""
+    """Samples to start from, evenly spread, clear of the ends and of holes: there nobody knows the torque."""
     edge = len(part.gate) // 20
-    free = len(part.gate) - 2 * edge - horizon
-    return [] if free <= 0 else np.linspace(edge, edge + free, STARTS).astype(int).tolist()
+    free = np.arange(edge, len(part.gate) - edge - horizon + 1)
+    if part.channels.lost is not None:
+        before = np.concatenate([[0], np.cumsum(part.channels.lost)])
+        free = free[before[free + horizon + 1] == before[free]]
+    return [] if not len(free) else free[np.linspace(0, len(free) - 1, STARTS).astype(int)].tolist()
 
 
-def rolled(plant: Plant, part: Part, tau: Array, start: int, horizon: int) -> Array:
-    """Angles after a rollout, rad, (n,)."""
-    c = part.channels
-    state = State(c.q[start], c.v[start])
+def rolled(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
+    """Angles after a rollout from a state at sample `start`, rad, (n,)."""
     steps = max(1, round(part.dt / FINE))
     for k in range(start, start + horizon):
         torque = (tau[k] + tau[k + 1]) / 2

@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import HIDDEN
-from gimbal_pin.diagnosis.search import Library, State, without
+from gimbal_pin.diagnosis.search import Library, State, spot, without
 from gimbal_pin.effects import Cause
 from gimbal_pin.log import Array
 
@@ -46,7 +46,7 @@ def likeness(state: State, cause: Cause, shelf: Library) -> Likeness:
     base = without(state, cause)
     own = span(base, base.columns(cause).values)
     best: dict[str, tuple[float, Array]] = {}
-    for columns in shelf.columns(base, cause.place):
+    for columns in shelf.columns(base, spot(cause)):
         name, seen = columns.cause.name, span(base, columns.values)
         if name != cause.name and (near := cosine(own, seen)) > best.get(name, (0.0, own))[0]:
             best[name] = near, seen

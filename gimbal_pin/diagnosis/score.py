@@ -11,13 +11,16 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import fft
-from scipy.stats import f as fisher
+from scipy.ndimage import uniform_filter1d
+from scipy.special import fdtrc
 
 from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.log import Array
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
+SMOOTH = 25
+"""Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
 """Blocks under which their own scatter says too little."""
 
@@ -65,23 +68,49 @@ HIDDEN = 1e-3
 
 def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
     """Score one candidate; `fixed`: its coefficient is one, as for a drive's signal."""
+    found = gained(now, columns, fixed)
+    if found.gain == 0.0:
+        return NOTHING._replace(visible=found.visible)
+    rest, own = found.rest, found.own
+    wald, blocks = strength(now, rest, now.residual - rest @ own)
+    explained = (rest @ found.beta).reshape(len(columns.values), -1) / now.scale
+    size = np.sqrt(np.mean(explained**2, axis=0))
+    return Score(found.gain, wald, float(chance(wald, len(own), blocks)), found.beta, found.visible, size)
+
+
+class Gained(NamedTuple):
+    """What a candidate would gain, without how sure that is, which costs most of a score.
+
+    Attributes:
+        gain: Fall of the weighted sum of squares; zero where the candidate is none.
+        beta: Coefficients as applied, (c,).
+        own: Coefficients that fit best, (c,).
+        rest: Projected columns, (rows n, c).
+        visible: Share of the column's power that the base columns leave.
+    """
+
+    gain: float
+    beta: Array
+    own: Array
+    rest: Array
+    visible: float
+
+
+def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
+    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
     stacked = now.stacked(columns.values)
     rest = stacked - now.basis @ (now.basis.T @ stacked)
     whole, left = float(np.sum(stacked**2)), float(np.sum(rest**2))
+    nothing = Gained(0.0, np.zeros(0), np.zeros(0), rest, left / whole if whole > 0 else 0.0)
     if whole <= 0 or left < HIDDEN * whole:
-        return NOTHING._replace(visible=left / whole if whole > 0 else 0.0)
+        return nothing
     s, gram = rest.T @ now.residual, rest.T @ rest
-    beta = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
-    if np.any(beta < columns.lower) or np.any(beta > columns.upper) or overdone(now, stacked @ beta):
-        return NOTHING._replace(visible=left / whole)
-    applied = np.ones(1) if fixed else beta
-    after = now.residual - rest @ applied
-    gain = now.cost - float(after @ after)
-    V, blocks = scatter(now, rest, now.residual - rest @ beta)
-    wald = float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
-    explained = (rest @ applied).reshape(len(columns.values), -1) / now.scale
-    size = np.sqrt(np.mean(explained**2, axis=0))
-    return Score(gain, wald, float(chance(wald, len(s), blocks)), applied, left / whole, size)
+    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
+    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now, stacked @ own):
+        return nothing
+    beta = np.ones(1) if fixed else own
+    after = now.residual - rest @ beta
+    return Gained(now.cost - float(after @ after), beta, own, rest, left / whole)
 
 
 def overdone(now: Fit, torque: Array) -> bool:
@@ -90,28 +119,37 @@ def overdone(now: Fit, torque: Array) -> bool:
     return float(np.sum(torque**2)) > OVERDONE**2 * float(np.sum(now.target[rows] ** 2))
 
 
-def scatter(now: Fit, rest: Array, residual: Array) -> tuple[Array, float]:
-    """Covariance of the score of projected columns (rows n, c), (c, c), and how many blocks it rests on.
+def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
+    """``sᵀ V⁻¹ s`` of projected columns (rows n, c), and how many blocks V rests on; `after`: the residual with them.
 
-    Its own scatter over blocks, or, for columns that act in few of them, what noise with the residual's spectrum has.
+    V is the score's own scatter over blocks. Columns that act in few blocks say too little of it: they must stand
+    against stationary noise of the residual's spectrum as well.
     """
-    blocks = effective(now, rest)
+    s, sums, blocks = rest.T @ now.residual, now.by_block(rest * after[:, None]), effective(now, rest)
+    wald = against(sums.T @ sums, s)
     if blocks < FEW:
-        return stationary(now, rest), float(now.blocks)
-    sums = now.by_block(rest * residual[:, None])
-    return sums.T @ sums, blocks
+        return min(wald, against(stationary(now, rest, after), s)), float(now.blocks)
+    return wald, blocks
 
 
-def stationary(now: Fit, rest: Array) -> Array:
-    """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr`` for stationary noise r of the residual's spectrum S, (c, c)."""
-    joints = len(now.scale)
-    columns = rest.reshape(-1, joints, rest.shape[1])
-    spectrum = fft.rfft(columns, axis=0)
+def against(V: Array, s: Array) -> float:
+    """``sᵀ V⁻¹ s``."""
+    return float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
+
+
+def stationary(now: Fit, rest: Array, residual: Array) -> Array:
+    """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr``, (c, c), for stationary noise r of a residual's spectrum S.
+
+    The spectrum is smoothed, and larger by the share of its band that the columns themselves have taken out of it.
+    """
+    columns, rows = (x.reshape(-1, len(now.scale), x.shape[1]) for x in (rest, residual[:, None]))
+    spectrum, power = fft.rfft(columns, axis=0), np.abs(fft.rfft(rows[:, :, 0], axis=0)) ** 2 / len(rows)
     twice = np.full(len(spectrum), 2.0)
     twice[0] = 1.0
     if len(columns) % 2 == 0:
         twice[-1] = 1.0
-    weighted = spectrum * (now.spectrum * twice[:, None] / len(columns))[:, :, None]
+    smooth = uniform_filter1d(power, SMOOTH, axis=0) * (1.0 + rest.shape[1] / SMOOTH)
+    weighted = spectrum * (smooth * twice[:, None] / len(columns))[:, :, None]
     return np.asarray(np.einsum("fjc,fjd->cd", spectrum.conj(), weighted).real)
 
 
@@ -120,16 +158,16 @@ def effective(now: Fit, rest: Array) -> float:
 
     What acts in three blocks only has a score of which only three are independent, however long the log.
     """
-    left, values, _ = np.linalg.svd(rest, full_matrices=False)
-    seen = values > 1e-8 * max(values[0], 1e-300)
-    leverage = now.by_block(np.sum(left[:, seen] ** 2, axis=1, keepdims=True))
+    values, vectors = np.linalg.eigh(rest.T @ rest)
+    seen = values > 1e-12 * max(values[-1], 1e-300)
+    leverage = now.by_block(np.sum((rest @ (vectors[:, seen] / np.sqrt(values[seen]))) ** 2, axis=1, keepdims=True))
     return float(np.sum(leverage) ** 2 / max(float(np.sum(leverage**2)), 1e-300))
 
 
 def chance(wald: Array | float, width: int, blocks: float) -> Array | float:
     """Hotelling's T² with `width` coefficients over `blocks` blocks: chance of as much or more."""
     freedom = max(blocks - width, 1.0)
-    return fisher.sf(wald * freedom / (width * max(blocks - 1, 1.0)), width, freedom)
+    return np.asarray(fdtrc(width, freedom, wald * freedom / (width * max(blocks - 1, 1.0))))
 
 
 def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator, flips: int = 499) -> Array:
@@ -150,11 +188,12 @@ def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator,
 def flipped_chance(now: Fit, rest: Array, signs: Array) -> Array:
     """P as in `score` for each row of signs of the residual's blocks, (flips,)."""
     sums, blocks = now.by_block(rest * now.residual[:, None]), effective(now, rest)
+    wald = flipped_wald(signs, sums, grams(now, rest))
     if blocks < FEW:
-        s = signs @ sums
-        wald = np.sum(s * np.linalg.lstsq(stationary(now, rest), s.T, rcond=1e-12)[0].T, axis=1)
-        return np.asarray(chance(wald, s.shape[1], float(now.blocks)))
-    return np.asarray(chance(flipped_wald(signs, sums, grams(now, rest)), sums.shape[1], blocks))
+        s, V = signs @ sums, stationary(now, rest, now.residual)
+        wald = np.minimum(wald, np.sum(s * np.linalg.lstsq(V, s.T, rcond=1e-12)[0].T, axis=1))
+        blocks = float(now.blocks)
+    return np.asarray(chance(wald, sums.shape[1], blocks))
 
 
 def grams(now: Fit, rest: Array) -> Array:

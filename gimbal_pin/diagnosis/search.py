@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, pushes, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit, improves
-from gimbal_pin.diagnosis.score import Score, score
+from gimbal_pin.diagnosis.score import Score, gained, score
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.identification import given_beta
@@ -31,6 +32,8 @@ CLOSE = 0.2
 """Share of the best gain below which a candidate is no contender on the coarse grid."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
+FURTHER = 2.0
+"""Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
 STALE = 0.02
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 HUSHED = 1.5
@@ -217,10 +220,10 @@ def near(new: Array, old: Array, share: float = STALE) -> bool:
     return float(np.linalg.norm(new - old)) <= share * float(np.linalg.norm(old))
 
 
-def scored(state: State, columns: Sequence[Columns]) -> list[tuple[Score, Cause]]:
-    """Scores on the coarse grid, the largest gain first."""
-    rows = [(score(state.fit, one, False), one.cause) for one in columns]
-    return sorted(rows, key=lambda row: -row[0].gain)
+def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:
+    """Gains on the coarse grid, the largest first; only those above zero."""
+    rows = [(gained(state.fit, one, False).gain, one) for one in columns]
+    return sorted((row for row in rows if row[0] > 0), key=lambda row: -row[0])
 
 
 def refined(state: State, cause: Cause) -> Cause:
@@ -266,16 +269,39 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
         place: Only causes at this joint and of the whole rig; None: of any joint, that of the best candidate.
     """
     taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
-    scores = scored(state, shelf.columns(state, place))
-    rows = [row for row in scores if row[0].gain > 0 and (row[1].name, row[1].place) not in taken]
+    gains = ranked(state, shelf.columns(state, place))
+    rows = [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken]
     first: dict[tuple[str, str], Cause] = {}
-    for found, cause in rows:
-        if found.p < ENTER and found.gain > CLOSE * rows[0][0].gain:
-            first.setdefault((cause.name, cause.place), cause)
+    for gain, one in rows:
+        key = (one.cause.name, one.cause.place)
+        if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < ENTER:
+            first[key] = one.cause
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
-    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and not hushes(state, *row)]
+    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def possible(state: State, found: Score, cause: Cause) -> bool:
+    """Whether what a cause would do is what such a cause can do."""
+    return not hushes(state, found, cause) and not drives(state, found, cause)
+
+
+def drives(state: State, found: Score, cause: Cause) -> bool:
+    """Whether dry friction at the cause's joint would have to push, all else refitted."""
+    if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
+        return False
+    added = state.fit.stacked(state.columns(cause).values) @ found.beta
+    theta = state.fit.theta - state.fit.information @ (state.fit.stack.T @ added)
+    effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
+    ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
+    always = len(state.problem.friction)
+    brakes = [
+        (effect, theta[begin:end])
+        for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
+        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or effect.dry)
+    ]
+    return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
 
 
 def hushes(state: State, found: Score, cause: Cause) -> bool:
@@ -291,7 +317,12 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
 
 def net(found: Score, cause: Cause) -> float:
     """Gain less what as many free parameters gain by luck."""
-    return found.gain - PENALTY * (width(cause) + len(shape_names(cause)))
+    return found.gain - PENALTY * free(cause)
+
+
+def free(cause: Cause) -> int:
+    """Coefficients and continuous shape parameters of a cause."""
+    return width(cause) + len(shape_names(cause))
 
 
 def forward(state: State, shelf: Library) -> State:
@@ -300,9 +331,23 @@ def forward(state: State, shelf: Library) -> State:
         rows = contenders(state, shelf) if len(state.causes) < MOST else []
         if not rows:
             break
-        new = rows[0][1]
+        new = foremost(state, rows)
         state = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
     return state
+
+
+def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:
+    """The contender that gains most; a further harmonic of a cause that stands claims less than a new cause.
+
+    What some harmonics leave is periodic, but not in time, and a drive's limit or a gap can look like that until the
+    others are in.
+    """
+
+    def worth(row: tuple[Score, Cause]) -> float:
+        further = isinstance(row[1], Harmonic) and any(same(row[1], cause) for cause in state.causes)
+        return net(*row) * (FURTHER if further else 1.0)
+
+    return max(rows, key=worth)[1]
 
 
 def polished(state: State, only: Cause | None = None) -> State:
@@ -325,6 +370,11 @@ def consistent(state: State) -> State:
         if all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
             break
     return state
+
+
+def spot(cause: Cause) -> str | None:
+    """Joint at which a cause's rivals sit, beside those of the whole rig; None: at any."""
+    return cause.place if cause.of_joint else None
 
 
 def with_cause(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
@@ -371,24 +421,60 @@ def holds(base: State, cause: Cause) -> bool:
 
 
 def swapped(state: State, shelf: Library) -> State:
-    """Replace each cause by another at its joint that fits better with all the rest refitted, until none does."""
+    """Replace a cause, or two at one joint, by one that fits better with all the rest refitted, until none does."""
     for _ in range(SWAPS):
-        for cause in state.causes:
-            base = without(state, cause)
-            rivals = rivals_of(base, cause, shelf)
-            if rivals and net(*rivals[0]) > net(measure(base, cause), cause) + PENALTY:
-                others = tuple(c for c in state.causes if c is not cause)
-                state = solved(state.problem, with_cause(others, rivals[0][1]), state)
-                break
-        else:
+        better = (found for group in groups(state.causes) if (found := replaced(state, group, shelf)) is not None)
+        new = next(better, None)
+        if new is None:
             return state
+        state = new
     return state
 
 
+def groups(causes: Sequence[Cause]) -> list[tuple[Cause, ...]]:
+    """Each cause, and each two at one joint: one cause may have been taken for two others before it was seen whole."""
+    pairs = [pair for pair in combinations(causes, 2) if pair[0].of_joint and pair[0].place == pair[1].place]
+    return [*((cause,) for cause in causes), *pairs]
+
+
+def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | None:
+    """The state with the best other cause in a group's place, or None if the group fits as well."""
+    others = tuple(c for c in state.causes if c not in group)
+    base = solved(state.problem, others, state, keep=True)
+    own = base.fit.cost - state.fit.cost - PENALTY * sum(free(cause) for cause in group)
+    if len(group) == 1:
+        rows = [*rivals_of(base, group[0], shelf), *variants(base, group[0], shelf)]
+        own += PENALTY
+    else:
+        rows = contenders(base, shelf, spot(group[0]))
+    best = max(rows, key=lambda row: net(*row), default=None)
+    return solved(state.problem, with_cause(others, best[1]), state) if best and net(*best) > own else None
+
+
 def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
-    """Other causes that fit what this one explains; `base` is the state without it."""
-    rows = [row for row in contenders(base, shelf, cause.place) if not same(row[1], cause)]
+    """Other causes that fit what this one explains; `base` is the state without it.
+
+    A cause of the whole rig may be mistaken for one at any of its joints.
+    """
+    rows = [row for row in contenders(base, shelf, spot(cause)) if not same(row[1], cause)]
     if isinstance(cause, Harmonic):
         alike = [type(c)(c.joint, cause.harmonic) for _, c in rows if isinstance(c, Harmonic)]
-        rows += [(measure(base, c), c) for c in alike]
+        rows += [(found, c) for c in alike if possible(base, found := measure(base, c), c)]
     return sorted(rows, key=lambda row: -net(*row))
+
+
+def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
+    """Other forms of a cause, the best of each refined: what was chosen while another was missing may not stand."""
+    if isinstance(cause, Harmonic):
+        return []
+    others = [shelf.of(c, base) for c in shelf.causes if same(c, cause) and form(c) != form(cause)]
+    best: dict[tuple[object, ...], Cause] = {}
+    for _, one in ranked(base, others):
+        best.setdefault(form(one.cause), one.cause)
+    found = [refined(base, other) for other in best.values()]
+    return [(measure(base, other), other) for other in found]
+
+
+def form(cause: Cause) -> tuple[object, ...]:
+    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a temperature."""
+    return tuple(x for x in (getattr(cause, f.name) for f in fields(cause)) if not isinstance(x, float))

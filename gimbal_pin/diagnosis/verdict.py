@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
 from gimbal_pin.diagnosis.score import HIDDEN, Score
-from gimbal_pin.diagnosis.search import Library, State, measure, rivals_of, width, without
+from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
@@ -82,11 +82,6 @@ def judged(state: State, cause: Cause, shelf: Library, rng: np.random.Generator)
     return Judged(cause, own, rivals, (cause.name, *alike), float(np.mean(wins)))
 
 
-def free(cause: Cause) -> int:
-    """Free parameters of a cause."""
-    return width(cause) + len([s for s in cause.shapes if isinstance(getattr(cause, s.name, None), float)])
-
-
 def block_gain(base: State, cause: Cause) -> Array:
     """Fall of the weighted sum of squares in each block, (blocks,)."""
     rest = project(base.fit, base.columns(cause).values)
@@ -99,24 +94,24 @@ def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
     """Largest cosine between what a cause explains and what the best cause of that name could, in [0, 1]."""
     rest = project(base.fit, base.columns(cause).values)
     mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
+    positions = [part.channels.q for part in base.problem.evidence.parts]
+    gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in positions]
     best = 0.0
     for other in shelf.causes:
-        if other.name != name or (other.of_joint and other.place != cause.place):
+        if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
             continue
-        for columns in (shelf.of(other, base), *at_rest(base, other)):
+        for columns in (shelf.of(other, base), *at_rest(base, other, gravity)):
             span = project(base.fit, columns.values)
             within = span @ np.linalg.lstsq(span, mine, rcond=1e-8)[0]
             best = max(best, float(np.linalg.norm(within) / max(float(np.linalg.norm(mine)), 1e-300)))
     return best
 
 
-def at_rest(base: State, cause: Cause) -> tuple[Columns, ...]:
+def at_rest(base: State, cause: Cause, gravity: list[Array]) -> tuple[Columns, ...]:
     """Columns of a loaded cause that feels gravity alone, as a bearing does that the motor's torque goes past."""
     if not isinstance(cause, Effect) or not cause.loaded:
         return ()
-    evidence = base.problem.evidence
-    gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in (part.channels.q for part in evidence.parts)]
-    return (build(evidence, cause, base.rig, gravity, base.acting),)
+    return (build(base.problem.evidence, cause, base.rig, gravity, base.acting),)
 
 
 def share(state: State, found: Score) -> float:

@@ -7,32 +7,39 @@ from dataclasses import dataclass
 from math import copysign, nan
 from typing import ClassVar
 
+import numpy as np
+
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 
 @dataclass(frozen=True)
 class Backlash(Signal):
-    """``y = x - J dw/dt``: a rotor at rate w in a gap passes nothing on, and its momentum when it lands.
+    """``y = x - (1 - 1/r) J dw/dt``: a rotor at rate w in a gap passes nothing on, and its momentum when it lands.
 
-    Two inertias, the encoder on the link. The link is taken to stand still while the rotor, much lighter, crosses the
-    gap, and the landing not to bounce.
+    Two masses J (rotor) and I (link): the rigid joint feels y. With the encoder on the rotor r = J/(I + J), the rotor's
+    share: it is the link then whose motion the encoder does not see; with the encoder on the link y = x - J dw/dt.
+    The link is taken to stand still while the rotor, much lighter, crosses the gap, and the landing not to bounce.
 
     Attributes:
         joint: The joint that has the gap.
         gap: Width of the gap, rad.
         inertia: J, the rotor's inertia at the joint, kg m².
+        rotor_share: r; 0 for an encoder on the link.
     """
 
     gap: float
     inertia: float = 1e-3
+    rotor_share: float = 0.0
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("gap", nan, "rad", 0.0, 0.5),
         Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
+        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     lookalikes: ClassVar[tuple[str, ...]] = ("presliding", "dead-zone", "joint-flexibility")
@@ -40,7 +47,7 @@ class Backlash(Signal):
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""
-        return copysign(self.gap / 2, level), 0.0
+        return copysign(self.gap / 2, level + 0.0), 0.0  # a zero has a sign that means nothing
 
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Fly or push; what does not speed the rotor up is passed on."""
@@ -49,12 +56,31 @@ class Backlash(Signal):
         after, end = rate + push, place + (rate + push / 2) * dt
         if abs(end) >= self.gap / 2:
             after, end = 0.0, copysign(self.gap / 2, end)
-        return (end, after), x - self.inertia * (after - rate) / dt
+        kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
+        return (end, after), x - kept * self.inertia * (after - rate) / dt
+
+    def acting(self, command: Array, dt: float) -> Array:
+        """Step through the flights alone: from a landing to the torque's next change of sign all of it passes."""
+        out, values = command.astype(float), command.tolist()
+        k = 0
+        for turn in (1 + np.flatnonzero(np.diff(np.sign(command)))).tolist():
+            k, memory = max(k, turn), self.start(values[turn - 1])
+            flying = k == turn
+            while flying and k < len(values):
+                memory, out[k] = self.step(memory, values[k], dt)
+                flying = memory[1] != 0.0 or memory[0] * values[k] <= 0.0
+                k += 1
+        return out
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Gaps from a milliradian, light and heavy rotors."""
-        return tuple(cls(joint, gap, inertia) for gap in (1e-3, 4e-3, 1.6e-2) for inertia in (1e-4, 1e-3, 1e-2))
+        """Gaps from a fraction of a milliradian, light and heavy rotors, the encoder on either side."""
+        return tuple(
+            cls(joint, gap, inertia, share)
+            for gap in (2.5e-4, 1e-3, 4e-3, 1.6e-2)
+            for inertia in (1e-4, 1e-3, 1e-2)
+            for share in (0.0, 0.25)
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gap."""

@@ -8,8 +8,9 @@ from math import nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Static
 from gimbal_pin.parameter import Parameter
 
 RAMP = 0.05
@@ -17,7 +18,7 @@ RAMP = 0.05
 
 
 @dataclass(frozen=True)
-class DeadZone(Signal):
+class DeadZone(Static):
     """``y = x - clip(x, -width, width)``: the first `width` of every command is lost.
 
     Attributes:
@@ -39,13 +40,9 @@ class DeadZone(Signal):
             return torque
         return torque + self.width * min(1.0, max(-1.0, torque / (RAMP * self.width)))
 
-    def start(self, level: float = 0.0) -> Memory:
-        """Nothing to remember."""
-        return ()
-
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def passed(self, x: Value) -> Value:
         """Take the lost part off."""
-        return memory, x - min(self.width, max(-self.width, x))
+        return x - cut(x, self.width)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

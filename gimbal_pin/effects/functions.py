@@ -32,6 +32,11 @@ def size(x: Value) -> Value:
     return abs(x) if isinstance(x, float) else np.abs(x)
 
 
+def cut(x: Value, limit: float) -> Value:
+    """Return x within ±limit."""
+    return min(limit, max(-limit, x)) if isinstance(x, float) else np.clip(x, -limit, limit)
+
+
 def propagated(
     function: Callable[[Sequence[float]], Sequence[float]], values: Sequence[float], covariance: Array
 ) -> Array:

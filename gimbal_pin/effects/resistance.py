@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from gimbal_pin.effects.base import Sample, Term
+from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
 
@@ -46,6 +49,11 @@ class Resistance:
     def evolved(self, memory: Memory, before: Sequence[float], after: Sequence[float]) -> Memory:
         """Return the memory after the joints have moved from angles `before` to `after`, rad."""
         return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
+
+    def remembered(self, q: Array) -> Array:
+        """What the memories hold at each of the consecutive angles q, rad, (N, n), from rest: (N, memories)."""
+        held = [term.effect.scan(q[:, j]) for j, term in self.keeping]
+        return np.stack(held, axis=1) if held else np.zeros((len(q), 0))
 
     def others(
         self,

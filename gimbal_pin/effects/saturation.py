@@ -8,13 +8,14 @@ from math import nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Static
 from gimbal_pin.parameter import Parameter
 
 
 @dataclass(frozen=True)
-class Saturation(Signal):
+class Saturation(Static):
     """``y = x`` within ±limit, ``±limit`` beyond: a limit under the one that the rig states.
 
     Attributes:
@@ -35,13 +36,9 @@ class Saturation(Signal):
         """The limit."""
         return self.limit
 
-    def start(self, level: float = 0.0) -> Memory:
-        """Nothing to remember."""
-        return ()
-
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def passed(self, x: Value) -> Value:
         """Cut the command."""
-        return memory, min(self.limit, max(-self.limit, x))
+        return cut(x, self.limit)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import Value
 from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
@@ -86,10 +87,33 @@ class Signal(Cause):
         return np.array(out)
 
     def response(self, dt: float, longest: int) -> Array:
-        """What acts after a command of 1 N m over one interval of `dt` s, and none after it, until it has died away."""
-        memory, y = self.step(self.start(), 1.0, dt)
-        out = [y]
-        while len(out) < longest and any(abs(m) > GONE for m in memory):
-            memory, y = self.step(memory, 0.0, dt)
-            out.append(y)
-        return np.array(out)
+        """``h_0 = D, h_k = C A^(k-1) B``: what acts after 1 N m over one interval of `dt` s, until it has died away.
+
+        ``C A^k`` is known for twice as many k with every product.
+        """
+        A, B, C, D = self.matrices(dt)
+        felt, power = C[None], A
+        while len(felt) < longest and np.max(np.abs(power), initial=0.0) > GONE:
+            felt, power = np.concatenate([felt, felt @ power]), power @ power
+        return np.append(D, felt @ B)[:longest]
+
+
+@dataclass(frozen=True)
+class Static(Signal):
+    """``acting = passed(command)``: what has no memory."""
+
+    @abstractmethod
+    def passed(self, x: Value) -> Value:
+        """Return the torque that acts, N m, for a command, N m."""
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Nothing to remember."""
+        return ()
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Pass the command."""
+        return memory, float(self.passed(x))
+
+    def acting(self, command: Array, dt: float) -> Array:
+        """Pass all of it at once."""
+        return np.asarray(self.passed(command))

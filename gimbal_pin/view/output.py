@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -123,15 +124,12 @@ def film(recorded: str, shown: Motion, fps: float, size: tuple[int, int], path: 
     with replacing(path) as temporary:
         command = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *source)
         encode = (*command, *ENCODERS[path.suffix.lower()], str(temporary))
-        with subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        with subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process, ExitStack() as cut_off:
             assert process.stdin is not None and process.stderr is not None  # both were asked for
-            try:
+            cut_off.callback(process.kill)
+            with suppress(BrokenPipeError):  # ffmpeg ended early: its own words follow
                 pictures(recorded, times, size, process.stdin.write)
-            except BrokenPipeError:
-                pass  # ffmpeg ended early: its own words follow
-            except BaseException:
-                process.kill()
-                raise
+            cut_off.pop_all()
             reason = process.communicate()[1].decode(errors="replace").strip()
         if process.returncode:
             raise UsageError(str(path), f"could not be encoded ({reason or 'ffmpeg gave no reason'})", "write .html")

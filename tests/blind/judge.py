@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .conventions import PARTS, Reading
+from .conventions import COMPANY, PARTS, Reading
 
 Json = Mapping[str, Any]
 VISIBLE = 3.0
@@ -39,9 +39,14 @@ class Judged:
 
 
 def judge(truth: Json, diagnosis: Json) -> Judged:
-    """Set aside findings of faults that the log truly has."""
+    """Set aside findings of faults that the log truly has, and of what a form brings along besides its cause."""
     faults = set(truth["faults"])
-    left = tuple(found for found in diagnosis["findings"] if not faults & names_of(found))
+    besides = {(COMPANY.get((cause["cause"], cause.get("form", ""))), cause["joint"]) for cause in truth["causes"]}
+    left = tuple(
+        found
+        for found in diagnosis["findings"]
+        if not faults & names_of(found) and (found["cause"], found["joint"]) not in besides
+    )
     return Judged(truth, diagnosis, left)
 
 

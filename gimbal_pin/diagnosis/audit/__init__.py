@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from gimbal_pin.diagnosis.audit import (
@@ -45,6 +45,12 @@ class Audit:
     def reliable(self) -> bool:
         """Whether a fit of the log as it was recorded shows physics."""
         return not any(fault.makes_physics_unreliable for fault in self.faults)
+
+    @property
+    def spared(self) -> Audit:
+        """The audit of a log that is only judged and never fitted: that its true samples lie far apart is no harm."""
+        faults = tuple(replace(f, makes_physics_unreliable=False) if f.sparse else f for f in self.faults)
+        return replace(self, faults=faults)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ class Fault:
         strength: How far beyond what is admissible: over one is found.
         makes_physics_unreliable: Whether a fit of the log as it was recorded would show the wrong physics.
         next_experiment: What to record or to change.
+        sparse: Whether the fault is only that samples lie too far apart to be fitted: each of them is true.
         answer: Base parameters and friction estimated in spite of the fault, where there is such an estimate.
     """
 
@@ -36,6 +37,7 @@ class Fault:
     makes_physics_unreliable: bool
     next_experiment: str
     answer: tuple[Parameter, ...] = ()
+    sparse: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds of a data finding; CONTRACT's figures of physical findings are null."""

@@ -75,7 +75,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if beyond[3] > 1.0:
         mended = noted(taken(mended, np.flatnonzero(~old)), "repeated rows were left out")
     harmful = mended is not log and harm(rig, log, mended, filtering).serious
-    return Examined(told(figures, beyond, harmful or scattered(log, filtering)), mended)
+    sparse = not harmful and scattered(log, filtering)
+    return Examined(told(figures, beyond, harmful, sparse), mended)
 
 
 def corrupt(
@@ -155,7 +156,7 @@ def scattered(log: Log, filtering: Filtering) -> bool:
     return bool(covered < USABLE * (log.t[-1] - log.t[0]))
 
 
-def told(figures: tuple[Parameter, ...], beyond: list[float], unreliable: bool) -> Fault:
+def told(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
     """Return the fault, described."""
     jitter, lost, gap, stale = (figure.value for figure in figures)
     texts = (
@@ -165,6 +166,8 @@ def told(figures: tuple[Parameter, ...], beyond: list[float], unreliable: bool) 
         f"{100 * stale:.0f} % of the rows of a stretch repeat the row before",
     )
     parts = "; ".join(text for text, size in zip(texts, beyond) if size > 1.0)
-    end = "this alone spoils the torque" if unreliable else "resampling takes care of it"
+    end = "resampling takes care of it"
+    if harmful or sparse:
+        end = "this alone spoils the torque" if harmful else "what is left in one piece is too short for the filters"
     mend = "stamp samples where they are taken (drive or bus time), and log at the bus's rate"
-    return Fault(NAME, None, f"clock: {parts}; {end}", figures, max(beyond), unreliable, mend)
+    return Fault(NAME, None, f"clock: {parts}; {end}", figures, max(beyond), harmful or sparse, mend, sparse=sparse)

@@ -78,7 +78,8 @@ def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
         return None
     dt, rows = longest.dt, longest.rows
     grid = longest.start + dt * np.arange(longest.length)
-    qv = signals.resample(log.t[rows], np.stack([log.q[rows, j], log.v[rows, j]], axis=1), grid)
+    t, q, v = longest.log.t[rows], longest.log.q[rows, j], np.asarray(longest.log.v)[rows, j]
+    qv = signals.resample(t, np.stack([q, v], axis=1), grid)
     sections = signals.lowpass(filtering.cutoff, 1.0 / dt)
     slow = signals.zero_phase(qv, sections)
     edge = min(round(signals.settling(filtering.cutoff) / dt), len(qv) // 4)

@@ -123,6 +123,8 @@ def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, F
     noise = signals.noise_std(stretch.log.q[stretch.rows]) * signals.noise_gain(sections, 1.0 / stretch.dt, 1)
     still = np.abs(slow) < np.maximum(STANDSTILL * noise, REST * np.sqrt(np.mean(slow**2, axis=0)))
     still[1:] |= slow[1:] * slow[:-1] < 0
+    if channels.lost is not None:
+        still |= channels.lost[:, None]
     return slow, dilated(still, max(1, round(REACH / stretch.dt)))
 
 
