@@ -36,7 +36,7 @@ class Budget:
     @staticmethod
     def of(jitter: Mapping[str, float]) -> Budget | None:
         """Part the error by controllers' jitter, rad rms; steps whose controller did not run are told with the next."""
-        if BASELINE not in jitter or len(jitter) < 2:
+        if BASELINE not in jitter or not any(name in jitter for _, name in STEPS):
             return None
         whole, parts, before, since = jitter[BASELINE], {}, jitter[BASELINE], ""
         for what, name in STEPS:

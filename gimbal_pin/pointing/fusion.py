@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from math import sqrt
-from operator import add
 from typing import NamedTuple
 
+import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.log import Array
@@ -18,14 +18,35 @@ class Fused(NamedTuple):
     """What fusion remembers, one entry per other gyro.
 
     Attributes:
-        attitudes: Attitudes in the world, each integrated from its own gyro, (3, 3).
-        turning: The rates that were integrated last, rad/s, (3,).
-        gaps: What they make of the camera's attitude less what its own gyro makes of it, smoothed, rad, (3,).
+        attitudes: Attitudes in the world at the last comparison, each integrated from its own gyro, (3, 3).
+        turned: Turns since then, rad, (L, 3).
+        rates: Rates at the last sample, rad/s, (L, 3).
+        gaps: What they make of the camera's attitude less what its own gyro makes of it, smoothed, rad, (L, 3).
+        turn: What to turn the camera's attitude by, rad, (3,).
+        rate: What to add to its rate, rad/s, (3,).
     """
 
     attitudes: tuple[Array, ...]
-    turning: tuple[Array, ...]
-    gaps: tuple[Array, ...]
+    turned: Array
+    rates: Array
+    gaps: Array
+    turn: Array
+    rate: Array
+
+    @staticmethod
+    def begun(attitudes: Sequence[Array], rates: Array) -> Fused:
+        """Memory for attitudes that are known, where the gyros read `rates`, rad/s, (L, 3)."""
+        still, zero = np.zeros_like(rates), np.zeros(3)
+        return Fused(tuple(attitudes), still, rates, still, zero, zero)
+
+    def on(self, rates: Array, elapsed: float) -> Fused:
+        """Return the memory after a sample."""
+        turned = self.turned + (self.rates + rates) * (elapsed / 2)
+        return Fused(self.attitudes, turned, rates, self.gaps, self.turn, self.rate)
+
+    def attitude(self, k: int) -> Array:
+        """Attitude that the k-th gyro gives, (3, 3)."""
+        return np.asarray(self.attitudes[k] @ pin.exp3(self.turned[k]))
 
 
 @dataclass(frozen=True)
@@ -52,24 +73,18 @@ class Fusion:
         ratio = walk / white
         return float((sqrt(ratio**2 + 4 * ratio) - ratio) / 2)
 
-    def step_on(
-        self, memory: Fused, rates: Sequence[Array], camera: Array, between: Sequence[Array], elapsed: float
-    ) -> tuple[Array, Array, Fused]:
-        """Return what to turn the camera's attitude by, rad, what to add to its rate, rad/s, (3,) each, and the memory.
+    def compared(self, memory: Fused, camera: Array, between: Sequence[Array]) -> Fused:
+        """Return the memory after a comparison.
 
         Args:
-            memory: The memory.
-            rates: Readings of the other gyros, rad/s, (3,) each.
+            memory: The memory at this sample.
             camera: Attitude that the camera's own gyro gives, (3, 3).
             between: Attitude of the camera in each other gyro's link, (3, 3).
-            elapsed: Time since the last sample, s.
         """
-        half = elapsed / 2
-        attitudes = tuple(
-            [R @ pin.exp3((before + now) * half) for R, before, now in zip(memory.attitudes, memory.turning, rates)]
-        )
-        own, gain, share = camera.T, self.gain, 1 / (len(rates) + 1)
-        changes = [gain * (pin.log3(own @ (R @ to)) - gap) for R, to, gap in zip(attitudes, between, memory.gaps)]
-        gaps = tuple([gap + change for gap, change in zip(memory.gaps, changes)])
-        turn, rate = reduce(add, gaps) * share, reduce(add, changes) * (share / self.dt)
-        return turn, rate, Fused(attitudes, tuple(rates), gaps)
+        attitudes = tuple([memory.attitude(k) for k in range(len(memory.attitudes))])
+        own, share = camera.T, 1 / (len(attitudes) + 1)
+        seen = np.array([pin.log3(own @ (R @ to)) for R, to in zip(attitudes, between)])
+        changes = self.gain * (seen - memory.gaps)
+        gaps = memory.gaps + changes
+        turn, rate = share * gaps.sum(axis=0), share / (self.dt) * changes.sum(axis=0)
+        return Fused(attitudes, np.zeros_like(gaps), memory.rates, gaps, turn, rate)

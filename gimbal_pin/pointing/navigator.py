@@ -86,7 +86,7 @@ class Navigator:
     def start(self, seen: Seen, camera: Array, base: Array) -> Known:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
         own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
-        fused = None if self.fusion is None else self.begun(base, self.sight.between(seen.q), seen)
+        fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
 
     def fix(self, seen: Seen, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
@@ -98,9 +98,8 @@ class Navigator:
         turning = seen.gyro if self.source == "camera" else seen.w
         R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
-        between = self.sight.between(seen.q) if self.fusion is not None or lead else (view.R,)
-        v = view.inverse @ (seen.gyro - seen.w @ between[0])[self.sight.rows]
-        R, actual, rate, fused = self.attitude(R, between, seen, known.fused, elapsed, doubtful)
+        v = view.inverse @ (seen.gyro - seen.w @ view.R)[self.sight.rows]
+        R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
         error = view.inverse @ self.sight.error(actual, self.wanted)
         drop = view.inverse @ (seen.gyro + rate)[self.sight.rows]
         past = self.forecast.step(known.past, seen.w, seen.f)
@@ -109,48 +108,29 @@ class Navigator:
         return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
 
     def attitude(
-        self,
-        R: Array,
-        between: tuple[Array, ...],
-        seen: Seen,
-        fused: Fused | None,
-        elapsed: float,
-        doubtful: frozenset[str],
+        self, R: Array, view: View, seen: Seen, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
     ) -> tuple[Array, Array, Array | float, Fused | None]:
         """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory."""
         if self.fusion is None or fused is None:
-            return R, R if self.source == "camera" else R @ between[0], 0.0, None
+            return R, R if self.source == "camera" else R @ view.R, 0.0, None
+        fused = fused.on(gyros(seen), elapsed)
         if doubtful:
-            R, fused = self.unfused(R, between, seen, fused, elapsed, doubtful)
+            R, fused = self.unfused(R, seen, fused, doubtful)
             return R, R, 0.0, fused
-        turn, rate, fused = self.fusion.step_on(fused, gyros(seen), R, between, elapsed)
-        return R, R @ pin.exp3(turn), rate, fused
+        fused = self.fusion.compared(fused, R, self.sight.between(seen.q))
+        return R, R @ pin.exp3(fused.turn), fused.rate, fused
 
-    def unfused(
-        self,
-        R: Array,
-        between: tuple[Array, ...],
-        seen: Seen,
-        fused: Fused,
-        elapsed: float,
-        doubtful: frozenset[str],
-    ) -> tuple[Array, Fused]:
+    def unfused(self, R: Array, seen: Seen, fused: Fused, doubtful: frozenset[str]) -> tuple[Array, Fused]:
         """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
 
         Without the camera's gyro its attitude is the platform's with the encoders between; without the platform's it
         is the other way round, and fusion begins anew.
         """
-        base = fused.attitudes[0] @ pin.exp3((fused.turning[0] + seen.w) * (elapsed / 2))
+        base, between = fused.attitude(0), self.sight.between(seen.q)
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
-            return base @ between[0], self.begun(base, between, seen)
+            return base @ between[0], begun(base, between, seen)
         anew = R @ between[0].T if "w" in doubtful and "q" not in doubtful else base
-        return R, self.begun(anew, between, seen)
-
-    def begun(self, base: Array, between: tuple[Array, ...], seen: Seen) -> Fused:
-        """Return the memory of a fusion that begins with the platform's attitude in the world."""
-        camera = base @ between[0]
-        attitudes, rates = [base, *[camera @ to.T for to in between[1:]]], gyros(seen)
-        return Fused(tuple(attitudes), rates, tuple(np.zeros(3) for _ in rates))
+        return R, begun(anew, between, seen)
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""
@@ -181,9 +161,15 @@ class Navigator:
         return Ahead(q, v, against @ self.sight.drift(q, v, base.w, base.dw), base)
 
 
-def gyros(seen: Seen) -> tuple[Array, ...]:
-    """Rates of all gyros but the camera's, the platform's first, rad/s, (3,) each."""
-    return (seen.w, *seen.links.reshape(-1, 3))
+def begun(base: Array, between: tuple[Array, ...], seen: Seen) -> Fused:
+    """Return the memory of a fusion that begins with the platform's attitude in the world."""
+    camera = base @ between[0]
+    return Fused.begun([base, *[camera @ to.T for to in between[1:]]], gyros(seen))
+
+
+def gyros(seen: Seen) -> Array:
+    """Rates of all gyros but the camera's, the platform's first, rad/s, (L, 3)."""
+    return np.concatenate([seen.w, seen.links]).reshape(-1, 3)
 
 
 def attitude(yaw: float, pitch: float, roll: float = 0.0) -> Array:

@@ -110,10 +110,12 @@ class Pointer:
         """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
         sizes = np.abs(tau).tolist()
         at_limit = [size >= limit for size, limit in zip(sizes, self.limits)]
-        if isfinite(sum(sizes)) and not any(at_limit) and not before.limited and fix.steep == before.steep:
+        # A law clips, and Python's clipping makes a limit of what is no number: so what went in is looked at, too.
+        finite = isfinite(sum(sizes) + float(fix.aim.q.dot(fix.aim.a)))
+        if finite and not any(at_limit) and not before.limited and fix.steep == before.steep:
             return tau, after
         events = list(after.events)
-        if not isfinite(sum(sizes)):
+        if not finite:
             events.append(f"{t:.3f} s: the law gave no number, no torque")
             tau = np.zeros_like(tau)
             after = after._replace(law=self.law.start(), fallback=False, tau=tau)
