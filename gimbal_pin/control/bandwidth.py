@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from math import floor, isfinite, log2
 
 from gimbal_pin.control.design import LAYERED, Wish
-from gimbal_pin.control.loop import smallest_disk
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 
 FINE, COARSE = 128, 64
 """Bandwidths tried per octave (0.54 % apart), and how many of them a search from below steps over at once."""
-UNTROUBLED = 5e-4
-"""Bandwidth times lateness at which a loop hardly feels that it is late: where a search begins."""
+SLOW = 1e-5
+"""Bandwidth times sampling interval at which a search begins: such a loop hardly feels that it is late."""
 
 
 def allowed(
@@ -49,12 +48,11 @@ def lowered(hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal,
     """
 
     def enough(bandwidth: float) -> bool:
-        return wish.kept(smallest_disk(wish.gains(bandwidth), wish.dt, wish.delay, tuple(ratios), drive))
+        return wish.kept(wish.smallest(wish.gains(bandwidth), ratios, drive))
 
     if isfinite(hz) and enough(hz):
         return hz
-    late = wish.delay + wish.dt / 2 + sum(signal.late(wish.dt) for signal in drive)
-    found = fastest(lambda bandwidth: bandwidth < hz and enough(bandwidth), UNTROUBLED / late)
+    found = fastest(lambda bandwidth: bandwidth < hz and enough(bandwidth), SLOW / wish.dt)
     return None if found is None else found * (LAYERED if wish.robust and not isfinite(hz) else 1.0)
 
 

@@ -108,9 +108,9 @@ def sampled_loop(
     return control.ss(A, np.vstack([B, [[0.0]]]), gain * C, 0.0, dt)
 
 
-def stable(loop: control.StateSpace, gain: float = 1.0) -> bool:
-    """Return whether the loop, `gain` times as strong, is stable when closed."""
-    return bool(np.max(np.abs(np.linalg.eigvals(loop.A - gain * loop.B @ loop.C))) < 1.0)
+def stable(loop: control.StateSpace) -> bool:
+    """Return whether the loop is stable when closed."""
+    return bool(np.max(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C))) < 1.0)
 
 
 def frequencies(gains: Pid, dt: float) -> Array:
@@ -126,9 +126,21 @@ def responses(loop: control.StateSpace, omega: Array) -> Array:
     return np.asarray((loop.C @ states)[:, 0, 0])
 
 
-def disk_margin(response: Array) -> float:
-    """``min 2 |1 + L|/|1 - L|`` of a stable loop: its balanced disk margin (Seiler, Packard and Gahinet 2020, 4)."""
-    return float((2 * np.abs(1 + response) / np.abs(1 - response)).min())
+def disk_margin(loop: control.StateSpace, response: Array, gain: float = 1.0) -> float:
+    """``min 2 |1 + L|/|1 - L|``: balanced disk margin (Seiler, Packard and Gahinet 2020, 4); 0 of an unstable loop.
+
+    Args:
+        loop: The loop.
+        response: Its gain at some frequencies. Those of the closed loop's poles are added: they have the peaks, which
+            a grid may step over where a resonance is narrow.
+        gain: How many times as strong the loop is.
+    """
+    poles = np.linalg.eigvals(loop.A - gain * loop.B @ loop.C)
+    if np.abs(poles).max() >= 1.0:
+        return 0.0
+    peaks = np.abs(np.angle(poles)) / loop.dt
+    L = gain * np.append(response, responses(loop, peaks[(peaks > 0) & (peaks < pi / loop.dt)]))
+    return float((2 * np.abs(1 + L) / np.abs(1 - L)).min())
 
 
 @lru_cache(maxsize=512)
@@ -137,10 +149,8 @@ def smallest_disk(
 ) -> float:
     """Return the smallest disk margin over the plant's gains `ratios`: that of `margins`, without the rest of them."""
     loop = sampled_loop(gains, dt, delay, drive=drive)
-    if not all(stable(loop, ratio) for ratio in ratios):
-        return 0.0
     response = responses(loop, frequencies(gains, dt))
-    return min(disk_margin(ratio * response) for ratio in ratios)
+    return min(disk_margin(loop, response, ratio) for ratio in ratios)
 
 
 @lru_cache(maxsize=512)
@@ -167,7 +177,7 @@ def assessed(loop: control.StateSpace, omega: Array) -> Margins:
     return Margins(
         phase_margin_deg=float(phase.min(initial=np.inf)),
         gain_margin_db=float(np.abs(20 * np.log10(gains_at_180)).min(initial=np.inf)),
-        disk_margin=disk_margin(responses(loop, omega)),
+        disk_margin=disk_margin(loop, responses(loop, omega)),
         delay_margin=float((np.deg2rad(phase) / crossover).min(initial=np.inf)),
         crossover_hz=float(crossover.max(initial=0.0) / (2 * pi)),
     )
