@@ -168,16 +168,16 @@ def assessed(loop: control.StateSpace, omega: Array) -> Margins:
 
     if not stable(loop):
         return Margins(0.0, 0.0, 0.0, 0.0, 0.0)
-    response = control.frequency_response(loop, omega)
+    response = responses(loop, omega)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no crossing of -180° is an infinite margin, not a mishap
-        gm, pm, _, _, wgc, _ = control.stability_margins(response, returnall=True)
+        gm, pm, _, _, wgc, _ = control.stability_margins(control.frd(response, omega, dt=loop.dt), returnall=True)
     phase, crossover = np.abs(np.atleast_1d(pm)), np.atleast_1d(wgc)
     gains_at_180 = np.append(np.atleast_1d(gm), at_nyquist(loop))
     return Margins(
         phase_margin_deg=float(phase.min(initial=np.inf)),
         gain_margin_db=float(np.abs(20 * np.log10(gains_at_180)).min(initial=np.inf)),
-        disk_margin=disk_margin(loop, responses(loop, omega)),
+        disk_margin=disk_margin(loop, response),
         delay_margin=float((np.deg2rad(phase) / crossover).min(initial=np.inf)),
         crossover_hz=float(crossover.max(initial=0.0) / (2 * pi)),
     )
