@@ -96,6 +96,12 @@ Bootstrap = Annotated[
     int, arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour")
 ]
 Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
+Asked = Annotated[
+    float | None, arg(metavar="HZ", help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
+]
+DiskMargin = Annotated[
+    float | None, arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty")
+]
 Damping = Annotated[float, arg(help="damping of the tracking error")]
 Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]
 Kind = Literal["computed-torque", "pid"]
@@ -378,7 +384,8 @@ def tune(
     map: Map = (),
     cutoff: Cutoff = None,
     kind: Kind = "computed-torque",
-    bandwidth_hz: Bandwidth = 8.0,
+    bandwidth_hz: Asked = None,
+    disk_margin: DiskMargin = None,
     damping: Damping = 1.0,
     delay: Delay = 0.001,
     robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
@@ -390,7 +397,15 @@ def tune(
     from gimbal_pin.tuning import tune as run
 
     model = model_of(rig, payload, source, map, cutoff)
-    found = run(model, kind=kind, bandwidth_hz=bandwidth_hz, damping=damping, delay=delay, robust=robust)
+    found = run(
+        model,
+        kind=kind,
+        bandwidth_hz=bandwidth_hz,
+        damping=damping,
+        delay=delay,
+        disk_margin=disk_margin,
+        robust=robust,
+    )
     if output is not None:
         write_yaml(found.to_dict(), output)
     if plot is not None:
@@ -577,7 +592,8 @@ def auto(
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
     kind: Kind = "computed-torque",
-    bandwidth_hz: Bandwidth = 8.0,
+    bandwidth_hz: Asked = None,
+    disk_margin: DiskMargin = None,
     damping: Damping = 1.0,
     delay: Delay = 0.001,
     robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
@@ -601,7 +617,7 @@ def auto(
         estimator=ESTIMATORS[estimator],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
-        wish=Wish(bandwidth_hz, damping, delay, kind=kind, robust=robust),
+        wish=Wish(bandwidth_hz, damping, delay, kind=kind, disk_margin=disk_margin, robust=robust),
     )
     present(text.auto(found), found.to_dict(), json)
     if live:
@@ -953,6 +969,9 @@ def rivals(name: str, rig: Rig) -> dict[str, Law]:
 
     law, data = read_controller(name, rig), read_yaml(name)
     wish = {**data["wish"], "kind": "pid", "robust": False}
+    if wish.get("disk_margin") is not None:  # a PID may not have it at any bandwidth
+        granted = {joint: row["bandwidth_hz"] for joint, row in data["joints"].items()}
+        wish |= {"bandwidth_hz": granted, "disk_margin": None}
     known = model_from(data["model"], rig)
     laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(known, **wish).controller}
     return {data["controller"]: law, **laws}

@@ -284,7 +284,19 @@ def tuning(found: Tuning) -> str:
         for joint, gains, hz, margins in zip(found.model.rig.joints, found.gains, found.bandwidth_hz, found.margins)
     ]
     heads = ("joint", "kp", "ki", "kd", "Hz", "phase margin °", "gain margin dB", "disk margin")
-    return "\n".join([table(*heads, rows=rows), *found.reasons])
+    return "\n".join([table(*heads, rows=rows), *drawn(found), *found.reasons])
+
+
+def drawn(found: Tuning) -> list[str]:
+    """Margins of the worst of the models drawn from the covariance, if there are any."""
+    if not found.draws:
+        return []
+    rows = [
+        (joint, *(number(x, 3) for x in (least.disk_margin, least.phase_margin_deg, least.crossover_hz)))
+        for joint, least in zip(found.model.rig.joints, found.worst)
+    ]
+    heads = (f"worst of {found.draws} draws", "disk margin", "phase margin °", "crossover Hz")
+    return [table(*heads, rows=rows)]
 
 
 def tracking(found: Tracking, plant: str) -> str:

@@ -1,4 +1,4 @@
-"""Gains from a wanted bandwidth and damping, with the margins of the sampled, delayed loop."""
+"""Gains from a wanted bandwidth or disk margin, with the margins of the sampled, delayed loop."""
 
 from __future__ import annotations
 
@@ -11,16 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
-from gimbal_pin.control.design import Wish, braking, inner, layered, lowered, seen_inertia
+from gimbal_pin.control.bandwidth import allowed
+from gimbal_pin.control.design import Wish, braking, inner, layered, seen_inertia
+from gimbal_pin.control.drawn import DRAWS, Ratios, drawn, widened
 from gimbal_pin.control.lyapunov import lyapunov
-from gimbal_pin.control.reasons import (
-    about_bandwidth,
-    about_compensation,
-    about_inertia,
-    about_layer,
-    about_model,
-    grouped,
-)
+from gimbal_pin.control.reasons import about_inertia, about_layer, about_loops, about_model, grouped
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.model import Model, model_from, plain_model
 from gimbal_pin.rig import Rig
@@ -45,6 +40,9 @@ class Tuning:
         inertia: Inertia at each joint at home, kg m², (n); a PID's gains are multiplied by it.
         braking: Deceleration that each motor surely has, rad/s², (n): beyond it the outer loop is no longer linear.
         margins: One per joint: the worst over the poses within the limits, the boundary layer's gain included.
+        worst: The same, the worst of `draws` models drawn from the covariance included.
+        draws: How many were drawn; 0: the model has no covariance, and `worst` is `margins`.
+        ratios: Gains of the plant over what the law believes that `worst` is of, one tuple per joint.
         robust: Lyapunov redesign, or None.
         reasons: Sentences.
     """
@@ -56,6 +54,9 @@ class Tuning:
     inertia: tuple[float, ...]
     braking: tuple[float, ...]
     margins: tuple[Margins, ...]
+    worst: tuple[Margins, ...]
+    draws: int
+    ratios: Ratios
     robust: Robust | None
     reasons: tuple[str, ...]
 
@@ -76,17 +77,18 @@ class Tuning:
         """Return a figure of every joint's loop: Bode, Nyquist, and the answer to a disturbance."""
         from gimbal_pin.control.chart import chart
 
-        loops = inner(self.gains, self.robust)
-        return chart(self.model.rig.joints, loops, self.margins, self.wish.dt, self.wish.delay, self.model.drives)
+        joints, drives, wish = self.model.rig.joints, self.model.drives, self.wish
+        return chart(joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON and YAML hold (CONTRACT, `tune`); `controller_from` reads it back.
 
         Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind: times `inertia` they are N m/rad and so on.
-        `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null.
+        `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null, and
+        so is `worst_of_draws` where the model has no covariance.
         """
         rig, wish, law = self.model.rig, self.wish, self.robust
-        rows = zip(rig.joints, self.gains, self.margins, self.bandwidth_hz, self.inertia, self.braking)
+        rows = zip(rig.joints, self.gains, self.margins, self.worst, self.bandwidth_hz, self.inertia, self.braking)
         wanted = wish.bandwidth_hz
         return {
             "schema": 1,
@@ -97,9 +99,11 @@ class Tuning:
                 joint: {
                     **pid._asdict(),
                     **finite({**asdict(found), "bandwidth_hz": hz, "inertia": moment, "braking": deceleration}),
+                    "worst_of_draws": finite(asdict(least)) if self.draws else None,
                 }
-                for joint, pid, found, hz, moment, deceleration in rows
+                for joint, pid, found, least, hz, moment, deceleration in rows
             },
+            "draws": self.draws,
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
             "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
             "reasons": list(self.reasons),
@@ -110,56 +114,62 @@ class Tuning:
 def tune(
     model: Model,
     *,
-    bandwidth_hz: float | Mapping[str, float] = 8.0,
+    bandwidth_hz: float | Mapping[str, float] | None = None,
     damping: float = 1.0,
     delay: float = 0.001,
     dt: float = 0.001,
     kind: str = "computed-torque",
     integral: float = 0.2,
-    disk: float = 0.5,
+    disk_margin: float | None = None,
     robust: bool = False,
 ) -> Tuning:
     """Place the error's poles, ``(s² + 2 ζ ω s + ω²)(s + γ ω)``, and check the margins of the sampled, delayed loop.
 
-    Where the disk margin would fall short, the bandwidth is lowered until it does not, and the reasons say so.
+    Asked for a disk margin, it finds each joint's highest bandwidth that keeps it; asked for a bandwidth, it lowers
+    that until the disk margin is kept, and says so. Both hold for the worst of `DRAWS` models drawn from the
+    covariance, the drive's lags and delays included.
 
         model = identify(rig, logs).model
-        tuning = tune(model, bandwidth_hz=12)
+        tuning = tune(model, disk_margin=1.0, delay=0.001)
         log = simulate(model, tuning.controller, reference, rng=rng)
 
     Args:
         model: The model to invert; a PID takes only its inertias.
         bandwidth_hz: ω/2π, Hz: one for all joints, or joint → Hz. The loop's gain is one at about 2 ζ times that.
+            None: the highest that keeps `disk_margin`, or 8 Hz where that is None too.
         damping: ζ.
         delay: Time from measurement to torque, s, without the hold; it need not be whole samples.
         dt: Sampling interval, s.
         kind: "computed-torque" or "pid".
         integral: γ; 0: no integral action.
-        disk: Smallest disk margin accepted.
+        disk_margin: Balanced disk margin (0 … 2) that every joint's loop keeps. None: 0.5, and for the believed model
+            alone where no bandwidth keeps that for all drawn ones.
         robust: True adds Lyapunov redesign, its boundary layer as thin as the disk margin lets it be.
 
     Raises:
-        UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, α ≥ 1.
+        UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
+            that no bandwidth keeps, α ≥ 1.
     """
     if not 0 <= delay <= SLOWEST * dt:
         mend = f"give 0 to {SLOWEST * dt:g}: a gimbal cannot be held with more"
         raise UsageError("delay", f"is {delay:g} s", mend)
-    wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk, robust)
-    wanted = wish.per_joint(model.rig)
-    nominal, ratios = seen_inertia(model, kind)
-    granted = tuple(lowered(hz, wish, several, drive) for hz, several, drive in zip(wanted, ratios, model.drives))
+    wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk_margin, robust)
+    nominal, believed = seen_inertia(model, kind)
+    over = drawn(model, kind, np.random.default_rng(0))
+    ratios, drives = widened(believed, over), model.drives
+    rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
+    granted, kept = zip(*(allowed(wish, *row) for row in rows))
     gains = tuple(wish.gains(hz) for hz in granted)
     known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
-    law = layered(gains, known, wish, model.drives) if robust and known is not None else None
-    found = tuple(wish.margins(*row) for row in zip(inner(gains, law), ratios, model.drives))
-    joints, rows = model.rig.joints, zip(wanted, granted, found, model.drives)
-    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows])
-    reasons += about_compensation(model, kind)
+    law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
+    found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
+    reasons = about_loops(model, wish, granted, found, least if over is not None else None)
     if known is None:
-        reasons += grouped(joints, [about_inertia(*row) for row in zip(nominal, ratios)])
+        reasons += grouped(model.rig.joints, [about_inertia(*row) for row in zip(nominal, believed)])
     else:
         reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
-    return Tuning(model, wish, granted, gains, nominal, braking(model), found, law, tuple(reasons))
+    draws, brakes = 0 if over is None else DRAWS, braking(model)
+    return Tuning(model, wish, granted, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons))
 
 
 def law_of(

@@ -127,9 +127,15 @@ def auto(
 
 def tuned(model: Model, wish: Wish) -> Mapping[str, Tuning]:
     """Tune the kind that was asked for, then the other one; Lyapunov redesign is the model-based one's alone."""
-    kinds = dict.fromkeys((wish.kind, MODEL_BASED, PID))
-    wishes = {kind: {**vars(wish), "kind": kind, "robust": wish.robust and kind == MODEL_BASED} for kind in kinds}
-    return {kind: tune(model, **asked) for kind, asked in wishes.items()}
+    first = tune(model, **vars(wish))
+    other = PID if wish.kind == MODEL_BASED else MODEL_BASED
+    same = {} if wish.disk_margin is None else alike(first)
+    return {wish.kind: first, other: first.with_(kind=other, robust=False, **same)}
+
+
+def alike(tuning: Tuning) -> dict[str, Any]:
+    """What to ask of another kind of controller for the same bandwidths, its disk margin being what it may."""
+    return {"bandwidth_hz": dict(zip(tuning.model.rig.joints, tuning.bandwidth_hz)), "disk_margin": None}
 
 
 def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None) -> Diagnosis | None:

@@ -100,6 +100,10 @@ def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path:
     tuned = result(run, "tune", "turret", model, "-o", tmp_path / "c.yaml", "--plot", tmp_path / "c.svg")
     assert {"kp", "ki", "kd", "phase_margin_deg", "disk_margin"} <= set(tuned["joints"]["pan"])
     assert (tmp_path / "c.svg").stat().st_size > 1000
+    asked = result(run, "tune", "turret", model, "--disk-margin", "0.9", "--delay", "0.002")
+    for row in asked["joints"].values():
+        assert 0.9 - 1e-6 <= row["worst_of_draws"]["disk_margin"] < 0.92 and row["bandwidth_hz"] > 8
+    assert (asked["draws"], asked["wish"]["delay"], asked["wish"]["bandwidth_hz"]) == (200, 0.002, None)
     tracked = result(run, "track", "turret", tmp_path / "c.yaml")
     rms = {(e["name"], e["controller"]): e["joints"] for e in tracked["experiments"]}
     for joint in ("pan", "tilt"):

@@ -156,7 +156,7 @@ def test_more_delay_leaves_less_bandwidth_and_more_disk_margin_too(thesis: Model
     delays = (0.0, 0.002, 0.005, 0.01)
     granted = [tune(thesis, bandwidth_hz=80, delay=delay).bandwidth_hz[0] for delay in delays]
     assert granted == sorted(granted, reverse=True) and len(set(granted)) == len(delays)
-    careful = tune(thesis, bandwidth_hz=80, disk=1.0)
+    careful = tune(thesis, bandwidth_hz=80, disk_margin=1.0)
     assert careful.bandwidth_hz[0] < tune(thesis, bandwidth_hz=80).bandwidth_hz[0]
     assert 1.0 <= careful.margins[0].disk_margin < 1.03
 
@@ -197,7 +197,7 @@ def test_pid_of_a_heavier_payload_has_the_same_loop() -> None:
         ({"delay": -0.001}, "delay"),
         ({"kind": "lqr"}, "kind"),
         ({"kind": "pid", "robust": True}, "robust"),
-        ({"disk": 2.5}, "disk"),
+        ({"disk_margin": 2.5}, "disk_margin"),
     ],
 )
 def test_impossible_wishes_are_refused_in_one_line(thesis: Model, wish: dict[str, object], place: str) -> None:
@@ -217,7 +217,7 @@ def test_unknown_change_names_the_known_ones(tuned: Tuning) -> None:
 def test_redesign_keeps_the_margin_it_states(thesis: Model) -> None:
     """Within the layer it is more PID; the stated margins are those of that loop, and no less than wished for."""
     for disk in (0.5, 0.8):
-        tuning = tune(thesis, robust=True, disk=disk)
+        tuning = tune(thesis, robust=True, disk_margin=disk)
         assert tuning.robust is not None
         for pid, row, found in zip(tuning.gains, tuning.robust.rows, tuning.margins):
             gain = tuning.robust.gain

@@ -25,29 +25,33 @@ def chart(
     dt: float,
     delay: float,
     drives: Sequence[tuple[Signal, ...]],
+    ratios: Sequence[Sequence[float]],
 ) -> Figure:
     """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer.
 
     Args:
         joints: Names for the legend.
         loops: Gains that small errors see, one per joint.
-        margins: Their margins.
+        margins: Their margins, the worst over `ratios`.
         dt: Sampling interval, s.
         delay: Time from measurement to torque, s.
         drives: What stands between command and torque, one tuple per joint.
+        ratios: Gains of the plant over what the law believes, one tuple per joint: drawn thinner in Nyquist's diagram.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 7), layout="constrained")
     gain, nyquist, phase, step = figure.subplots(2, 2).flat
-    for joint, pid, found, drive in zip(joints, loops, margins, drives):
+    for joint, pid, found, drive, several in zip(joints, loops, margins, drives, ratios):
         omega = frequencies(pid, dt)
         response = sampled_loop(pid, dt, delay, drive=drive)(np.exp(1j * omega * dt))
         label = f"{joint}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
         gain.loglog(omega / 2 / pi, np.abs(response), label=label)
         angle = np.degrees(np.unwrap(np.angle(response)))
         phase.semilogx(omega / 2 / pi, angle - 360 * np.ceil(angle[0] / 360))
-        nyquist.plot(response.real, response.imag)
+        (line,) = nyquist.plot(response.real, response.imag)
+        for ratio in {*several} - {1.0}:
+            nyquist.plot(ratio * response.real, ratio * response.imag, color=line.get_color(), lw=0.6)
         t, answer = disturbance(pid, dt, delay, drive)
         step.plot(1e3 * t, answer)
     disk(nyquist, min(found.disk_margin for found in margins))
@@ -88,5 +92,7 @@ def dressed(gain: Axes, phase: Axes, nyquist: Axes, step: Axes) -> None:
     phase.axhline(-180.0, color="0.6", lw=0.8)
     phase.set(title="Phase", xlabel="Hz", ylabel="degrees", ylim=(-360, -90))
     nyquist.plot(-1, 0, "k+")
-    nyquist.set(title="Nyquist, and the disk that is kept clear", xlim=(-3, 1), ylim=(-2, 2), aspect="equal")
+    nyquist.set(
+        title="Nyquist (thin: worst poses and draws), the disk kept clear", xlim=(-3, 1), ylim=(-2, 2), aspect="equal"
+    )
     step.set(title="Answer to a disturbance of 1 rad/s²", xlabel="ms", ylabel="mrad")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 
 from gimbal_pin.control.base import Pid
-from gimbal_pin.control.loop import Margins, margins, worst
+from gimbal_pin.control.loop import Margins, margins, smallest_disk, worst
 from gimbal_pin.control.lyapunov import Robust, lyapunov, stiffened
 from gimbal_pin.control.uncertainty import Bounds, home, inertia, poses
 from gimbal_pin.effects import Signal
@@ -21,6 +21,12 @@ KINDS = ("computed-torque", "pid")
 SMALLEST_GAIN, LARGEST_GAIN = 0.1, 100.0
 """Of the boundary layer: a thicker one does nothing, a thinner one is a relay."""
 
+BANDWIDTH = 8.0
+"""Of the error's dynamics where neither a bandwidth nor a disk margin is asked for, Hz."""
+DISK = 0.5
+"""Smallest disk margin accepted where none is asked for; the bandwidth gives way to it."""
+LAYERED = 0.4
+"""Share of the bandwidth that Lyapunov redesign leaves to the linear loop, before its layer takes up the rest."""
 BRAKES = 0.7
 """Share of a motor's spare torque that an approach from far away counts on: the rest corrects."""
 
@@ -30,23 +36,24 @@ class Wish:
     """What is asked of `tune`.
 
     Attributes:
-        bandwidth_hz: Natural frequency of the error's dynamics, Hz: one for all joints, or joint → Hz.
+        bandwidth_hz: Natural frequency of the error's dynamics, Hz: one for all joints, or joint → Hz. None: the
+            highest that keeps `disk_margin`, or 8 Hz where that is None too.
         damping: Their damping ζ.
-        delay: Time from measurement to torque, s; the hold of the torque comes on top.
+        delay: Time from measurement to torque, s, at most; the hold of the torque comes on top.
         dt: Sampling interval, s.
         kind: "computed-torque" or "pid".
         integral: Speed of the integral action in shares of the bandwidth; 0: none.
-        disk: Smallest disk margin accepted; the bandwidth gives way to it.
+        disk_margin: Disk margin that every joint's loop keeps; the bandwidth gives way to it. None: 0.5.
         robust: True adds Lyapunov redesign (computed torque only).
     """
 
-    bandwidth_hz: float | Mapping[str, float] = 8.0
+    bandwidth_hz: float | Mapping[str, float] | None = None
     damping: float = 1.0
     delay: float = 0.001
     dt: float = 0.001
     kind: str = "computed-torque"
     integral: float = 0.2
-    disk: float = 0.5
+    disk_margin: float | None = None
     robust: bool = False
 
     def __post_init__(self) -> None:
@@ -55,17 +62,28 @@ class Wish:
             raise UsageError("kind", f"is '{self.kind}'", f"use {' or '.join(KINDS)}")
         if self.robust and self.kind == "pid":
             raise UsageError("robust", "needs a model that it could be wrong about", "use kind='computed-torque'")
-        for name in ("damping", "dt", "disk"):
+        for name in ("damping", "dt"):
             positive(name, getattr(self, name))
         for name in ("delay", "integral"):
             if not (isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise UsageError(name, f"is {getattr(self, name)}", "give a number that is not negative")
-        if self.disk >= 2:
-            raise UsageError("disk", f"is {self.disk:g}", "a disk margin lies between 0 and 2")
+        if not 0 < self.disk < 2:
+            raise UsageError("disk_margin", f"is {self.disk:g}", "a disk margin lies between 0 and 2")
+
+    @property
+    def disk(self) -> float:
+        """Smallest disk margin accepted."""
+        return DISK if self.disk_margin is None else self.disk_margin
+
+    def kept(self, margin: float) -> bool:
+        """Whether a disk margin is as large as asked for, but for rounding: what was once reported can be asked for."""
+        return margin >= self.disk * (1 - 1e-9)
 
     def per_joint(self, rig: Rig) -> tuple[float, ...]:
-        """Return the wanted bandwidth of each joint, Hz."""
+        """Return the wanted bandwidth of each joint, Hz; infinite: the highest that keeps the disk margin."""
         wanted = self.bandwidth_hz
+        if wanted is None:
+            return (BANDWIDTH if self.disk_margin is None else inf,) * rig.n
         if not isinstance(wanted, Mapping):
             return (positive("bandwidth_hz", wanted),) * rig.n
         for joint in wanted:
@@ -79,9 +97,21 @@ class Wish:
         """The outer loop of a bandwidth, Hz."""
         return Pid.placed(hz, self.damping, self.integral)
 
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """The delays that a loop must bear, s: no margin may come from being late.
+
+        Less than half a sample of delay weakens a sampled loop at half the sampling rate, where a fast one ends.
+        """
+        return (0.0, self.delay) if 0 < self.delay < self.dt / 2 else (self.delay,)
+
     def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,), drive: tuple[Signal, ...] = ()) -> Margins:
         """Return the worst margins of an outer loop over the plant's gains `ratios`, with the drive's signals in it."""
-        return worst([margins(gains, self.dt, self.delay, ratio, drive) for ratio in ratios])
+        return worst([margins(gains, self.dt, late, ratio, drive) for late in self.delays for ratio in ratios])
+
+    def smallest(self, gains: Pid, ratios: Sequence[float], drive: tuple[Signal, ...]) -> float:
+        """Return the disk margin of `margins` alone, which is quicker."""
+        return min(smallest_disk(gains, self.dt, late, tuple(ratios), drive) for late in self.delays)
 
 
 def positive(name: str, value: float) -> float:
@@ -117,23 +147,6 @@ def braking(model: Model) -> tuple[float, ...]:
     return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
 
 
-def lowered(hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal, ...] = ()) -> float:
-    """Return the largest bandwidth up to `hz` whose worst disk margin is at least the one wished for, Hz."""
-
-    def enough(bandwidth: float) -> bool:
-        return wish.margins(wish.gains(bandwidth), ratios, drive).disk_margin >= wish.disk
-
-    if enough(hz):
-        return hz
-    floor = hz
-    while not enough(floor):
-        floor /= 2
-        if floor < 1e-3 * hz:
-            what = f"is {wish.disk:g}, which no bandwidth down to {floor:.2g} Hz reaches with damping {wish.damping:g}"
-            raise UsageError("disk margin", what, "ask for less margin, more damping or less integral action")
-    return bisected(enough, floor, 2 * floor)
-
-
 def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
     """Return the largest value between `low`, which is enough, and `high`, which is not, to half a per cent."""
     while high - low > 5e-3 * high:
@@ -142,7 +155,13 @@ def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
     return low
 
 
-def layered(gains: tuple[Pid, ...], known: Bounds, wish: Wish, between: Sequence[tuple[Signal, ...]]) -> Robust | None:
+def layered(
+    gains: tuple[Pid, ...],
+    known: Bounds,
+    wish: Wish,
+    ratios: Sequence[Sequence[float]],
+    between: Sequence[tuple[Signal, ...]],
+) -> Robust | None:
     """Return Lyapunov redesign with the thinnest boundary layer whose gain leaves the disk margin wished for.
 
     None where the outer loop has used up the margin already.
@@ -150,8 +169,8 @@ def layered(gains: tuple[Pid, ...], known: Bounds, wish: Wish, between: Sequence
     law = Robust(lyapunov(gains), known, 1.0)
 
     def enough(gain: float) -> bool:
-        loops = {(stiffened(pid, row, gain), drive) for pid, row, drive in zip(gains, law.rows, between)}
-        return all(wish.margins(pid, drive=drive).disk_margin >= wish.disk for pid, drive in loops)
+        loops = zip(inner(gains, replace(law, gain=gain)), ratios, between)
+        return all(wish.kept(wish.smallest(*loop)) for loop in loops)
 
     high = SMALLEST_GAIN
     while enough(high) and high < LARGEST_GAIN:

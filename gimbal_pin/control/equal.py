@@ -8,7 +8,7 @@ from functools import cached_property
 from math import pi
 
 from gimbal_pin.control.base import Pid
-from gimbal_pin.control.design import bisected
+from gimbal_pin.control.design import LAYERED, bisected
 from gimbal_pin.control.loop import Margins, margins
 from gimbal_pin.control.lyapunov import Robust, lyapunov, stiffened
 from gimbal_pin.control.observer import Observer, observed_margins
@@ -25,8 +25,6 @@ SLOWEST = 0.05
 """Bandwidth below which no loop is looked for, Hz."""
 OBSERVER = 20.0
 """Bandwidth of the disturbance observer, Hz."""
-LAYERED = 0.4
-"""Share of the bandwidth that Lyapunov redesign leaves to the linear loop, before its layer takes up the rest."""
 
 
 @dataclass(frozen=True)

@@ -119,6 +119,40 @@ def frequencies(gains: Pid, dt: float) -> Array:
     return np.geomspace(min(gains.kp**0.5 * 1e-2, top * 1e-2), top, POINTS)
 
 
+def responses(loop: control.StateSpace, omega: Array) -> Array:
+    """Loop gain ``C (z I - A)⁻¹ B`` at ``z = exp(j ω dt)``, complex, as long as `omega`, rad/s; all at one go."""
+    z = np.exp(1j * omega * loop.dt)
+    states = np.linalg.solve(z[:, None, None] * np.eye(loop.nstates) - loop.A, loop.B[None].astype(complex))
+    return np.asarray((loop.C @ states)[:, 0, 0])
+
+
+def disk_margin(loop: control.StateSpace, response: Array, gain: float = 1.0) -> float:
+    """``min 2 |1 + L|/|1 - L|``: balanced disk margin (Seiler, Packard and Gahinet 2020, 4); 0 of an unstable loop.
+
+    Args:
+        loop: The loop.
+        response: Its gain at some frequencies. Those of the closed loop's poles are added: they have the peaks, which
+            a grid may step over where a resonance is narrow.
+        gain: How many times as strong the loop is.
+    """
+    poles = np.linalg.eigvals(loop.A - gain * loop.B @ loop.C)
+    if np.abs(poles).max() >= 1.0:
+        return 0.0
+    peaks = np.abs(np.angle(poles)) / loop.dt
+    L = gain * np.append(response, responses(loop, peaks[(peaks > 0) & (peaks < pi / loop.dt)]))
+    return float((2 * np.abs(1 + L) / np.abs(1 - L)).min())
+
+
+@lru_cache(maxsize=512)
+def smallest_disk(
+    gains: Pid, dt: float, delay: float, ratios: tuple[float, ...], drive: tuple[Signal, ...] = ()
+) -> float:
+    """Return the smallest disk margin over the plant's gains `ratios`: that of `margins`, without the rest of them."""
+    loop = sampled_loop(gains, dt, delay, drive=drive)
+    response = responses(loop, frequencies(gains, dt))
+    return min(disk_margin(loop, response, ratio) for ratio in ratios)
+
+
 @lru_cache(maxsize=512)
 def margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()) -> Margins:
     """Return the margins of `sampled_loop`; an unstable loop has none (all zero).
@@ -134,17 +168,16 @@ def assessed(loop: control.StateSpace, omega: Array) -> Margins:
 
     if not stable(loop):
         return Margins(0.0, 0.0, 0.0, 0.0, 0.0)
-    response = control.frequency_response(loop, omega)
+    response = responses(loop, omega)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no crossing of -180° is an infinite margin, not a mishap
-        gm, pm, _, _, wgc, _ = control.stability_margins(response, returnall=True)
-        disk = control.disk_margins(loop, omega)[0]
+        gm, pm, _, _, wgc, _ = control.stability_margins(control.frd(response, omega, dt=loop.dt), returnall=True)
     phase, crossover = np.abs(np.atleast_1d(pm)), np.atleast_1d(wgc)
     gains_at_180 = np.append(np.atleast_1d(gm), at_nyquist(loop))
     return Margins(
         phase_margin_deg=float(phase.min(initial=np.inf)),
         gain_margin_db=float(np.abs(20 * np.log10(gains_at_180)).min(initial=np.inf)),
-        disk_margin=float(disk),
+        disk_margin=disk_margin(loop, response),
         delay_margin=float((np.deg2rad(phase) / crossover).min(initial=np.inf)),
         crossover_hz=float(crossover.max(initial=0.0) / (2 * pi)),
     )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
-from gimbal_pin.control.design import Wish
+from gimbal_pin.control.design import LAYERED, Wish
+from gimbal_pin.control.drawn import DRAWS
 from gimbal_pin.control.loop import Margins
 from gimbal_pin.control.lyapunov import Robust
 from gimbal_pin.control.uncertainty import Bounds
@@ -23,6 +25,17 @@ def grouped(joints: Sequence[str], sentences: Sequence[str]) -> list[str]:
     return [f"{', '.join(names)}: {sentence}" for sentence, names in owners.items()]
 
 
+def about_loops(
+    model: Model, wish: Wish, granted: Sequence[float], found: Sequence[Margins], least: Sequence[Margins] | None
+) -> list[str]:
+    """Say why the bandwidths and gains are what they are; `least`: the worst margins of all draws, if any."""
+    joints, rows = model.rig.joints, zip(wish.per_joint(model.rig), granted, found, model.drives)
+    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows])
+    if least is not None:
+        reasons += grouped(joints, [about_draws(margins, wish) for margins in least])
+    return [*reasons, about_gains(wish), *about_compensation(model, wish.kind)]
+
+
 def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, drive: Sequence[Signal] = ()) -> str:
     """Say what was granted, and what it leaves; `drive`: what stands between command and torque."""
     margins = (
@@ -31,10 +44,36 @@ def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, d
     )
     if granted == wanted:
         return f"{granted:.3g} Hz, damping {wish.damping:g}; {margins}"
-    delay = 1e3 * (wish.delay + wish.dt / 2)
-    others = "".join(f", and the drive's {signal.name}" for signal in drive if signal.linear)
-    why = f"{wanted:.3g} Hz would leave a disk margin under {wish.disk:g} with {delay:.3g} ms of delay and hold{others}"
+    late = f"with {1e3 * (wish.delay + wish.dt / 2):.3g} ms of delay and hold"
+    late += "".join(f", and the drive's {signal.name}" for signal in drive if signal.linear)
+    if not isfinite(wanted):
+        share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
+        why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
+        return f"{granted:.3g} Hz, damping {wish.damping:g}, {why}; {margins}"
+    why = f"{wanted:.3g} Hz would leave a disk margin under {wish.disk:g} {late}"
     return f"lowered to {granted:.3g} Hz, as {why}; {margins}"
+
+
+def about_gains(wish: Wish) -> str:
+    """Say what each gain is made of."""
+    if wish.integral == 0:
+        shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}"
+        return f"kp = ω², kd = 2 ζ ω with {shape}: the error's poles are s² + 2 ζ ω s + ω²"
+    poles = "(s² + 2 ζ ω s + ω²)(s + γ ω)"
+    shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}, γ = {wish.integral:g}"
+    return f"kp = (1 + 2 ζ γ) ω², ki = γ ω³, kd = (2 ζ + γ) ω with {shape}: the error's poles are {poles}"
+
+
+def about_draws(found: Margins, wish: Wish) -> str:
+    """Say what the worst of the drawn models leaves."""
+    if found.disk_margin == 0:
+        return f"the worst of {DRAWS} models drawn from the covariance makes the loop unstable: identify it better"
+    worst = (
+        f"the worst of {DRAWS} models drawn from the covariance has disk margin {found.disk_margin:.2f}, "
+        f"phase margin {found.phase_margin_deg:.0f}°, crossover {found.crossover_hz:.3g} Hz"
+    )
+    less = f", and no bandwidth would leave {wish.disk:g}: identify it better"
+    return worst + ("" if wish.kept(found.disk_margin) else less)
 
 
 def about_compensation(model: Model, kind: str) -> list[str]:

@@ -131,9 +131,8 @@ def off_diagonal(M: Array) -> Array:
 
 def sampled(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array, Array]:
     """α, Φ and the cross-acceleration of each drawn parameter set, (sets,) each: the largest over the poses."""
-    zero, eye = np.zeros_like(q), np.eye(q.shape[1])
-    rest = columns(model, places, q, v, zero)
-    push = np.stack([columns(model, places, q, v, zero + row) - rest for row in eye], axis=2)
+    rest, push = columns(model, places, q, v, np.zeros_like(q)), pushes(model, places, q, v)
+    eye = np.eye(q.shape[1])
     errors = []
     for draw in draws:
         true = D + push @ draw
@@ -142,6 +141,13 @@ def sampled(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Ar
         errors.append((alpha, np.linalg.norm(rest @ draw, axis=1).max(), off_diagonal(wrong).max()))
     alpha, phi, cross = np.array(errors).T
     return alpha, phi, cross
+
+
+def pushes(model: Model, places: Array, q: Array, v: Array) -> Array:
+    """``∂D(q)/∂θ``, (N, n, n, k): what one unit of each estimated parameter adds to the inertia matrix."""
+    zero = np.zeros_like(q)
+    rest = columns(model, places, q, v, zero)
+    return np.stack([columns(model, places, q, v, zero + row) - rest for row in np.eye(q.shape[1])], axis=2)
 
 
 def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from math import isfinite
 
 from markupsafe import Markup
 
@@ -49,9 +49,8 @@ def described(tuning: Tuning, several: bool) -> list[Markup]:
 def margin_row(tuning: Tuning, j: int, joint: Joint) -> list[Content]:
     """Return a joint's margins."""
     found, wish = tuning.margins[j], tuning.wish
-    wanted = wish.bandwidth_hz[joint.name] if isinstance(wish.bandwidth_hz, Mapping) else wish.bandwidth_hz
-    granted = tuning.bandwidth_hz[j]
-    lower = granted < wanted * (1 - 1e-9)
+    wanted, granted = wish.per_joint(tuning.model.rig)[j], tuning.bandwidth_hz[j]
+    lower = isfinite(wanted) and granted < wanted * (1 - 1e-9)
     hertz: Content = toned(f"{figures(granted)} of {figures(wanted)}", "fair") if lower else figures(granted)
     return [
         joint.label,
