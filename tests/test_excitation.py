@@ -657,12 +657,16 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True) as running:
-        shown, last = b"", monotonic() + 60
-        while b"excitation:   1%" not in shown and monotonic() < last:
-            if select([ours], [], [], 1.0)[0]:
+        shown, last, asked = b"", monotonic() + 120, False
+        while running.poll() is None and monotonic() < last:  # a terminal that nobody reads stops who writes to it
+            if select([ours], [], [], 0.1)[0]:
                 shown += os.read(ours, 1000)
-        running.send_signal(signal.SIGINT)
-        said, _ = running.communicate(timeout=60)
+            if b"excitation:   1%" in shown and not asked:
+                running.send_signal(signal.SIGINT)
+                asked = True
+        running.kill()
+        assert running.stdout is not None
+        said = running.stdout.read()
     assert b"descent/s" in shown
     os.close(ours)
     os.close(theirs)
