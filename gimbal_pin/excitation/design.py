@@ -26,7 +26,7 @@ from gimbal_pin.rig import Rig
 TOLERANCE = 3e-4
 """Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""
 
-HEATS, STEPS = 3, 6
+HEATS, STEPS = 3, 8
 """Random motions for every start; steps after which the worse half of those that are left is given up."""
 
 MOST = 80

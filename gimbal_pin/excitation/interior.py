@@ -67,11 +67,13 @@ def descent(program: Program, start: Array, tolerance: float) -> Iterator[Point]
     idle = 0
     while idle < PATIENCE:
         walls = np.sqrt(z / at.s)[:, None] * at.A
-        dx = np.linalg.solve(B + walls.T @ walls, at.A.T @ (mu / at.s) - at.g)
-        dz = mu / at.s - z - z / at.s * (at.A @ dx)
-        new = stepped(program, at, dx, mu)
+        down = at.A.T @ (mu / at.s) - at.g
+        dx = np.linalg.solve(B + walls.T @ walls, down)
+        along = at.A @ dx
+        new = stepped(program, at, dx, mu, -float(down @ dx), reach(at.s, along))
         if new is None:
             return
+        dz = mu / at.s - z - z / at.s * along
         z = np.clip(z + reach(z, dz) * dz, mu / at.s / SPREAD, mu / at.s * SPREAD)
         bend = 0.0 if new.A is at.A else (new.A - at.A).T @ z
         B = updated(B, new.x - at.x, new.g - at.g - bend)
@@ -85,9 +87,17 @@ def reach(values: Array, change: Array) -> float:
     return 1.0 / max(1.0, float(np.max(-change / values)) / TO_THE_WALL)
 
 
-def stepped(program: Program, at: Point, dx: Array, mu: float) -> Point | None:
-    """Return the point after as much of a step as ``f - mu sum log(room)`` descends by, or None."""
-    slope, share = float((at.g - at.A.T @ (mu / at.s)) @ dx), reach(at.s, at.A @ dx)
+def stepped(program: Program, at: Point, dx: Array, mu: float, slope: float, share: float) -> Point | None:
+    """Return the point after as much of a step as ``f - mu sum log(room)`` descends by, or None.
+
+    Args:
+        program: What is to be minimised.
+        at: Where the step begins.
+        dx: The step.
+        mu: Weight of the barrier.
+        slope: What the sum's derivative is along the step.
+        share: Most of the step that may be tried.
+    """
     for _ in range(TRIALS):
         x = at.x + share * dx
         s = program.room(x)

@@ -12,6 +12,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
+from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
 
 TURN = pi
@@ -83,7 +84,8 @@ class Envelope:
 
     def torques(self, model: Model, motion: Motion) -> Array:
         """Largest torque up and down as shares of the limit, (2, N, n), whichever way dry friction pushes."""
-        return np.stack([sign * pushed(model, motion, sign) for sign in SIGNS]) / self.torque
+        rigid = None if model.loaded else rnea(model.rig, motion.q, motion.v, motion.a)
+        return np.stack([sign * pushed(model, motion, sign, rigid) for sign in SIGNS]) / self.torque
 
     def torque_slopes(self, model: Model, motion: Motion) -> Array:
         """Derivative of `torques` of each joint to each joint's q, v, a, (2, 3, N, n, n).
@@ -116,9 +118,12 @@ def evenly(dimensions: int, count: int) -> Array:
     return 2 * (np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimensions + 1)) % 1.0) - 1
 
 
-def pushed(model: Model, motion: Motion, sign: float) -> Array:
-    """The model's torque with all dry friction in one direction, N m, (N, n)."""
-    return model.inverse(motion.q, motion.v, motion.a, np.full_like(motion.q, sign), motion.t)
+def pushed(model: Model, motion: Motion, sign: float, rigid: Array | None = None) -> Array:
+    """The model's torque with all dry friction in one direction, N m, (N, n); `rigid`: its rigid part, if known."""
+    slide = np.full_like(motion.q, sign)
+    if rigid is None:
+        return model.inverse(motion.q, motion.v, motion.a, slide, motion.t)
+    return rigid + model.passive(motion.q, motion.v, motion.a, slide, rigid, motion.t)
 
 
 def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:

@@ -134,14 +134,22 @@ class Problem:
 
     def room(self, x: Array) -> Array:
         """What is left of every limit at every coarse sample, as a share; all >= 0 if the limits hold."""
+        parts: list[Array] = [self.kinematic_room + self.kinematic_slopes @ x]
+        if not (self.driven.any() or self.apart):
+            return parts[0]
         motion = self.motion(x, self.coarse)
-        used = np.swapaxes(self.envelope.kinematic(motion), 1, 2)[self.stated].ravel()
-        parts = [1 - used, 1 + used]
         if self.driven.any():
             parts.append(1 - self.envelope.torques(self.model, motion)[:, :, self.driven].ravel())
         if self.apart is not None:
             parts.append(self.apart.room(motion.q).ravel())
         return np.concatenate(parts)
+
+    @cached_property
+    def kinematic_room(self) -> Array:
+        """What the kinematic limits leave of x = 0."""
+        still = self.motion(np.zeros(self.kinematic_slopes.shape[1]), self.coarse)
+        used = np.swapaxes(self.envelope.kinematic(still), 1, 2)[self.stated].ravel()
+        return np.concatenate([1 - used, 1 + used])
 
     def room_slopes(self, x: Array) -> Array:
         """Exact Jacobian of `room`, (rows, len(x))."""
