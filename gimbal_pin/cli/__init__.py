@@ -1,0 +1,85 @@
+"""``gimbal-pin VERB``: every verb is one library call, printed for a person or written as JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import io
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import tyro
+
+from gimbal_pin.cli.animate import animate
+from gimbal_pin.cli.auto import auto
+from gimbal_pin.cli.base import base
+from gimbal_pin.cli.check import check
+from gimbal_pin.cli.demo import demo
+from gimbal_pin.cli.diagnose import diagnose
+from gimbal_pin.cli.excite import excite
+from gimbal_pin.cli.identify import identify
+from gimbal_pin.cli.rigs import rigs
+from gimbal_pin.cli.simulate import simulate
+from gimbal_pin.cli.track import track
+from gimbal_pin.cli.tune import tune
+from gimbal_pin.errors import GimbalPinError, UsageError
+
+VERBS: Mapping[str, Callable[..., None]] = {
+    verb.__name__: verb
+    for verb in (rigs, check, base, excite, simulate, identify, diagnose, tune, track, animate, auto, demo)
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the verb that the arguments name, and leave with CONTRACT's exit code."""
+    try:
+        parse(sys.argv[1:] if arguments is None else arguments)()
+    except GimbalPinError as error:
+        print(f"gimbal-pin: {error}", file=sys.stderr)
+        raise SystemExit(error.exit_code) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    except BrokenPipeError:
+        raise SystemExit(0) from None
+
+
+def parse(arguments: Sequence[str]) -> Callable[[], None]:
+    """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
+    if not arguments or arguments[0] in ("-h", "--help"):
+        return functools.partial(print, overview())
+    name, *rest = arguments
+    if name not in VERBS:
+        raise UsageError(name, "no such verb", f"the verbs are {', '.join(VERBS)}")
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(deferred(VERBS[name]), prog=f"gimbal-pin {name}", args=rest)
+    except SystemExit as stop:
+        if stop.code == 2:
+            print(f"gimbal-pin: {one_line(said.getvalue())}", file=sys.stderr)
+        raise
+
+
+def overview() -> str:
+    """Name every verb with the first sentence of its docstring: quick, since no verb's arguments are looked at."""
+    lines = [f"  {name:<10}{(inspect.getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
+    return "\n".join([(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines])
+
+
+def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
+    """Return the verb as a function that keeps its arguments for later: parsing ends before the work begins."""
+
+    @functools.wraps(verb)
+    def keep(*args: Any, **kwargs: Any) -> Callable[[], None]:
+        return functools.partial(verb, *args, **kwargs)
+
+    return keep
+
+
+def one_line(message: str) -> str:
+    """Fold the parser's framed message into one line."""
+    lines = [re.sub(r"[─-]{4,}|[─│╭╮╰╯]", "", line).strip() for line in message.splitlines()]
+    return "; ".join(line for line in lines if line)

@@ -1,0 +1,61 @@
+"""``gimbal-pin animate``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from gimbal_pin.cli.inputs import load_rig, mounted, play, shown_somewhere
+from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName
+
+if TYPE_CHECKING:
+    from gimbal_pin.log import Array, Log
+    from gimbal_pin.rig import Rig
+
+
+def animate(
+    rig: RigName,
+    log: Annotated[Positional[str], arg(metavar="LOG", help="a log or trajectory")],
+    output: MaybeOutput = None,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    speed: Annotated[float, arg(help="seconds of the log per second of playing")] = 1.0,
+    fps: Annotated[float | None, arg(help="frames per second; None: what suits the format")] = None,
+    ghost: Annotated[bool, arg(help="show the reference as a ghost")] = True,
+    at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
+    residual: Annotated[
+        Path | None,
+        arg(
+            metavar="MODEL",
+            help="turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
+) -> None:
+    """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
+    from gimbal_pin import view
+    from gimbal_pin.io import read_log, split_payload
+
+    shown_somewhere(output, live)
+    loaded = load_rig(rig, payload or split_payload(log)[1] or (mounted(str(residual)) if residual else None))
+    read = read_log(log, loaded, map, need_tau=residual is not None)
+    colour = None if residual is None else warmth(residual, loaded, read)
+    if output is not None:
+        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at):
+            print(warning, file=sys.stderr)
+        print(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
+    if live:
+        play(loaded, read)
+
+
+def warmth(name: Path, rig: Rig, log: Log) -> Array:
+    """Return what the model of a YAML leaves of a log's torques, as `view.save` colours it."""
+    from gimbal_pin.diagnosis.heat import heat
+    from gimbal_pin.io.model import read_model
+
+    return heat(read_model(name, rig), log)

@@ -1,0 +1,73 @@
+"""``gimbal-pin auto``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from tyro.conf import arg
+
+from gimbal_pin import text
+from gimbal_pin.cli.inputs import filtering, load_logs, play
+from gimbal_pin.cli.options import (
+    Alignment,
+    Asked,
+    Cutoff,
+    Damping,
+    Delay,
+    DiskMargin,
+    EstimatorName,
+    Folder,
+    Holdout,
+    Json,
+    Kind,
+    Logs,
+    Map,
+    Payload,
+    RigName,
+    Seed,
+)
+from gimbal_pin.cli.present import present
+
+
+def auto(
+    rig: RigName,
+    logs: Logs,
+    output: Folder,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Cutoff = None,
+    alignment: Alignment = None,
+    estimator: EstimatorName = "weighted",
+    holdout: Holdout = None,
+    kind: Kind = "computed-torque",
+    bandwidth_hz: Asked = None,
+    disk_margin: DiskMargin = None,
+    damping: Damping = 1.0,
+    delay: Delay = 0.001,
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
+    live: Annotated[bool, arg(help="show the result in a browser")] = False,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
+    import numpy as np
+
+    from gimbal_pin.control.design import Wish
+    from gimbal_pin.estimators import ESTIMATORS
+    from gimbal_pin.walk import auto as run
+
+    loaded, read = load_logs(rig, payload, logs, map)
+    found = run(
+        loaded,
+        read,
+        output,
+        rng=np.random.default_rng(seed),
+        estimator=ESTIMATORS[estimator],
+        holdout=holdout,
+        filtering=filtering(cutoff, alignment),
+        wish=Wish(bandwidth_hz, damping, delay, kind=kind, disk_margin=disk_margin, robust=robust),
+    )
+    present(text.auto(found), found.to_dict(), json)
+    if live:
+        play(loaded, found.animated)

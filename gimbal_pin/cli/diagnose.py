@@ -1,0 +1,44 @@
+"""``gimbal-pin diagnose``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from tyro.conf import arg
+
+from gimbal_pin import text
+from gimbal_pin.cli.inputs import load_logs
+from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed
+from gimbal_pin.cli.present import present
+
+
+def diagnose(
+    rig: RigName,
+    logs: Logs,
+    output: MaybeFolder = None,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Annotated[
+        float | None, arg(metavar="HZ", help="highest frequency that is looked at", help_behavior_hint="(default: 12)")
+    ] = None,
+    alignment: Alignment = None,
+    holdout: Holdout = None,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too."""
+    import numpy as np
+
+    from gimbal_pin.diagnosis import BAND, planned
+    from gimbal_pin.diagnosis import diagnose as run
+    from gimbal_pin.io.diagnosis import write_diagnosis
+    from gimbal_pin.rows import Filtering
+
+    loaded, read = load_logs(rig, payload, logs, map)
+    band = Filtering(BAND.cutoff if cutoff is None else cutoff, BAND.smoothing, alignment)
+    found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
+    if output is not None:
+        found = planned(found, rng=np.random.default_rng(seed))
+    files = {} if output is None else write_diagnosis(found, output)
+    present(text.diagnosis(found, files), found.to_dict(), json)

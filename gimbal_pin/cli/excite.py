@@ -1,0 +1,88 @@
+"""``gimbal-pin excite``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import UseAppendAction, arg
+
+from gimbal_pin import text
+from gimbal_pin.cli.inputs import load_logs, load_rig, mounted, plant_of, positive
+from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed
+from gimbal_pin.cli.present import present
+from gimbal_pin.errors import UsageError
+
+if TYPE_CHECKING:
+    from gimbal_pin.effects import Effect
+    from gimbal_pin.model import Model
+
+
+def excite(
+    rig: RigName,
+    output: Output,
+    *,
+    payload: Payload = None,
+    seconds: Annotated[float, arg(help="length of the motion, which repeats, s")] = 10.0,
+    harmonics: Annotated[int, arg(help="harmonics of the Fourier series")] = 5,
+    starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
+    criterion: Literal["condition", "determinant"] = "condition",
+    after: Annotated[
+        tuple[str, ...],
+        arg(
+            metavar="LOG …",
+            help="earlier logs: design what teaches most beyond them, by log det of the information",
+            help_behavior_hint="",
+        ),
+    ] = (),
+    map: Map = (),
+    effect: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="a cause to be shown as well, as simulate plants it; of any size"),
+    ] = (),
+    model: ModelFile = None,
+    margin: Annotated[float, arg(help="share of every limit that is left free")] = 0.05,
+    clearance: Annotated[float, arg(help="distance that parts keep which can hit each other, m")] = 0.005,
+    speed: Annotated[float, arg(help="rms rate that shows friction, share of the rate limit")] = 0.3,
+    rate: Annotated[float, arg(help="samples per second of the file, Hz")] = 1000.0,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Design an excitation trajectory under the rig's limits."""
+    import numpy as np
+
+    from gimbal_pin.excitation import excite as run
+    from gimbal_pin.excitation import sequential
+    from gimbal_pin.io import write_motion
+
+    positive("--rate", rate)
+    camera = payload or (mounted(str(model)) if model else None)
+    loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
+    plant = plant_of(model, loaded)
+    shown = to_show(plant, effect)
+    options: Any = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "dt": 1 / rate, "effects": shown}
+    options |= {"margin": margin, "clearance": clearance, "speed": speed, "torque_model": plant}
+    options |= {"criterion": sequential(plant.rig, read, seconds, shown) if read else criterion}
+    found = run(plant.rig, **options, rng=np.random.default_rng(seed))
+    write_motion(found.motion, found.joints, output)
+    present(text.excitation(found), found.to_dict(), json)
+
+
+def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:
+    """Return the effects of a model but its Coulomb and viscous friction, and those that the texts name.
+
+    Raises:
+        UsageError: A text names a cause that is no torque at a joint.
+    """
+    from gimbal_pin.effects import Term
+    from gimbal_pin.effects.parse import parse_effect
+    from gimbal_pin.model import friction_effects
+
+    terms = [term.effect for term in model.terms]
+    for named in texts:
+        planted = parse_effect(named, model.rig)
+        if not isinstance(planted, Term):
+            raise UsageError(f"--effect {named}", "is no torque that a motion could show", "name one that is")
+        terms.append(planted.effect)
+    friction = friction_effects(model.rig.joints)
+    return [effect for k, effect in enumerate(terms) if effect not in (*friction, *terms[:k])]

@@ -1,0 +1,141 @@
+"""What verbs read: rigs, logs, models and controllers by name, and options that must make sense."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gimbal_pin.errors import UsageError
+
+if TYPE_CHECKING:
+    from gimbal_pin.log import Log
+    from gimbal_pin.model import Model
+    from gimbal_pin.platform import Platform
+    from gimbal_pin.rig import Rig
+    from gimbal_pin.rows import Filtering
+    from gimbal_pin.tuning import Law
+
+
+def load_rig(rig: str, payload: str | None) -> Rig:
+    """Load a rig with the payload that was asked for."""
+    from gimbal_pin.rig import Rig
+
+    return Rig.load(rig, payload)
+
+
+def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str]) -> tuple[Rig, list[Log]]:
+    """Load the rig with the logs' payload, and the logs.
+
+    Raises:
+        UsageError: No log, or logs of different payloads: one identification knows one.
+    """
+    from gimbal_pin.errors import UsageError
+    from gimbal_pin.io import read_log, split_payload
+
+    if not logs:
+        raise UsageError("LOG", "none was given", "name at least one log after the rig")
+    tags = sorted({tag for _, tag in (split_payload(log) for log in logs) if tag is not None})
+    if len(tags) > 1 or (tags and payload is None and any(split_payload(log)[1] is None for log in logs)):
+        what = f"are of several payloads ({', '.join(tags)}{' and one not named' if len(tags) == 1 else ''})"
+        raise UsageError("logs", what, "identify each payload's logs apart, or tag all of them alike: LOG@PAYLOAD")
+    loaded = load_rig(rig, payload or (tags[0] if tags else None))
+    read = [read_log(log, loaded, mapping) for log in logs]
+    for event in (event for log in read for event in log.events):
+        print(f"gimbal-pin: note: {event}", file=sys.stderr)
+    return loaded, read
+
+
+def alone(what: str, given: Mapping[str, bool], mend: str) -> None:
+    """Raise `UsageError` if an option is given that does not go with `what`."""
+    for option, is_given in given.items():
+        if is_given:
+            raise UsageError(option, f"does not go with {what}", mend)
+
+
+def positive(option: str, value: float) -> None:
+    """Raise `UsageError` unless the option's value is above zero."""
+    from gimbal_pin.errors import UsageError
+
+    if not value > 0:
+        raise UsageError(option, f"is {value:g}", "give a positive number")
+
+
+def shown_somewhere(output: Path | None, live: bool) -> None:
+    """Raise `UsageError` if a result would be neither written nor shown."""
+    from gimbal_pin.errors import UsageError
+
+    if output is None and not live:
+        raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
+
+
+def carried(
+    rig: Rig, profile: str, log: Path | None, mapping: Sequence[str], size: float, seconds: float, dt: float, seed: int
+) -> Platform | None:
+    """Return the platform's motion from a profile or from a log, which may be shorter than what was asked for.
+
+    Raises:
+        UsageError: Both were given.
+    """
+    import numpy as np
+
+    from gimbal_pin.io import read_imu
+    from gimbal_pin.platform import Platform
+    from gimbal_pin.profile import profile_s
+
+    if log is None:
+        times = dt / 2 * np.arange(2 * round(seconds / dt) + 1)
+        return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
+    if profile == "S":
+        raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
+    t, imu = read_imu(log, rig, rig.base, mapping)
+    return Platform.measured(t - t[0], imu, str(log))
+
+
+def filtering(cutoff: float | None, alignment: float | None) -> Filtering:
+    """Return the filter that the options ask for, the defaults where they ask for nothing."""
+    from gimbal_pin.rows import Filtering
+
+    positive("--cutoff", 1.0 if cutoff is None else cutoff)
+    return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
+
+
+def plant_of(name: Path | None, rig: Rig) -> Model:
+    """Return the model of a YAML, or the rig as its URDF states it."""
+    from gimbal_pin.io.model import read_model
+    from gimbal_pin.model import nominal
+
+    return nominal(rig) if name is None else read_model(name, rig)
+
+
+def mounted(name: str) -> str | None:
+    """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
+    from gimbal_pin.errors import ModelError
+    from gimbal_pin.reading import read_yaml
+    from gimbal_pin.rig import bundled_payloads
+
+    data = read_yaml(name, ModelError)
+    payload = data.get("payload") if isinstance(data, dict) else None
+    return payload if payload in bundled_payloads() else None
+
+
+def read_controller(name: str, rig: Rig) -> Law:
+    """Read a controller's YAML."""
+    from gimbal_pin.errors import ModelError
+    from gimbal_pin.reading import read_yaml
+    from gimbal_pin.tuning import controller_from
+
+    return controller_from(read_yaml(name, ModelError), rig)
+
+
+def play(rig: Rig, log: Log) -> None:
+    """Show a log live until the user ends it."""
+    from gimbal_pin import view
+
+    with view.show(rig, log) as live:
+        print(f"playing at {live.url}; Ctrl-C ends it")
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()

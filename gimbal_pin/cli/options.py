@@ -1,0 +1,82 @@
+"""Options that several verbs share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+RigName = Annotated[Positional[str], arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")]
+Logs = Annotated[
+    Positional[tuple[str, ...]],
+    arg(metavar="LOG …", help="CSV or Parquet; LOG@PAYLOAD names its payload", help_behavior_hint="(at least one)"),
+]
+Payload = Annotated[
+    str | None, arg(metavar="NAME", help="bundled payload or URDF", help_behavior_hint="(default: the rig's own)")
+]
+Json = Annotated[
+    Path | None, arg(metavar="FILE", help="write the result as JSON; - for standard output", help_behavior_hint="")
+]
+Map = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
+]
+Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]
+MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")]
+Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]
+MaybeFolder = Annotated[
+    Path | None,
+    arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there", help_behavior_hint=""),
+]
+ModelFile = Annotated[
+    Path | None,
+    arg(
+        metavar="MODEL",
+        help="the plant: a model's YAML, from identify or diagnose",
+        help_behavior_hint="(default: the rig as its URDF states it)",
+    ),
+]
+Seed = Annotated[int, arg(help="seed of everything random")]
+Cutoff = Annotated[
+    float | None,
+    arg(metavar="HZ", help="low-pass on every column and on the torque", help_behavior_hint="(default: 4)"),
+]
+Alignment = Annotated[
+    float | None,
+    arg(
+        metavar="SECONDS",
+        help="the torque acts that much later than its stamp",
+        help_behavior_hint="(default: half a sample)",
+    ),
+]
+Holdout = Annotated[
+    str | None,
+    arg(
+        metavar="WHAT",
+        help="last-third, log:N or none",
+        help_behavior_hint="(default: the last third of one log, the last of several)",
+    ),
+]
+EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
+Trust = Annotated[
+    float | None,
+    arg(
+        metavar="SHARE",
+        help="how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
+        help_behavior_hint="(default: 0.3)",
+    ),
+]
+Bootstrap = Annotated[
+    int, arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour")
+]
+Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
+Asked = Annotated[
+    float | None, arg(metavar="HZ", help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
+]
+DiskMargin = Annotated[
+    float | None, arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty")
+]
+Damping = Annotated[float, arg(help="damping of the tracking error")]
+Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]
+Kind = Literal["computed-torque", "pid"]

@@ -1,0 +1,15 @@
+"""``gimbal-pin rigs``."""
+
+from __future__ import annotations
+
+from gimbal_pin import text
+from gimbal_pin.cli.options import Json
+from gimbal_pin.cli.present import present
+
+
+def rigs(*, json: Json = None) -> None:
+    """List the bundled rigs and payloads."""
+    from gimbal_pin.checking import listing
+
+    listed = listing()
+    present(text.rigs(listed), listed, json)

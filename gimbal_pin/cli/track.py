@@ -1,0 +1,141 @@
+"""``gimbal-pin track``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from gimbal_pin import text
+from gimbal_pin.cli.inputs import carried, load_logs, load_rig, mounted, plant_of, positive, read_controller
+from gimbal_pin.cli.options import Json, Map, ModelFile, Payload, RigName, Seed
+from gimbal_pin.cli.present import present
+from gimbal_pin.errors import UsageError
+
+if TYPE_CHECKING:
+    from gimbal_pin.model import Model
+    from gimbal_pin.rig import Rig
+    from gimbal_pin.tuning import Law
+
+
+def track(
+    rig: RigName,
+    controller: Annotated[
+        Positional[str | None],
+        arg(metavar="CONTROLLER", help="a controller's YAML, from tune; on a platform its model is what is known"),
+    ] = None,
+    *,
+    payload: Payload = None,
+    model: ModelFile = None,
+    delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    platform: Annotated[
+        Literal["none", "S"], arg(help="hold the camera still on a platform that moves along profile S")
+    ] = "none",
+    platform_log: Annotated[
+        Path | None,
+        arg(
+            metavar="FILE",
+            help="or along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    platform_size: Annotated[float, arg(help="profile S times this")] = 1.0,
+    map: Map = (),
+    controllers: Annotated[
+        str | None,
+        arg(metavar="NAME,…", help="which controllers meet the platform", help_behavior_hint="(default: all)"),
+    ] = None,
+    learn: Annotated[
+        str | None,
+        arg(
+            metavar="LOG",
+            help="a log of the rig on a shaken platform: model and the platform's spectrum come from it",
+            help_behavior_hint="(default: one is simulated, 60 s)",
+        ),
+    ] = None,
+    find: Annotated[bool, arg(help="let diagnose look for causes in that log, and compensate them")] = False,
+    effect: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42"),
+    ] = (),
+    seeds: Annotated[int, arg(help="runs on a platform, each with its own motion and noise")] = 5,
+    seconds: Annotated[float, arg(help="length of each of these runs, s")] = 30.0,
+    jobs: Annotated[int, arg(help="processes that share these runs")] = 1,
+    plot: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
+    ] = None,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Step tracking against a PID; on a platform that moves, every camera-holding controller at equal margins."""
+    import numpy as np
+
+    from gimbal_pin.tracking import track as run
+
+    moving = platform != "none" or platform_log is not None
+    if controller is None and not moving:
+        mend = "name a controller's YAML, or a motion: --platform S, --platform-log FILE"
+        raise UsageError("CONTROLLER", "is missing", mend)
+    loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
+    told, result = [], {}
+    if controller is not None:
+        found = run(
+            plant_of(model, loaded), rivals(controller, loaded), rng=np.random.default_rng(seed), delay=delay_samples
+        )
+        stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
+        told, result = [text.tracking(found, stood)], found.to_dict()
+    if moving:
+        from gimbal_pin.io.files import replacing
+        from gimbal_pin.pointing.chart import chart
+        from gimbal_pin.pointing.verify import Asked, verify
+
+        for option, value in (("--seconds", seconds), ("--seeds", seeds), ("--jobs", jobs)):
+            positive(option, value)
+        carrier = carried(loaded, platform, platform_log, map, 1.0, 0.0, 1e-3, seed)
+        asked = Asked(
+            plant=None if model is None else plant_of(model, loaded),
+            known=None if controller is None else known_by(controller, loaded),
+            recorded=carrier if platform_log else None,
+            size=platform_size,
+            names=None if controllers is None else tuple(controllers.split(",")),
+            log=None if learn is None else load_logs(rig, loaded.payload, [learn], map)[1][0],
+            find=find,
+            causes=tuple(effect),
+            seeds=seeds,
+            seconds=seconds,
+            jobs=jobs,
+            delay=delay_samples,
+        )
+        verified = verify(loaded, asked)
+        if plot is not None:
+            with replacing(plot) as temporary:
+                chart(verified.contest).savefig(temporary)
+        told, result = [*told, text.verified(verified)], {**result, **verified.to_dict()}
+    present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
+
+
+def known_by(name: str, rig: Rig) -> Model:
+    """Return the model that the controller of a YAML was made for."""
+    from gimbal_pin.model import model_from
+    from gimbal_pin.reading import read_yaml
+
+    read_controller(name, rig)
+    return model_from(read_yaml(name)["model"], rig)
+
+
+def rivals(name: str, rig: Rig) -> dict[str, Law]:
+    """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
+    from gimbal_pin.model import model_from
+    from gimbal_pin.reading import read_yaml
+    from gimbal_pin.tuning import tune as run
+
+    law, data = read_controller(name, rig), read_yaml(name)
+    wish = {**data["wish"], "kind": "pid", "robust": False}
+    if wish.get("disk_margin") is not None:  # a PID may not have it at any bandwidth
+        granted = {joint: row["bandwidth_hz"] for joint, row in data["joints"].items()}
+        wish |= {"bandwidth_hz": granted, "disk_margin": None}
+    known = model_from(data["model"], rig)
+    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(known, **wish).controller}
+    return {data["controller"]: law, **laws}

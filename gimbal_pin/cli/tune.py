@@ -1,0 +1,81 @@
+"""``gimbal-pin tune``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from gimbal_pin import text
+from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
+from gimbal_pin.cli.options import (
+    Asked,
+    Cutoff,
+    Damping,
+    Delay,
+    DiskMargin,
+    Json,
+    Kind,
+    Map,
+    MaybeOutput,
+    Payload,
+    RigName,
+)
+from gimbal_pin.cli.present import present
+
+if TYPE_CHECKING:
+    from gimbal_pin.model import Model
+
+
+def tune(
+    rig: RigName,
+    source: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG|MODEL", help="logs, or a model's YAML")],
+    output: MaybeOutput = None,
+    *,
+    payload: Payload = None,
+    map: Map = (),
+    cutoff: Cutoff = None,
+    kind: Kind = "computed-torque",
+    bandwidth_hz: Asked = None,
+    disk_margin: DiskMargin = None,
+    damping: Damping = 1.0,
+    delay: Delay = 0.001,
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
+    plot: Annotated[Path | None, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
+    json: Json = None,
+) -> None:
+    """Gains, margins and robust term from logs or from a model."""
+    from gimbal_pin.io.files import replacing, write_yaml
+    from gimbal_pin.tuning import tune as run
+
+    model = model_of(rig, payload, source, map, cutoff)
+    found = run(
+        model,
+        kind=kind,
+        bandwidth_hz=bandwidth_hz,
+        damping=damping,
+        delay=delay,
+        disk_margin=disk_margin,
+        robust=robust,
+    )
+    if output is not None:
+        write_yaml(found.to_dict(), output)
+    if plot is not None:
+        with replacing(plot) as temporary:
+            found.plot().savefig(temporary)
+    present(text.tuning(found), found.to_dict(), json)
+
+
+def model_of(
+    rig: str, payload: str | None, source: Sequence[str], mapping: Sequence[str], cutoff: float | None
+) -> Model:
+    """Read a model's YAML, or identify one from logs."""
+    from gimbal_pin.identification import identify as run
+    from gimbal_pin.io.model import is_model, read_model
+
+    if len(source) == 1 and is_model(source[0]):
+        return read_model(source[0], load_rig(rig, payload or mounted(source[0])))
+    loaded, logs = load_logs(rig, payload, source, mapping)
+    return run(loaded, logs, filtering=filtering(cutoff, None)).model
