@@ -302,7 +302,7 @@ def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
     answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
     wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()
     right = np.abs((answer - clean.theta) / np.hypot(std, clean.std)).max()
-    assert right < 3.5 < 5 < wrong
+    assert right < 2.5 < 3 < wrong  # its deviations hold for the colour that the noise has given the residual
     A = np.concatenate([block.A for block in rows_at(made, 4.0)])
     errors = [np.sqrt(np.mean((A @ (theta - clean.theta)) ** 2)) for theta in (answer, plain.theta)]
     assert errors[0] < 0.6 * errors[1]
