@@ -110,7 +110,9 @@ def test_more_uncertainty_never_gives_a_larger_worst_margin_or_more_bandwidth(ki
     asked = np.array([[lowered(inf, wish, *row) for row in zip(f.ratios, m.drives)] for f, m in zip(fixed, models)])
     disks = np.array([[row.disk_margin for row in tuning.worst] for tuning in fixed])
     crossovers = np.array([[row.crossover_hz for row in tuning.worst] for tuning in fixed])
-    assert all(tuning.bandwidth_hz == (8.0, 8.0) for tuning in fixed) and fixed[0].worst == fixed[0].margins
+    assert all(tuning.bandwidth_hz == (8.0, 8.0) for tuning in fixed)
+    # Ratios over the poses are rounded to six digits, those of the draws are not.
+    assert disks[0] == pytest.approx([found.disk_margin for found in fixed[0].margins], rel=1e-5)
     assert np.all(np.diff(disks, axis=0) <= 0) and np.all(disks[-1] < 0.97 * disks[0])
     assert np.all(np.diff(crossovers, axis=0) >= 0)
     assert np.all(np.diff(asked, axis=0) <= 0) and asked[-1, 1] < 0.97 * asked[0, 1]

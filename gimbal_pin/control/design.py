@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.control.base import Pid
 from gimbal_pin.control.loop import Margins, margins, smallest_disk, worst
 from gimbal_pin.control.lyapunov import Robust, lyapunov, stiffened
-from gimbal_pin.control.uncertainty import Bounds, home, inertia, poses
+from gimbal_pin.control.uncertainty import VARIED, Bounds, home, inertia, poses
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.model import Model
@@ -129,7 +129,7 @@ def seen_inertia(model: Model, kind: str) -> tuple[tuple[float, ...], tuple[tupl
     nominal = np.diagonal(inertia(model, home(model.rig)[None])[0])
     if kind != "pid":
         return tuple(nominal.tolist()), ((1.0,),) * model.rig.n
-    ratios = nominal / np.diagonal(inertia(model, poses(model.rig, 200)[0]), axis1=1, axis2=2)
+    ratios = nominal / np.diagonal(inertia(model, poses(model.rig, VARIED)[0]), axis1=1, axis2=2)
     ends = zip(ratios.min(axis=0).round(6).tolist(), ratios.max(axis=0).round(6).tolist())
     return tuple(nominal.tolist()), tuple(tuple(sorted({low, 1.0, high})) for low, high in ends)
 

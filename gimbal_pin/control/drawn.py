@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.control.uncertainty import base_columns, home, inertia, poses, pushes
+from gimbal_pin.control.uncertainty import POSES, VARIED, base_columns, home, inertia, poses, pushes
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 
@@ -35,7 +35,7 @@ def drawn(model: Model, kind: str, rng: np.random.Generator) -> Ratios | None:
     places = None if known is None else base_columns(model, known)
     if known is None or places is None:
         return None
-    q, _ = poses(model.rig)
+    q, _ = poses(model.rig, VARIED if kind == "pid" else POSES)
     believed = diagonals(inertia(model, q))
     zero = np.zeros(len(known.covariance))
     sets = rng.multivariate_normal(zero, known.covariance, DRAWS, method="eigh")

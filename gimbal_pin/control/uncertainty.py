@@ -18,6 +18,8 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import columns_of
 
 POSES = 40
+VARIED = 200
+"""Poses over which an inertia that a PID takes as constant is looked at."""
 SETS = 100
 STATED_ALPHA = 0.1
 """‖I - D⁻¹ D̂‖ of a model that was never identified: inertias from a drawing, 10 % off."""
