@@ -467,6 +467,8 @@ def test_backlash_keeps_the_momentum_and_the_gap(seed: int, gap: float, inertia:
 def test_static_signals() -> None:
     x = np.linspace(-2, 2, 101)
     np.testing.assert_array_equal(Saturation("tilt", 0.7).acting(x, 1e-3), np.clip(x, -0.7, 0.7))
+    np.testing.assert_array_equal(Saturation("tilt", 0.7, 1).acting(x, 1e-3), np.minimum(x, 0.7))
+    np.testing.assert_array_equal(Saturation("tilt", 0.7, -1).acting(x, 1e-3), np.maximum(x, -0.7))
     y = DeadZone("tilt", 0.3).acting(x, 1e-3)
     np.testing.assert_allclose(y, np.sign(x) * np.maximum(np.abs(x) - 0.3, 0), atol=1e-15)
 

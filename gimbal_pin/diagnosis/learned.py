@@ -16,11 +16,13 @@ from gimbal_pin.log import Array
 
 FEATURES = 80
 FOLDS = 5
-FLIPS = 199
+FLIPS = 999
 RIDGE = 0.03
 """Penalty, as a share of the rows."""
 LEARNT = 0.1
 """Share of the residual's power, in time not learned from, that must be predicted."""
+SEEN = 0.3
+"""Root mean square of what is predicted under which it does not matter, in units of the noise floor."""
 WIDTH_OWN, WIDTH_ALL = 2.0, 3.0
 """How many standard deviations of its arguments a feature is wide: the more arguments, the wider."""
 
@@ -30,7 +32,7 @@ def predictable(now: Fit, evidence: Evidence, torque: Sequence[Array], joint: in
     for alone, width in ((True, WIDTH_OWN), (False, WIDTH_ALL)):
         columns = features(arguments(evidence, torque, joint, alone), width, rng)
         share, null = explained(now, evidence.whiten(columns, joint), joint, evidence.rig.n, rng)
-        if share > LEARNT and share > np.max(null):
+        if share > max(LEARNT, SEEN**2 / now.dispersion[joint]) and share > np.max(null):
             return True
     return False
 

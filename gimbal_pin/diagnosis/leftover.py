@@ -24,8 +24,9 @@ HATS = 7
 """Hats over each variable."""
 RESONANCES = (2.0, 4.0, 6.0, 9.0)
 """Resonators that the torque is sent through, Hz."""
-SURE = 0.005
-"""Chance of calling noise structured."""
+SURE = 0.002
+"""Chance of calling a joint's noise structured by any of its patterns."""
+FLIPS = 999
 SEEN = 0.3
 """Size under which structure does not matter, in units of what is left, or of the noise floor where that is more."""
 MUCH = 4.0
@@ -87,7 +88,7 @@ def place(state: State, joint: int, rng: np.random.Generator) -> str:
 
 def concentrated(now: Fit, library: list[Pattern], joint: int, rng: np.random.Generator) -> str:
     """The pattern that one joint's residual shows most, or ""."""
-    limit = min(float(np.quantile(flipped(now, library, rng), SURE)), SURE / max(len(library), 1))
+    limit = min(float(np.quantile(flipped(now, library, rng, FLIPS), SURE)), SURE / max(len(library), 1))
     rows = [(score(now, pattern, False), pattern) for pattern in library]
     least = SEEN * float(np.sqrt(max(now.dispersion[joint], 1.0)))
     found = [(s.gain, pattern.where) for s, pattern in rows if s.p < limit and s.size[joint] > least]

@@ -42,7 +42,7 @@ class DeadZone(Static):
 
     def passed(self, x: Value) -> Value:
         """Take the lost part off."""
-        return x - cut(x, self.width)
+        return x - cut(x, -self.width, self.width)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

@@ -32,9 +32,9 @@ def size(x: Value) -> Value:
     return abs(x) if isinstance(x, float) else np.abs(x)
 
 
-def cut(x: Value, limit: float) -> Value:
-    """Return x within ±limit."""
-    return min(limit, max(-limit, x)) if isinstance(x, float) else np.clip(x, -limit, limit)
+def cut(x: Value, low: float, high: float) -> Value:
+    """Return x within [low, high]."""
+    return min(high, max(low, x)) if isinstance(x, float) else np.clip(x, low, high)
 
 
 def propagated(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
@@ -21,9 +21,11 @@ class Saturation(Static):
     Attributes:
         joint: The joint whose motor it is.
         limit: Largest torque, N m.
+        side: 1 or -1 if only torques in that direction are limited; 0 for both.
     """
 
     limit: float
+    side: int = 0
 
     name: ClassVar[str] = "saturation"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("limit", nan, "N m", 1e-6, 1e6),)
@@ -38,13 +40,15 @@ class Saturation(Static):
 
     def passed(self, x: Value) -> Value:
         """Cut the command."""
-        return cut(x, self.limit)
+        return cut(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Limits that bite on the log's peaks."""
-        return tuple(cls(joint, limit) for limit in ladder(0.5 * seen.torque, 0.95 * seen.peak, 8, cls.shapes[0]))
+        """Limits that bite on the log's peaks, on both sides or on one."""
+        limits = ladder(0.5 * seen.torque, 0.95 * seen.peak, 8, cls.shapes[0])
+        return tuple(cls(joint, limit, side) for limit in limits for side in (0, 1, -1))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the limit."""
-        return f"the motor gives no more than {self.limit:.3g} N m, whatever is commanded"
+        where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[self.side]
+        return f"the motor gives no more than {self.limit:.3g} N m{where}, whatever is commanded"
