@@ -51,7 +51,7 @@ BAND = Filtering(cutoff=12.0, smoothing=2.5)
 """Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""
 ERROR_RATE = 0.003
 """Chance that a log with nothing in it has anything named, over the whole library."""
-FLIPS = 1999
+FLIPS = 999
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 CONFIRMED = 1.01
