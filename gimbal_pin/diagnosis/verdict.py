@@ -32,8 +32,6 @@ MUCH = 4.0
 """Dispersion from which much is left."""
 NEARLY_ALL = 0.88
 """Share that they must explain where more is left than any sensor's noise."""
-BLARING = 1000.0
-"""Dispersion, thirty times the sensors' noise, from which a joint names nothing, however much is explained."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
@@ -187,7 +185,7 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
-    return bool(np.any((after > MUCH) & (explained < least)) or np.any(after > BLARING)) or at_bound(cause)
+    return bool(np.any((after > MUCH) & (explained < least))) or at_bound(cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
