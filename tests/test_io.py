@@ -109,7 +109,7 @@ def logs(draw: st.DrawFn) -> Log:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt", PARQUET])
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(log=logs())
 def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path) -> None:
     path = tmp_path / f"log{suffix}"
@@ -258,7 +258,7 @@ def test_bad_csv_says_where_and_how(content: str, place: str, what: str, mend: s
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     row=st.integers(0, 30),
     place=st.integers(0, 4),
@@ -664,7 +664,7 @@ trees = st.recursive(
 
 
 @given(tree=trees)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_yaml_and_json_round_trip(tree: object, tmp_path: Path) -> None:
     files.write_yaml(tree, tmp_path / "x.yaml")
     assert reading.read_yaml(tmp_path / "x.yaml") == tree

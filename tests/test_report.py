@@ -166,7 +166,7 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 
 @given(TEXTS)
 @example(EVIL)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     card = html.Card(text, text, text)
     parts = html.join(

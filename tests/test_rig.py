@@ -357,7 +357,7 @@ LIMIT = st.fixed_dictionaries(
 )
 
 
-@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(MOTOR, LIMIT)
 def test_numbers_in_a_yaml_arrive_as_written(tmp_path: Path, motor: dict[str, float], limit: dict[str, float]) -> None:
     write(tmp_path, TWO)
@@ -460,7 +460,7 @@ def broken(draw: st.DrawFn) -> str:
     return etree.tostring(robot).decode()
 
 
-@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(broken())
 def test_a_broken_urdf_is_refused_or_is_a_rig_that_can_move(tmp_path: Path, text: str) -> None:
     path = write(tmp_path, text, "broken.urdf")
@@ -487,7 +487,7 @@ VALUE = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(["motors", "limits", "imus", "noise", "urdf", "payload", "mount", "inertia", "x"]), VALUE)
 def test_any_value_in_a_yaml_is_used_or_refused(tmp_path: Path, key: str, value: object) -> None:
     write(tmp_path, TWO)

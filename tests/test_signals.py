@@ -66,7 +66,7 @@ def test_impulse_response_is_even_and_sums_to_one(cutoff: float) -> None:
     assert response.sum() == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(CUTOFF, st.floats(-1e3, 1e3), st.integers(2, 1500))
 def test_constants_pass_whole(cutoff: float, level: float, samples: int) -> None:
     constant = np.full((samples, 2), level)
@@ -81,7 +81,7 @@ def test_straight_lines_pass_whole_away_from_the_ends(cutoff: float, level: floa
     np.testing.assert_allclose(inside(error, cutoff), 0, atol=1e-7 * (1 + abs(slope)))
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(st.floats(10, 80), st.floats(1, 200))
 def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(cutoff: float, frequency: float) -> None:
     """|H|² = 1 / (1 + (tan(πf/r) / tan(πf_c/r))⁶): a half, -6 dB, at the cutoff."""
@@ -110,7 +110,7 @@ def test_a_cutoff_beyond_the_samples_is_held_below_nyquist() -> None:
 # --- derivative and interpolation -----------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(COEFFICIENTS, st.floats(1e-3, 0.1), st.integers(5, 40))
 def test_derivative_of_a_quartic_is_exact_inside(coefficients: np.ndarray, dt: float, samples: int) -> None:
     t = dt * np.arange(samples)
@@ -120,7 +120,7 @@ def test_derivative_of_a_quartic_is_exact_inside(coefficients: np.ndarray, dt: f
     np.testing.assert_allclose(slope[2:-2], polynomial.deriv()(t)[2:-2], rtol=0, atol=1e-13 * scale / dt)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(COEFFICIENTS, st.floats(1e-3, 0.1), st.integers(3, 40))
 def test_derivative_next_to_the_ends(coefficients: np.ndarray, dt: float, samples: int) -> None:
     """Straight lines to the last sample, parabolas to the last but one."""
@@ -151,7 +151,7 @@ def grids(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
     return t, np.sort(rng.uniform(t[0], t[-1], draw(st.integers(1, 60))))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=30)
 @given(grids(), COEFFICIENTS)
 def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
     case: tuple[np.ndarray, np.ndarray], coefficients: np.ndarray
@@ -168,7 +168,7 @@ def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
         )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(st.floats(-5, 5), st.floats(0.01, 1))
 def test_interpolation_of_a_cubic_errs_by_a_sixtieth_of_its_third_difference(third: float, h: float) -> None:
     """Central slopes err by h² f‴/6, so the curve by h³ f‴/6 · s (1 - s) (1 - 2s): at most 0.016 h³ f‴."""

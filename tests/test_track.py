@@ -28,7 +28,7 @@ METRICS = {"rise_time", "overshoot_percent", "settling_time", "steady_state_erro
 
 
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=4), st.floats(0.2, 2.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_minimum_jerk_rests_moves_and_rests(goal: list[float], move: float) -> None:
     start = np.linspace(-1, 1, len(goal))
     motion = minimum_jerk(start, np.array(goal), dt=0.001, move=move, before=0.1, after=0.2)
