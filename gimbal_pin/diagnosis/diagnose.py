@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Slight, Untestable
 from gimbal_pin.diagnosis.followed import followed
-from gimbal_pin.diagnosis.heldout import Figures, measured
+from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.platform_motion import Ridden, ridden
 from gimbal_pin.diagnosis.score import flipped
@@ -54,8 +54,6 @@ ERROR_RATE = 0.003
 FLIPS = 999
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
-CONFIRMED = 1.01
-"""Held-out error without a cause over that with it, from which the held-out part confirms the cause."""
 STRAYED = 1.1
 """Error of the rollout with a cause over that without it, from which it makes the simulation worse."""
 LIVELY = 1e-3

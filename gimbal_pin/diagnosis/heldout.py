@@ -16,6 +16,8 @@ from gimbal_pin.rig import Rig
 
 Figures = Mapping[str, Mapping[str, float]]
 """Name of a figure → joint → its value."""
+CONFIRMED = 1.01
+"""Error of the torque without a cause over that with it, from which the held-out part confirms the cause."""
 HORIZON = 0.2
 """Length of a rollout, s."""
 STARTS = 24

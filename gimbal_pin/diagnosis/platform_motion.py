@@ -12,7 +12,7 @@ from scipy.stats import norm
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
-from gimbal_pin.diagnosis.heldout import Figures, measured
+from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.search import Problem, State, solved
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
@@ -23,8 +23,6 @@ from gimbal_pin.rows import Filtering
 
 CLEAR = 3.0
 """Standard deviations by which the fit must gain over blocks."""
-CONFIRMED = 1.01
-"""Held-out error of a base that stands over that of one that moves, from which the motion matters."""
 NAME = "platform-motion"
 COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
 
