@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.fit import Fit, fit, project
 from gimbal_pin.diagnosis.learned import bent, explained
+from gimbal_pin.diagnosis.leftover import Pattern
 from gimbal_pin.diagnosis.noiselike import peaked, rare, shared
 from gimbal_pin.diagnosis.score import chance, effective, flipped_wald, grams, score
 from gimbal_pin.log import Array
@@ -30,13 +31,10 @@ def fitted(residual: Array) -> Fit:
     return fit(np.ones((ROWS, 1, 1)), residual[:, None], np.ones(1), block)
 
 
-class Column:
-    """One column without bounds."""
-
-    lower, upper = np.array([-np.inf]), np.array([np.inf])
-
-    def __init__(self, values: Array) -> None:
-        self.values = values[:, None, None]
+def column(values: Array, joint: int | None = 0) -> Pattern:
+    """Columns without bounds, (ROWS, c) at a joint, or (ROWS, n, c) at all."""
+    wide = np.full(values.shape[-1], np.inf)
+    return Pattern("", joint, values, -wide, wide)
 
 
 def bump(centre: float, width: float) -> Array:
@@ -44,18 +42,23 @@ def bump(centre: float, width: float) -> Array:
     return np.asarray(np.maximum(1 - np.abs(np.linspace(0, 1, ROWS) - centre) / width, 0.0))
 
 
+def judged(rng: np.random.Generator, values: Array) -> float:
+    """p of a column, (ROWS,), in noise."""
+    return score(fitted(coloured(rng, 0.6)), column(values[:, None]), False).p
+
+
 @pytest.mark.parametrize("width", [0.05, 0.2, 1.0])
 def test_a_column_that_acts_in_few_blocks_is_not_found_in_noise_too_often(width: float) -> None:
     """Without counting the blocks in which it acts, one in five would pass at one in a hundred."""
     rng = RNG(1)
-    p = [score(fitted(coloured(rng, 0.6)), Column(bump(rng.uniform(0.2, 0.8), width)), False).p for _ in range(200)]
+    p = [judged(rng, bump(rng.uniform(0.2, 0.8), width)) for _ in range(200)]
     assert np.mean(np.array(p) < 0.01) < 0.03
     assert np.mean(np.array(p) < 0.5) > 0.3
 
 
 def test_blocks_are_counted_by_leverage() -> None:
     now = fitted(RNG(0).normal(size=ROWS))
-    everywhere, once = (project(now, x[:, None, None]) for x in (RNG(1).normal(size=ROWS), bump(0.5, 0.01)))
+    everywhere, once = (project(now, column(x[:, None])) for x in (RNG(1).normal(size=ROWS), bump(0.5, 0.01)))
     assert effective(now, everywhere) == pytest.approx(BLOCKS, rel=0.15)
     assert effective(now, once) < 3
 
@@ -65,14 +68,26 @@ def test_signs_that_change_nothing_give_the_scores_own_wald(seed: int, width: in
     """The flipped statistic of the unflipped residual is the statistic itself."""
     rng = RNG(seed)
     now = fitted(coloured(rng, 0.5))
-    values = rng.normal(size=(ROWS, 1, width))
-    columns = Column(values[:, 0, 0])
-    columns.values = values
-    columns.lower, columns.upper = np.full(width, -np.inf), np.full(width, np.inf)
-    rest = project(now, values)
-    wald = flipped_wald(np.ones((1, BLOCKS)), now.by_block(rest * now.residual[:, None]), grams(now, rest))
+    columns = column(rng.normal(size=(ROWS, width)))
+    rest = project(now, columns)
+    scatter, gram = now.by_block(rest * now.residual[:, None]), grams(now, rest)
+    wald = flipped_wald(np.ones((1, BLOCKS)), scatter[None], gram[None])[0]
     assert wald[0] == pytest.approx(score(now, columns, False).wald, rel=1e-6)
     assert chance(wald[0], width, effective(now, rest)) == pytest.approx(score(now, columns, False).p)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 1))
+def test_a_column_at_one_joint_is_one_that_is_zero_at_the_others(seed: int, width: int, joint: int) -> None:
+    rng = RNG(seed)
+    base, own = rng.normal(size=(ROWS, 2, 3)), rng.normal(size=(ROWS, width))
+    now = fit(base, rng.normal(size=(ROWS, 2)) * [1.0, 3.0], np.ones(2), np.arange(ROWS) * BLOCKS // ROWS)
+    everywhere = np.zeros((ROWS, 2, width))
+    everywhere[:, joint] = own
+    here, all_over = (score(now, columns, False) for columns in (column(own, joint), column(everywhere, None)))
+    assert here.gain == pytest.approx(all_over.gain)
+    assert here.p == pytest.approx(all_over.p, rel=1e-6)
+    assert here.visible == pytest.approx(all_over.visible)
+    np.testing.assert_allclose(here.beta, all_over.beta)
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.8, 0.97])
@@ -107,8 +122,8 @@ def test_only_what_follows_from_the_motion_is_learnt() -> None:
     rng = RNG(5)
     angle = coloured(rng, 0.95)
     white = np.cos(np.outer(angle, rng.normal(size=40)) + rng.uniform(0, 6, 40))
-    share, null = explained(fitted(np.abs(angle) + coloured(rng, 0.8)), white, 0, 1, rng)
+    share, null = explained(fitted(np.abs(angle) + coloured(rng, 0.8)), white, 0, rng)
     assert share > 0.1
     assert share > np.max(null)
-    above = [x > np.max(y) for x, y in (explained(fitted(coloured(rng, 0.8)), white, 0, 1, rng) for _ in range(25))]
+    above = [x > np.max(y) for x, y in (explained(fitted(coloured(rng, 0.8)), white, 0, rng) for _ in range(25))]
     assert sum(above) <= 2

@@ -31,20 +31,33 @@ class Columns:
 
     Attributes:
         cause: The cause, with its shape parameters.
-        values: Whitened, (rows, n, c).
+        joints: How many joints the rig has.
+        joint: The only joint at which they act; None: they act at all.
+        own: Whitened, (rows, c) at that joint, or (rows, n, c).
         lower: Bounds of the coefficients, (c,).
         upper: The same.
     """
 
     cause: Cause
-    values: Array
+    joints: int
+    joint: int | None
+    own: Array
     lower: Array
     upper: Array
 
     @property
     def width(self) -> int:
         """How many coefficients."""
-        return self.values.shape[2]
+        return self.own.shape[-1]
+
+    @property
+    def values(self) -> Array:
+        """All rows, zero at the other joints, (rows, n, c)."""
+        if self.joint is None:
+            return self.own
+        out = np.zeros((len(self.own), self.joints, self.width))
+        out[:, self.joint] = self.own
+        return out
 
 
 def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
@@ -66,9 +79,11 @@ def plain_columns(evidence: Evidence, effect: Effect, torque: list[Array]) -> li
     """Columns of a torque effect at its joint as they are, (m, c) per part."""
     j = evidence.rig.joint_index(effect.joint)
     out = []
-    for part, tau in zip(evidence.parts, torque):
-        basis = effect.basis(part.sample(j, tau[:, j]))
-        out.append(np.stack([np.broadcast_to(x, len(tau)) for x in basis], axis=1))
+    for sample, tau in zip(evidence.samples[j], torque):
+        basis = effect.basis(sample._replace(tau=tau[:, j]))
+        out.append(
+            np.stack([np.broadcast_to(x, len(tau)) for x in basis]).T
+        )  # side by side in memory: quicker to whiten
     return out
 
 
@@ -121,23 +136,18 @@ def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array], actin
             signal changes. Its noise is in the column, too, and by itself lets no signal gain: what a filter takes off
             the noise it takes off the torque many times over.
     """
-    values = np.zeros((evidence.rows, evidence.rig.n, 1))
+    joint = evidence.rig.joint_index(cause.place) if cause.of_joint else None
     if isinstance(cause, Effect):
-        found = effect_columns(evidence, cause, torque)
-        values = np.zeros((evidence.rows, evidence.rig.n, found.shape[1]))
-        values[:, evidence.rig.joint_index(cause.joint)] = found
-        bounds = [(c.lower, c.upper) for c in cause.coefficients]
+        own, bounds = effect_columns(evidence, cause, torque), [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        values[:, evidence.rig.joint_index(cause.joint), 0] = lost(evidence, cause, acting)
-        bounds = [ALIKE]
+        own, bounds = lost(evidence, cause, acting)[:, None], [ALIKE]
     elif isinstance(cause, RigEffect):
-        size = magnitude(cause)
-        values[:, :, 0] = turned(evidence, cause, rig, size)
-        bounds = [(-np.inf, np.inf)]
+        joint = None  # an encoder that is off by an angle changes the torque of every joint
+        own, bounds = turned(evidence, cause, rig, magnitude(cause))[:, :, None], [(-np.inf, np.inf)]
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
-    return Columns(cause, values, lower, upper)
+    return Columns(cause, evidence.rig.n, joint, own, lower, upper)
 
 
 def magnitude(cause: Cause) -> float:

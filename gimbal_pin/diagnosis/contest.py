@@ -129,9 +129,9 @@ def contest(state: State, cause: Cause, rival: str, kinds: Mapping[str, type[Cau
     base = without(state, cause)
     found = measure(base, cause).beta
     beta = found if len(found) else np.ones(base.columns(cause).width)
-    mine = project(base.fit, base.columns(cause).values) @ beta
+    mine = project(base.fit, base.columns(cause)) @ beta
     forms = tried(base, cause, kinds[rival])
-    gaps = [unexplained(project(base.fit, base.columns(form).values), mine) for form in forms]
+    gaps = [unexplained(project(base.fit, base.columns(form)), mine) for form in forms]
     nearest = [forms[i] for i in np.argsort(gaps, kind="stable")[:FORMS]]
     return Contest(cause, beta, base, rival, tuple(nearest)) if nearest else None
 

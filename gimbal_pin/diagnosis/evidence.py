@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -87,11 +88,11 @@ class Part(NamedTuple):
         difference = fft.rfft(measured - model, axis=0) * self.trust.T
         return model + fft.irfft(difference, len(model), axis=0)
 
-    def sample(self, joint: int, tau: Array) -> Sample:
-        """Return the joint's channels as effects read them; `tau` is the model's torque there, N m, (m,)."""
+    def sample(self, joint: int) -> Sample:
+        """Return the joint's channels as effects read them, with the measured torque; each side by side in memory."""
         c = self.channels
-        q, v, a = c.q[:, joint], c.v[:, joint], c.a[:, joint]
-        return Sample(self.time, q, v, a, np.sign(v), tau, self.temperature[:, joint])
+        q, v, a, tau, warm = (np.ascontiguousarray(x[:, joint]) for x in (c.q, c.v, c.a, c.tau, self.temperature))
+        return Sample(self.time, q, v, a, np.sign(v), tau, warm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +126,11 @@ class Evidence:
     def whiten(self, signals: Sequence[Array], joint: int) -> Array:
         """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
         return np.concatenate([part.whiten(signal, joint) for part, signal in zip(self.parts, signals)])
+
+    @cached_property
+    def samples(self) -> list[list[Sample]]:
+        """What effects read at each joint, per part."""
+        return [[part.sample(j) for part in self.parts] for j in range(self.rig.n)]
 
     @property
     def seconds(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,18 @@ from gimbal_pin.rows import Flags
 
 PASSES = 4
 FOLDS = 4
+
+
+class Placed(Protocol):
+    """Whitened columns that act at one joint, or at all."""
+
+    @property
+    def joint(self) -> int | None:
+        """Where they act; None: everywhere."""
+
+    @property
+    def own(self) -> Array:
+        """Columns there, (rows, c), or everywhere, (rows, n, c)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +72,27 @@ class Fit:
         """How many blocks there are."""
         return int(self.block[-1]) + 1
 
+    @cached_property
+    def bases(self) -> list[Array]:
+        """Rows of the basis at each joint, (rows, k), side by side in memory."""
+        n = len(self.scale)
+        return [np.ascontiguousarray(self.basis[j::n]) for j in range(n)]
+
+    def rows(self, joint: int | None) -> slice:
+        """Weighted rows of a joint; None: of all."""
+        return slice(None) if joint is None else slice(joint, None, len(self.scale))
+
     def stacked(self, values: Array) -> Array:
         """Weight (rows, n, c) and stack it to (rows n, c)."""
         return (values * self.scale[:, None]).reshape(-1, values.shape[-1])
+
+    def weighted(self, columns: Placed) -> Array:
+        """Weight columns where they act: the rows of `rows(columns.joint)`."""
+        return columns.own * self.scale[columns.joint] if columns.joint is not None else self.stacked(columns.own)
+
+    def along(self, weighted: Array, joint: int | None) -> Array:
+        """Components of weighted columns of a joint along the fitted ones, (k, c)."""
+        return (self.basis if joint is None else self.bases[joint]).T @ weighted
 
     def by_block(self, values: Array) -> Array:
         """Sum rows (rows n, c) over each block, (blocks, c)."""
@@ -103,18 +134,22 @@ def norms(matrix: Array) -> Array:
     return np.linalg.norm(matrix, axis=0)
 
 
-def project(now: Fit, values: Array) -> Array:
+def project(now: Fit, columns: Placed) -> Array:
     """Weight and stack columns, and take the fitted columns out of them, (rows n, c)."""
-    stacked = now.stacked(values)
-    return stacked - now.basis @ (now.basis.T @ stacked)
+    weighted = now.weighted(columns)
+    rest = now.basis @ -now.along(weighted, columns.joint)
+    rest[now.rows(columns.joint)] += weighted
+    return rest
 
 
-def improves(now: Fit, values: Array, fixed: bool) -> bool:
+def improves(now: Fit, columns: Placed, fixed: bool) -> bool:
     """Whether a candidate predicts better, in sum and in most of `FOLDS` parts of time that its fit has not seen.
 
     Each part is every `FOLDS`-th block, less the rows of which the rest says nothing.
     """
-    extra = now.stacked(values)
+    weighted = now.weighted(columns)
+    extra = np.zeros((len(now.target), weighted.shape[1]))
+    extra[now.rows(columns.joint)] = weighted
     fold = now.block % FOLDS
     target = now.target - extra[:, 0] if fixed else now.target
     stack = now.stack if fixed else np.hstack([now.stack, extra])

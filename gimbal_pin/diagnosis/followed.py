@@ -16,7 +16,7 @@ from gimbal_pin.tracking import Witness
 from gimbal_pin.trajectories import tour
 from gimbal_pin.tuning import tune
 
-DT = 0.002
+DT = 0.004
 """Sampling interval of the simulated controllers, s."""
 BANDWIDTH = 4.0
 """Bandwidth that both are asked for, Hz."""

@@ -7,6 +7,7 @@ and the signs of blocks flipped for what the same does with noise of this colour
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,11 +28,18 @@ WIDTH_OWN, WIDTH_ALL = 2.0, 3.0
 """How many standard deviations of its arguments a feature is wide: the more arguments, the wider."""
 
 
+class Features(NamedTuple):
+    """Whitened features at a joint, (rows, f)."""
+
+    joint: int
+    own: Array
+
+
 def predictable(now: Fit, evidence: Evidence, torque: Sequence[Array], joint: int, rng: np.random.Generator) -> bool:
     """Whether one joint's residual is a function of its own motion, or of all joints'."""
     for alone, width in ((True, WIDTH_OWN), (False, WIDTH_ALL)):
         columns = features(arguments(evidence, torque, joint, alone), width, rng)
-        share, null = explained(now, evidence.whiten(columns, joint), joint, evidence.rig.n, rng)
+        share, null = explained(now, evidence.whiten(columns, joint), joint, rng)
         if share > max(LEARNT, SEEN**2 / now.dispersion[joint]) and share > np.max(null):
             return True
     return False
@@ -71,20 +79,17 @@ def features(arguments: Sequence[Array], width: float, rng: np.random.Generator)
     return [np.cos((z - mean) / std @ w + b) for z in arguments]
 
 
-def explained(now: Fit, white: Array, joint: int, joints: int, rng: np.random.Generator) -> tuple[float, Array]:
+def explained(now: Fit, white: Array, joint: int, rng: np.random.Generator) -> tuple[float, Array]:
     """Share of a joint's residual predicted in folds not learned from, and the same with blocks' signs flipped.
 
     Args:
         now: The fit that left the residual.
         white: Whitened features at the joint, (rows, f).
         joint: The joint.
-        joints: How many there are.
         rng: For the signs.
     """
-    values = np.zeros((len(white), joints, white.shape[1]))
-    values[:, joint] = white
-    own = slice(joint, None, joints)
-    rest, block = project(now, values)[own], now.block[own]
+    own = now.rows(joint)
+    rest, block = project(now, Features(joint, white))[own], now.block[own]
     rest = rest / np.maximum(np.sqrt(np.mean(rest**2, axis=0)), 1e-300)
     signs = rng.choice([-1.0, 1.0], size=(now.blocks, FLIPS + 1))
     signs[:, 0] = 1.0

@@ -37,11 +37,11 @@ NOISY = 40.0
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """A column to look for in the residual, whitened, (rows, n, c), and where it concentrates."""
+    """Columns to look for in the residual, whitened, as `fit.Placed`, with bounds, and where it concentrates."""
 
     where: str
-    joint: int
-    values: Array
+    joint: int | None
+    own: Array
     lower: Array
     upper: Array
 
@@ -146,10 +146,8 @@ def made(evidence: Evidence, where: str, joint: int, columns: list[Array]) -> Pa
     """Whiten one pattern's columns, one array (m,) or (m, c) per part."""
     white = evidence.whiten(columns, joint)
     white = white[:, None] if white.ndim == 1 else white
-    values = np.zeros((evidence.rows, evidence.rig.n, white.shape[1]))
-    values[:, joint] = white
     wide = np.full(white.shape[1], np.inf)
-    return Pattern(where, joint, values, -wide, wide)
+    return Pattern(where, joint, white, -wide, wide)
 
 
 def hats(signal: list[Array]) -> list[list[Array]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import HIDDEN
 from gimbal_pin.diagnosis.search import Library, State, spot, without
@@ -44,10 +45,10 @@ def likeness(state: State, cause: Cause, shelf: Library) -> Likeness:
     of two of them is parted by this log only as far as the angle between them is wide.
     """
     base = without(state, cause)
-    own = span(base, base.columns(cause).values)
+    own = span(base, base.columns(cause))
     best: dict[str, tuple[float, Array]] = {}
     for columns in shelf.columns(base, spot(cause)):
-        name, seen = columns.cause.name, span(base, columns.values)
+        name, seen = columns.cause.name, span(base, columns)
         if name != cause.name and (near := cosine(own, seen)) > best.get(name, (0.0, own))[0]:
             best[name] = near, seen
     ranked = sorted(best.items(), key=lambda entry: -entry[1][0])[:SHOWN]
@@ -56,9 +57,9 @@ def likeness(state: State, cause: Cause, shelf: Library) -> Likeness:
     return Likeness(cause.place if cause.of_joint else None, (cause.name, *(name for name, _ in ranked)), between)
 
 
-def span(state: State, values: Array) -> Array:
+def span(state: State, columns: Columns) -> Array:
     """Orthonormal columns that span what the state leaves of some others, (rows n, k); none where nothing is left."""
-    whole, rest = state.fit.stacked(values), project(state.fit, values)
+    whole, rest = state.fit.weighted(columns), project(state.fit, columns)
     seen = np.sum(rest**2, axis=0) > HIDDEN * np.maximum(np.sum(whole**2, axis=0), 1e-300)
     left, size, _ = np.linalg.svd(rest[:, seen], full_matrices=False)
     return np.asarray(left[:, size > 1e-6 * size.max(initial=0.0)])

@@ -26,11 +26,15 @@ FEW = 12.0
 
 
 class Candidate(Protocol):
-    """Whitened columns with bounds on their coefficients."""
+    """Whitened columns, as `Placed`, with bounds on their coefficients."""
 
     @property
-    def values(self) -> Array:
-        """Columns, (rows, n, c)."""
+    def joint(self) -> int | None:
+        """Where they act; None: everywhere."""
+
+    @property
+    def own(self) -> Array:
+        """Columns there, (rows, c), or everywhere, (rows, n, c)."""
 
     @property
     def lower(self) -> Array:
@@ -62,6 +66,8 @@ class Score(NamedTuple):
 
 
 NOTHING = Score(0.0, 0.0, 1.0, np.zeros(0), 0.0, np.zeros(1))
+BATCH = 16
+"""Candidates whose flips are computed at once."""
 HIDDEN = 1e-3
 """Share of a column's power below which the base columns hide it: three hundredths of its size."""
 
@@ -71,11 +77,11 @@ def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
     found = gained(now, columns, fixed)
     if found.gain == 0.0:
         return NOTHING._replace(visible=found.visible)
-    rest, own = found.rest, found.own
-    wald, blocks = strength(now, rest, now.residual - rest @ own)
-    explained = (rest @ found.beta).reshape(len(columns.values), -1) / now.scale
+    rest = project(now, columns)
+    wald, blocks = strength(now, rest, now.residual - rest @ found.own)
+    explained = (rest @ found.beta).reshape(-1, len(now.scale)) / now.scale
     size = np.sqrt(np.mean(explained**2, axis=0))
-    return Score(found.gain, wald, float(chance(wald, len(own), blocks)), found.beta, found.visible, size)
+    return Score(found.gain, wald, float(chance(wald, len(found.own), blocks)), found.beta, found.visible, size)
 
 
 class Gained(NamedTuple):
@@ -85,38 +91,51 @@ class Gained(NamedTuple):
         gain: Fall of the weighted sum of squares; zero where the candidate is none.
         beta: Coefficients as applied, (c,).
         own: Coefficients that fit best, (c,).
-        rest: Projected columns, (rows n, c).
         visible: Share of the column's power that the base columns leave.
     """
 
     gain: float
     beta: Array
     own: Array
-    rest: Array
     visible: float
 
 
 def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
-    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
-    stacked = now.stacked(columns.values)
-    rest = stacked - now.basis @ (now.basis.T @ stacked)
-    whole, left = float(np.sum(stacked**2)), float(np.sum(rest**2))
-    nothing = Gained(0.0, np.zeros(0), np.zeros(0), rest, left / whole if whole > 0 else 0.0)
-    if whole <= 0 or left < HIDDEN * whole:
+    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal.
+
+    ``R = S - B Bᵀ S`` is what the fitted columns B leave of the candidate's S. As the residual is free of B, its
+    products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
+    """
+    S, rows = now.weighted(columns), now.rows(columns.joint)
+    along, whole = now.along(S, columns.joint), S.T @ S
+    gram, s = whole - along.T @ along, S.T @ now.residual[rows]
+    visible = share(gram, whole)
+    nothing = Gained(0.0, np.zeros(0), np.zeros(0), visible)
+    if visible < HIDDEN:
         return nothing
-    s, gram = rest.T @ now.residual, rest.T @ rest
-    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0]
-    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now, stacked @ own):
+    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0] if len(s) > 1 else s / gram[0]
+    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now.target[rows], S @ own):
         return nothing
     beta = np.ones(1) if fixed else own
-    after = now.residual - rest @ beta
-    return Gained(now.cost - float(after @ after), beta, own, rest, left / whole)
+    return Gained(float(2 * s @ beta - beta @ gram @ beta), beta, own, visible)
 
 
-def overdone(now: Fit, torque: Array) -> bool:
-    """Whether a cause would take far more torque than there is at its joints: it only works against the rigid model."""
-    rows = torque != 0
-    return float(np.sum(torque**2)) > OVERDONE**2 * float(np.sum(now.target[rows] ** 2))
+def visibility(now: Fit, columns: Candidate) -> float:
+    """Share of a candidate's power that the fitted columns leave."""
+    S = now.weighted(columns)
+    along, whole = now.along(S, columns.joint), S.T @ S
+    return share(whole - along.T @ along, whole)
+
+
+def share(left: Array, whole: Array) -> float:
+    """Trace of one matrix over that of another; 0 where that is nothing."""
+    size = float(np.trace(whole))
+    return float(np.trace(left)) / size if size > 0 else 0.0
+
+
+def overdone(target: Array, torque: Array) -> bool:
+    """Whether a cause takes far more torque than there is where it acts: it only works against the rigid model."""
+    return float(torque @ torque) > OVERDONE**2 * float(np.sum(target[torque != 0] ** 2))
 
 
 def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
@@ -154,14 +173,18 @@ def stationary(now: Fit, rest: Array, residual: Array) -> Array:
 
 
 def effective(now: Fit, rest: Array) -> float:
-    """``k²/Σ_i h_i²``: blocks in which projected columns (rows n, k) act, h_i the leverage of each block.
+    """Blocks in which projected columns (rows n, c) act: see `acting`."""
+    return float(acting(grams(now, rest)))
+
+
+def acting(gram: Array) -> Array:
+    """``c²/Σ_i h_i²``, h_i the leverage ``tr(G⁻¹ G_i)`` of each block, from their ``G_i = RᵀR``, (..., blocks, c, c).
 
     What acts in three blocks only has a score of which only three are independent, however long the log.
     """
-    values, vectors = np.linalg.eigh(rest.T @ rest)
-    seen = values > 1e-12 * max(values[-1], 1e-300)
-    leverage = now.by_block(np.sum((rest @ (vectors[:, seen] / np.sqrt(values[seen]))) ** 2, axis=1, keepdims=True))
-    return float(np.sum(leverage) ** 2 / max(float(np.sum(leverage**2)), 1e-300))
+    inverse = np.linalg.pinv(gram.sum(axis=-3), rcond=1e-12, hermitian=True)
+    leverage = np.sum(gram * inverse[..., None, :, :], axis=(-2, -1))
+    return np.asarray(np.sum(leverage, axis=-1) ** 2 / np.maximum(np.sum(leverage**2, axis=-1), 1e-300))
 
 
 def chance(wald: Array | float, width: int, blocks: float) -> Array | float:
@@ -177,23 +200,36 @@ def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator,
     what it makes of noise of this very colour.
     """
     signs = rng.choice([-1.0, 1.0], size=(flips, now.blocks))
-    lowest = np.ones(flips)
+    by_width: dict[int, list[Candidate]] = {}
     for columns in candidates:
-        rest = project(now, columns.values)
-        if np.sum(rest**2) > HIDDEN * np.sum(now.stacked(columns.values) ** 2):
-            lowest = np.minimum(lowest, flipped_chance(now, rest, signs))
+        if visibility(now, columns) > HIDDEN:
+            by_width.setdefault(columns.own.shape[-1], []).append(columns)
+    lowest = np.ones(flips)
+    for group in by_width.values():
+        for first in range(0, len(group), BATCH):
+            rests = [project(now, columns) for columns in group[first : first + BATCH]]
+            lowest = np.minimum(lowest, flipped_chance(now, rests, signs))
     return np.sort(lowest)
 
 
-def flipped_chance(now: Fit, rest: Array, signs: Array) -> Array:
-    """P as in `score` for each row of signs of the residual's blocks, (flips,)."""
-    sums, blocks = now.by_block(rest * now.residual[:, None]), effective(now, rest)
-    wald = flipped_wald(signs, sums, grams(now, rest))
-    if blocks < FEW:
-        s, V = signs @ sums, stationary(now, rest, now.residual)
-        wald = np.minimum(wald, np.sum(s * np.linalg.lstsq(V, s.T, rcond=1e-12)[0].T, axis=1))
-        blocks = float(now.blocks)
-    return np.asarray(chance(wald, sums.shape[1], blocks))
+def flipped_chance(now: Fit, rests: Sequence[Array], signs: Array) -> Array:
+    """Least p as in `score`, for each row of signs of the residual's blocks, (flips,).
+
+    Args:
+        now: The fit.
+        rests: Projected columns of candidates of one width c, each (rows n, c).
+        signs: Of each block, (flips, blocks).
+    """
+    scatter = np.stack([now.by_block(rest * now.residual[:, None]) for rest in rests])
+    gram = np.stack([grams(now, rest) for rest in rests])
+    lowest, width = np.ones(len(signs)), scatter.shape[2]
+    for row, rest, own, blocks in zip(flipped_wald(signs, scatter, gram), rests, scatter, acting(gram).tolist()):
+        if blocks < FEW:
+            s, V = signs @ own, stationary(now, rest, now.residual)
+            row = np.minimum(row, np.sum(s * np.linalg.lstsq(V, s.T, rcond=1e-12)[0].T, axis=1))
+            blocks = float(now.blocks)
+        lowest = np.minimum(lowest, chance(row, width, blocks))
+    return lowest
 
 
 def grams(now: Fit, rest: Array) -> Array:
@@ -203,30 +239,30 @@ def grams(now: Fit, rest: Array) -> Array:
 
 
 def flipped_wald(signs: Array, scatter: Array, gram: Array) -> Array:
-    """``sᵀ V⁻¹ s`` as in `score`, for each row of signs: ``s = Σ ±x``, ``V = Σ (±x - G β)(±x - G β)ᵀ``, (flips,).
+    """``sᵀ V⁻¹ s`` as in `score`, for each row of signs: ``s = Σ ±x``, ``V = Σ (±x - G β)(±x - G β)ᵀ``, (k, flips).
 
     Args:
         signs: Of each block, (flips, blocks).
-        scatter: Scores x of each block, (blocks, c).
-        gram: G of each block, (blocks, c, c).
+        scatter: Scores x of k candidates in each block, (k, blocks, c).
+        gram: G of each block, (k, blocks, c, c).
     """
+    flips, (k, blocks, c) = len(signs), scatter.shape
     s = signs @ scatter
-    beta = s @ np.linalg.pinv(gram.sum(axis=0), rcond=1e-8)
-    flips, c = s.shape
-    crossed = (signs @ np.einsum("bi,bjk->bijk", scatter, gram).reshape(len(gram), -1)).reshape(flips, c, c, c)
-    cross = sum((crossed[:, :, :, k] * beta[:, None, None, k] for k in range(c)), np.zeros((flips, c, c)))
-    squared = np.einsum("bik,bjl->klij", gram, gram).reshape(c * c, c * c)
-    both = ((beta[:, :, None] * beta[:, None, :]).reshape(flips, -1) @ squared).reshape(flips, c, c)
-    V = scatter.T @ scatter - cross - np.swapaxes(cross, 1, 2) + both
-    V += 1e-12 * np.trace(V, axis1=1, axis2=2)[:, None, None] * np.eye(c)
+    beta = s @ np.linalg.pinv(gram.sum(axis=1), rcond=1e-8, hermitian=True)
+    crossing = (scatter[:, :, :, None, None] * gram[:, :, None]).reshape(k, blocks, -1)
+    cross = ((signs @ crossing).reshape(k, flips, c * c, c) @ beta[:, :, :, None]).reshape(k, flips, c, c)
+    squared = np.einsum("kbip,kbjq->kpqij", gram, gram, optimize=True).reshape(k, c * c, c * c)
+    both = ((beta[..., :, None] * beta[..., None, :]).reshape(k, flips, -1) @ squared).reshape(k, flips, c, c)
+    V = (np.swapaxes(scatter, 1, 2) @ scatter)[:, None] - cross - np.swapaxes(cross, 2, 3) + both
+    V += 1e-12 * np.trace(V, axis1=2, axis2=3)[..., None, None] * np.eye(c)
     return over(V, s)
 
 
 def over(V: Array, s: Array) -> Array:
-    """``sᵀ V⁻¹ s`` of many symmetric V, (f, c, c), and s, (f, c): (f,); without a solver's call for each small one."""
-    if s.shape[1] == 1:
-        return np.asarray(s[:, 0] ** 2 / V[:, 0, 0])
-    if s.shape[1] == 2:
-        (x, y), (a, b, d) = s.T, (V[:, 0, 0], V[:, 0, 1], V[:, 1, 1])
+    """``sᵀ V⁻¹ s`` of many symmetric V, (..., c, c), and s, (..., c); without a solver's call for each small one."""
+    if s.shape[-1] == 1:
+        return np.asarray(s[..., 0] ** 2 / V[..., 0, 0])
+    if s.shape[-1] == 2:
+        x, y, a, b, d = s[..., 0], s[..., 1], V[..., 0, 0], V[..., 0, 1], V[..., 1, 1]
         return np.asarray((x * x * d - 2 * x * y * b + y * y * a) / (a * d - b * b))
-    return np.asarray(np.sum(s * np.linalg.solve(V, s[:, :, None])[:, :, 0], axis=1))
+    return np.asarray(np.sum(s * np.linalg.solve(V, s[..., None])[..., 0], axis=-1))

@@ -36,7 +36,7 @@ PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
-STALE = 0.02
+STALE = 0.05
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 HUSHED = 1.5
 """Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
@@ -419,7 +419,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
 
 def holds(base: State, cause: Cause) -> bool:
     """Whether a cause predicts parts of time that its fit has not seen; `base` is the state without it."""
-    return improves(base.fit, base.columns(cause).values, isinstance(cause, Signal))
+    return improves(base.fit, base.columns(cause), isinstance(cause, Signal))
 
 
 def swapped(state: State, shelf: Library) -> State:

@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
-from gimbal_pin.diagnosis.score import HIDDEN, Score, overdone
+from gimbal_pin.diagnosis.score import HIDDEN, Score, overdone, visibility
 from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.log import Array
@@ -95,7 +95,7 @@ def judged(
 
 def block_gain(base: State, cause: Cause) -> Array:
     """Fall of the weighted sum of squares in each block, (blocks,)."""
-    rest = project(base.fit, base.columns(cause).values)
+    rest = project(base.fit, base.columns(cause))
     found = measure(base, cause)
     after = base.fit.residual - rest @ (found.beta if len(found.beta) else np.zeros(rest.shape[1]))
     return base.fit.by_block((base.fit.residual**2 - after**2)[:, None])[:, 0]
@@ -107,11 +107,9 @@ def twins(base: State, cause: Cause, shelf: Library, hidden: Sequence[Untestable
     A cause with several coefficients shows by one of them, and may gain by another that is as hidden as its twin's.
     """
     here = {row.cause for row in hidden if not cause.of_joint or row.joint in (None, cause.place)} - {cause.name}
-    return [
-        name
-        for name in sorted(here)
-        if any(c > ALIKE and not overdone(base.fit, torque) for c, torque in imitations(base, cause, name, shelf))
-    ]
+    rows = ((name, *row) for name in sorted(here) for row in imitations(base, cause, name, shelf))
+    near = [name for name, likeness, torque in rows if likeness > ALIKE and not overdone(base.fit.target, torque)]
+    return list(dict.fromkeys(near))
 
 
 def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
@@ -121,7 +119,7 @@ def alikeness(base: State, cause: Cause, name: str, shelf: Library) -> float:
 
 def imitations(base: State, cause: Cause, name: str, shelf: Library) -> Iterator[tuple[float, Array]]:
     """Yield how near each cause of a name comes to what another explains, in [0, 1], and its whole torque there."""
-    rest = project(base.fit, base.columns(cause).values)
+    rest = project(base.fit, base.columns(cause))
     mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
     positions = [part.channels.q for part in base.problem.evidence.parts]
     gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in positions]
@@ -129,7 +127,7 @@ def imitations(base: State, cause: Cause, name: str, shelf: Library) -> Iterator
         if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
             continue
         for columns in (shelf.of(other, base), *at_rest(base, other, gravity)):
-            span = project(base.fit, columns.values)
+            span = project(base.fit, columns)
             beta = np.linalg.lstsq(span, mine, rcond=1e-8)[0]
             near = float(np.linalg.norm(span @ beta) / max(float(np.linalg.norm(mine)), 1e-300))
             yield near, base.fit.stacked(columns.values) @ beta
@@ -199,10 +197,7 @@ def untestable(state: State, shelf: Library) -> tuple[Untestable, ...]:
     visible: dict[tuple[str, str | None], float] = {}
     for cause in shelf.causes:
         key = (cause.name, cause.place if cause.of_joint else None)
-        stacked = state.fit.stacked(shelf.of(cause, state).values)
-        whole = float(np.sum(stacked**2))
-        left = float(np.sum((stacked - state.fit.basis @ (state.fit.basis.T @ stacked)) ** 2))
-        visible[key] = max(visible.get(key, 0.0), left / whole if whole > 0 else 0.0)
+        visible[key] = max(visible.get(key, 0.0), visibility(state.fit, shelf.of(cause, state)))
     why = "the rigid model and friction explain all that it would add on this log"
     return tuple(Untestable(name, joint, why) for (name, joint), left in visible.items() if left < HIDDEN)
 
