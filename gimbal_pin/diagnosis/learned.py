@@ -22,7 +22,7 @@ RIDGE = 0.03
 """Penalty, as a share of the rows."""
 LEARNT = 0.1
 """Share of the residual's power, in time not learned from, that must be predicted."""
-SEEN = 0.3
+SEEN = 0.5
 """Root mean square of what is predicted under which it does not matter, in units of the noise floor."""
 WIDTH_OWN, WIDTH_ALL = 2.0, 3.0
 """How many standard deviations of its arguments a feature is wide: the more arguments, the wider."""
@@ -37,12 +37,21 @@ class Features(NamedTuple):
 
 def predictable(now: Fit, evidence: Evidence, torque: Sequence[Array], joint: int, rng: np.random.Generator) -> bool:
     """Whether one joint's residual is a function of its own motion, or of all joints'."""
+    left = power(now, joint) / max(float(evidence.used()[joint]), 1e-3)
     for alone, width in ((True, WIDTH_OWN), (False, WIDTH_ALL)):
         columns = features(arguments(evidence, torque, joint, alone), width, rng)
         share, null = explained(now, evidence.whiten(columns, joint), joint, rng)
-        if share > max(LEARNT, SEEN**2 / now.dispersion[joint]) and share > np.max(null):
+        if share > max(LEARNT, SEEN**2 / left) and share > np.max(null):
             return True
     return False
+
+
+def power(now: Fit, joint: int) -> float:
+    """Mean square of what is left at a joint, in units of the noise floor.
+
+    The fit's dispersion is bounded below, as what fits better than the sensors allow is no knowledge of them.
+    """
+    return float(np.mean(now.residual[now.rows(joint)] ** 2) * now.dispersion[joint])
 
 
 def arguments(evidence: Evidence, torque: Sequence[Array], joint: int, alone: bool) -> list[Array]:
