@@ -137,7 +137,10 @@ def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array], actin
             the noise it takes off the torque many times over.
     """
     joint = evidence.rig.joint_index(cause.place) if cause.of_joint else None
-    if isinstance(cause, Effect):
+    own: Array
+    if cause.coupled and evidence.rig.n == 1:
+        own, bounds = np.zeros((evidence.rows, 1)), [(-np.inf, np.inf)]
+    elif isinstance(cause, Effect):
         own, bounds = effect_columns(evidence, cause, torque), [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
         own, bounds = lost(evidence, cause, acting)[:, None], [ALIKE]

@@ -8,6 +8,7 @@ from math import nan
 import numpy as np
 
 from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.heldout import massive
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
@@ -33,10 +34,12 @@ def followed(before: Extended, after: Extended, rng: np.random.Generator) -> Fol
 
     The plant is the extended model. The motion, to and fro on all axes at once, is the same whatever the log, so that
     no choice has touched it; sensors and their noise are the same for both controllers. A loop that is not stable
-    without the compensation has no figure.
+    without the compensation has no figure, nor have models whose fitted inertias no body can have.
     """
     plant, seed = after.model, int(rng.integers(2**63))
     reference = tour(plant, DT, SIZE, MOVE)
+    if not all(massive(model.rig, reference.q) for model in (before.model, plant)):
+        return {}
     laws = [tune(model, bandwidth_hz=BANDWIDTH, dt=DT).controller for model in (before.model, plant)]
     figures = [tracked(plant, law, reference, np.random.default_rng(seed)) for law in laws]
     rows = zip(plant.rig.joints, *(figure.tolist() for figure in figures))

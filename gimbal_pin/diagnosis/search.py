@@ -406,15 +406,29 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
         weak = [
             (found.gain, i)
             for i, ((found, cause), base) in enumerate(zip(rows, bases))
-            if found.p > limit or hushes(base, found, cause) or not material(base, found) or not holds(base, cause)
+            if surest(base, cause, found) > limit
+            or hushes(base, found, cause)
+            or not material(base, found)
+            or not holds(base, cause)
         ]
         if not weak:
             break
         i = min(weak)[1]
-        if rows[i][0].p <= limit and not material(bases[i], rows[i][0]):
+        if surest(bases[i], state.causes[i], rows[i][0]) <= limit and not material(bases[i], rows[i][0]):
             dropped.append(state.causes[i])
         state = solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state)
     return state, dropped
+
+
+def surest(base: State, cause: Cause, found: Score) -> float:
+    """Chance of a cause by luck: of all its columns together, or of the harmonic that is clearest, times their number.
+
+    Blocks of time are few, and many harmonics tested as one are tested weakly, however clear the first of them is.
+    """
+    if not isinstance(cause, Harmonic) or len(cause.harmonic) == 1:
+        return found.p
+    each = [measure(base, type(cause)(cause.joint, (k,))).p for k in cause.harmonic]
+    return min(found.p, len(each) * min(each))
 
 
 def holds(base: State, cause: Cause) -> bool:

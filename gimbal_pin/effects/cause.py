@@ -36,6 +36,9 @@ class Cause(ABC):
     of_given_model: ClassVar[bool] = False
     """True if it is a difference of the given URDF from the data: a refitted rigid model takes it up."""
 
+    coupled: ClassVar[bool] = False
+    """True if only other joints' torques can show it: a rig of one joint cannot."""
+
     def __post_init__(self) -> None:
         """Raise `UsageError` for a shape parameter outside its bounds."""
         for shape in self.shapes:
