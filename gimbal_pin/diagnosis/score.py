@@ -19,6 +19,8 @@ from gimbal_pin.log import Array
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
+SILENCED = 1.5
+"""Gain of a drive's signal over what as much less torque leaves unexplained less, under which it does only that."""
 SMOOTH = 25
 """Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
@@ -110,7 +112,16 @@ def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
         return nothing
     beta = np.ones(1) if fixed else own
     after = now.residual - rest @ beta
-    return Gained(now.cost - float(after @ after), beta, own, rest, left / whole)
+    gain = now.cost - float(after @ after)
+    return nothing if fixed and silences(now, stacked[:, 0], gain) else Gained(gain, beta, own, rest, left / whole)
+
+
+def silences(now: Fit, taken: Array, gain: float) -> bool:
+    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained."""
+    rows = taken != 0
+    whole = float(np.sum(now.target[rows] ** 2))
+    less = 1.0 - float(np.sum((now.target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
+    return gain < SILENCED * less * float(np.sum(now.residual[rows] ** 2))
 
 
 def overdone(now: Fit, torque: Array) -> bool:

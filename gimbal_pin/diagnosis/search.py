@@ -251,7 +251,7 @@ def shape_names(cause: Cause) -> list[str]:
     """Shape parameters that are continuous and stand as fields."""
     if isinstance(cause, RigEffect):
         return []
-    held = {field.name for field in fields(cause)}
+    held = {field.name for field in fields(cause)} - set(cause.chosen)
     return [s.name for s in cause.shapes if s.name in held and isinstance(getattr(cause, s.name), float)]
 
 
@@ -277,11 +277,20 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     for gain, one in rows:
         key = (one.cause.name, one.cause.place)
         if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < WORTH:
-            first[key] = one.cause
+            first[key] = whole(state, [other for _, other in rows], one.cause)
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
     passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
+    """Return the cause, or that of its grid which gains most with coefficient one: what clips part of it does not."""
+    if not isinstance(cause, Signal) or cause.linear:
+        return cause
+    rows = [(gained(state.fit, one, True).gain, one.cause) for one in columns if same(one.cause, cause)]
+    gain, best = max(rows, key=lambda row: row[0])
+    return best if gain > 0 else cause
 
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
@@ -478,5 +487,6 @@ def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cau
 
 
 def form(cause: Cause) -> tuple[object, ...]:
-    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a temperature."""
-    return tuple(x for x in (getattr(cause, f.name) for f in fields(cause)) if not isinstance(x, float))
+    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a shape left at zero."""
+    held = [(f.name, getattr(cause, f.name)) for f in fields(cause)]
+    return tuple(x == 0.0 if isinstance(x, float) and name not in cause.chosen else x for name, x in held)

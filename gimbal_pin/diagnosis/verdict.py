@@ -14,6 +14,7 @@ from gimbal_pin.diagnosis.leftover import NOISY, Residual
 from gimbal_pin.diagnosis.score import HIDDEN, Score, overdone
 from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
 
@@ -32,6 +33,8 @@ MUCH = 4.0
 """Dispersion from which much is left."""
 NEARLY_ALL = 0.88
 """Share that they must explain where more is left than any sensor's noise."""
+OUTSPOKEN = 250.0
+"""Dispersion from which a drive's clip or gap is none: its formula leaves nothing open that could leave so much."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
@@ -185,7 +188,8 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
-    return bool(np.any((after > MUCH) & (explained < least))) or at_bound(cause)
+    loud = isinstance(cause, Static) and np.any(after > OUTSPOKEN)
+    return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
