@@ -48,6 +48,10 @@ SWAPS = 4
 """Most rounds of swapping."""
 ROUNDS = 8
 """Rounds of refinement of the shape parameters, each with half the step."""
+COARSE = 2.0
+"""Factor by which a shape parameter is moved first."""
+FINE = 2.0 ** (1 / 64)
+"""The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,18 +232,28 @@ def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Column
     return sorted((row for row in rows if row[0] > 0), key=lambda row: -row[0])
 
 
-def refined(state: State, cause: Cause) -> Cause:
-    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms."""
-    best, at = measure(state, cause).gain, cause
-    step = 2.0
+def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
+    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms.
+
+    Args:
+        state: The state without the cause.
+        cause: The cause.
+        step: The first step, a factor; every round takes its square root.
+    """
+    best, at = worth(state, cause), cause
     for _ in range(ROUNDS):
         for name in shape_names(cause):
             for factor in (step, 1 / step):
                 other = moved(at, name, factor)
-                if other is not None and (found := measure(state, other).gain) > best:
+                if other is not None and (found := worth(state, other)) > best:
                     best, at = found, other
         step **= 0.5
     return at
+
+
+def worth(state: State, cause: Cause) -> float:
+    """The gain of a cause as it stands in this state, without how sure that is."""
+    return gained(state.fit, state.columns(cause), isinstance(cause, Signal)).gain
 
 
 def measure(state: State, cause: Cause) -> Score:
@@ -354,21 +368,21 @@ def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:
     others are in.
     """
 
-    def worth(row: tuple[Score, Cause]) -> float:
+    def claim(row: tuple[Score, Cause]) -> float:
         further = isinstance(row[1], Harmonic) and any(same(row[1], cause) for cause in state.causes)
         return net(*row) * (FURTHER if further else 1.0)
 
-    return max(rows, key=worth)[1]
+    return max(rows, key=claim)[1]
 
 
-def polished(state: State, only: Cause | None = None) -> State:
+def polished(state: State, only: Cause | None = None, step: float = COARSE) -> State:
     """Refine the shape parameters of every cause, or of one, once more, with all the others in.
 
     What a shape that is a little off leaves over would be named next.
     """
     for cause in state.causes:
         if shape_names(cause) and only in (None, cause):
-            better = refined(without(state, cause), cause)
+            better = refined(without(state, cause), cause, step)
             state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
     return consistent(state)
 
