@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
-from gimbal_pin.diagnosis.score import HIDDEN, Score, overdone
+from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone
 from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.signal import Static
@@ -130,6 +130,9 @@ def imitations(base: State, cause: Cause, name: str, shelf: Library) -> Iterator
     gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in positions]
     for other in shelf.causes:
         if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
+            continue
+        # A clip or a gap that as it stands explains nothing here imitates by taking all of the torque away.
+        if isinstance(other, Static) and gained(base.fit, shelf.of(other, base), True).gain <= 0:
             continue
         for columns in (shelf.of(other, base), *at_rest(base, other, gravity)):
             span = project(base.fit, columns.values)
