@@ -262,11 +262,11 @@ def measure(state: State, cause: Cause) -> Score:
 
 
 def shape_names(cause: Cause) -> list[str]:
-    """Shape parameters that are continuous and stand as fields."""
+    """Shape parameters that are continuous and stand as fields; one at zero is a form of its own, and stays there."""
     if isinstance(cause, RigEffect):
         return []
     held = {field.name for field in fields(cause)} - set(cause.chosen)
-    return [s.name for s in cause.shapes if s.name in held and isinstance(getattr(cause, s.name), float)]
+    return [s.name for s in cause.shapes if s.name in held and isinstance(x := getattr(cause, s.name), float) and x]
 
 
 def moved(cause: Cause, name: str, factor: float) -> Cause | None:
