@@ -92,6 +92,14 @@ def test_a_dead_zone_gives_what_was_wanted(torque: float) -> None:
     assert zone.command(0.0) == 0.0
 
 
+@pytest.mark.parametrize("torque", [-3.0, -0.02, 0.02, 0.5])
+@pytest.mark.parametrize("sharpness", [1.5, 6.0, 60.0])
+def test_a_sharp_dead_zone_gives_what_was_wanted(torque: float, sharpness: float) -> None:
+    zone = DeadZone("pan", 0.1, sharpness)
+    assert zone.step((), zone.command(torque), DT)[1] == pytest.approx(torque, abs=1e-9)
+    assert zone.command(0.0) == 0.0
+
+
 @pytest.mark.parametrize(
     "texts",
     [

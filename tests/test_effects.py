@@ -33,6 +33,7 @@ from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.plain import cause_from, term_from
 from gimbal_pin.effects.presliding import Presliding
+from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
@@ -471,6 +472,25 @@ def test_static_signals() -> None:
     np.testing.assert_array_equal(Saturation("tilt", 0.7, -1).acting(x, 1e-3), np.maximum(x, -0.7))
     y = DeadZone("tilt", 0.3).acting(x, 1e-3)
     np.testing.assert_allclose(y, np.sign(x) * np.maximum(np.abs(x) - 0.3, 0), atol=1e-15)
+
+
+@given(sharpness=st.floats(1.0, 200.0), width=st.floats(1e-3, 2.0))
+def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(sharpness: float, width: float) -> None:
+    """Odd, growing with the command, never more than it; half at the width; the sharper, the more like a threshold."""
+    zone, x = DeadZone("tilt", width, sharpness), np.linspace(-5.0, 5.0, 201) * width
+    y = zone.acting(x, 1e-3)
+    np.testing.assert_allclose(y, -y[::-1], atol=1e-15)
+    assert np.all(np.diff(y) >= 0) and np.all(np.abs(y) <= np.abs(x))
+    assert zone.passed(width) == pytest.approx(width / 2)
+    np.testing.assert_allclose(zone.passed(1e6 * width), 1e6 * width, rtol=1e-5)
+    assert abs(float(zone.passed(0.9 * width))) <= 0.9 * width / (1 + 1.1**sharpness) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("power", [1.5, 2.0, 3.0])
+def test_drag_grows_by_its_power(power: float) -> None:
+    at = [Sample(0.0, 0.0, v, 0.0, 1.0, 0.0) for v in (-2.0, -1.0, 0.0, 1.0, 2.0)]
+    values = [QuadraticDrag("tilt", power).basis(each)[0] for each in at]
+    np.testing.assert_allclose(values, [-(2.0**power), -1.0, 0.0, 1.0, 2.0**power])
 
 
 # -- the rig --

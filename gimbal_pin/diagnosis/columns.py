@@ -21,7 +21,7 @@ ALIKE = (0.3, 3.0)
 
 PUSHED = 0.2
 """Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
-MOST_TAKEN = 0.5
+MOST_TAKEN = 0.9
 """A drive that takes more of the torque than this explains nothing: it silences the joint."""
 
 

@@ -24,6 +24,7 @@ from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.platform_motion import Ridden, ridden
 from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import (
+    FINE,
     Library,
     Problem,
     State,
@@ -162,6 +163,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
+    state = polished(state, step=FINE)
     doubtful = tuple(cause for cause in state.causes if verdict.doubtful(first, state, cause))
     residual = left_over(state, doubtful, rng)
     trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]

@@ -182,7 +182,7 @@ class Diagnosis:
         return None if self.planned is None else self.planned.motion
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds: what spoils the physics first, then the physics, then faults that do no harm."""
+        """Return what JSON holds: what spoils the physics first, then the physics, then faults that were mended."""
         return {
             "schema": 1,
             "rig": self.rig,
@@ -190,7 +190,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "findings": [each.to_dict() for each in self.spoiling]
             + [each.to_dict() for each in self.findings]
-            + [each.to_dict() for each in self.faults if not each.makes_physics_unreliable],
+            + [each.to_dict() for each in self.faults if not (each.makes_physics_unreliable or each.slight)],
             "notes": list(self.notes),
             "given_model": {} if self.given is None else self.given.to_dict(),
             "residual": {joint: asdict(left) for joint, left in self.residual.items()},

@@ -19,6 +19,8 @@ from gimbal_pin.log import Array
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
+SILENCED = 1.5
+"""Gain of a drive's signal over what as much less torque leaves unexplained less, under which it does only that."""
 SMOOTH = 25
 """Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
@@ -117,7 +119,17 @@ def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
     if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now.target[rows], S @ own):
         return nothing
     beta = np.ones(1) if fixed else own
-    return Gained(float(2 * s @ beta - beta @ gram @ beta), beta, own, visible)
+    gain = float(2 * s @ beta - beta @ gram @ beta)
+    quiet = fixed and silences(now.target[rows], now.residual[rows], S[:, 0], gain)
+    return nothing if quiet else Gained(gain, beta, own, visible)
+
+
+def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
+    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained."""
+    rows = taken != 0
+    whole = float(np.sum(target[rows] ** 2))
+    less = 1.0 - float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
+    return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
 
 
 def visibility(now: Fit, columns: Candidate) -> float:

@@ -48,6 +48,10 @@ SWAPS = 4
 """Most rounds of swapping."""
 ROUNDS = 8
 """Rounds of refinement of the shape parameters, each with half the step."""
+COARSE = 2.0
+"""Factor by which a shape parameter is moved first."""
+FINE = 2.0 ** (1 / 64)
+"""The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,18 +232,28 @@ def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Column
     return sorted((row for row in rows if row[0] > 0), key=lambda row: -row[0])
 
 
-def refined(state: State, cause: Cause) -> Cause:
-    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms."""
-    best, at = measure(state, cause).gain, cause
-    step = 2.0
+def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
+    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms.
+
+    Args:
+        state: The state without the cause.
+        cause: The cause.
+        step: The first step, a factor; every round takes its square root.
+    """
+    best, at = worth(state, cause), cause
     for _ in range(ROUNDS):
         for name in shape_names(cause):
             for factor in (step, 1 / step):
                 other = moved(at, name, factor)
-                if other is not None and (found := measure(state, other).gain) > best:
+                if other is not None and (found := worth(state, other)) > best:
                     best, at = found, other
         step **= 0.5
     return at
+
+
+def worth(state: State, cause: Cause) -> float:
+    """The gain of a cause as it stands in this state, without how sure that is."""
+    return gained(state.fit, state.columns(cause), isinstance(cause, Signal)).gain
 
 
 def measure(state: State, cause: Cause) -> Score:
@@ -248,11 +262,11 @@ def measure(state: State, cause: Cause) -> Score:
 
 
 def shape_names(cause: Cause) -> list[str]:
-    """Shape parameters that are continuous and stand as fields."""
+    """Shape parameters that are continuous and stand as fields; one at zero is a form of its own, and stays there."""
     if isinstance(cause, RigEffect):
         return []
-    held = {field.name for field in fields(cause)}
-    return [s.name for s in cause.shapes if s.name in held and isinstance(getattr(cause, s.name), float)]
+    held = {field.name for field in fields(cause)} - set(cause.chosen)
+    return [s.name for s in cause.shapes if s.name in held and isinstance(x := getattr(cause, s.name), float) and x]
 
 
 def moved(cause: Cause, name: str, factor: float) -> Cause | None:
@@ -277,11 +291,20 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     for gain, one in rows:
         key = (one.cause.name, one.cause.place)
         if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < WORTH:
-            first[key] = one.cause
+            first[key] = whole(state, [other for _, other in rows], one.cause)
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
     again = [(measure(state, cause), cause) for cause in best]
     passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
+    """Return the cause, or that of its grid which gains most with coefficient one: what clips part of it does not."""
+    if not isinstance(cause, Signal) or cause.linear:
+        return cause
+    rows = [(gained(state.fit, one, True).gain, one.cause) for one in columns if same(one.cause, cause)]
+    gain, best = max(rows, key=lambda row: row[0])
+    return best if gain > 0 else cause
 
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
@@ -345,21 +368,21 @@ def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:
     others are in.
     """
 
-    def worth(row: tuple[Score, Cause]) -> float:
+    def claim(row: tuple[Score, Cause]) -> float:
         further = isinstance(row[1], Harmonic) and any(same(row[1], cause) for cause in state.causes)
         return net(*row) * (FURTHER if further else 1.0)
 
-    return max(rows, key=worth)[1]
+    return max(rows, key=claim)[1]
 
 
-def polished(state: State, only: Cause | None = None) -> State:
+def polished(state: State, only: Cause | None = None, step: float = COARSE) -> State:
     """Refine the shape parameters of every cause, or of one, once more, with all the others in.
 
     What a shape that is a little off leaves over would be named next.
     """
     for cause in state.causes:
         if shape_names(cause) and only in (None, cause):
-            better = refined(without(state, cause), cause)
+            better = refined(without(state, cause), cause, step)
             state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
     return consistent(state)
 
@@ -492,5 +515,6 @@ def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cau
 
 
 def form(cause: Cause) -> tuple[object, ...]:
-    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a temperature."""
-    return tuple(x for x in (getattr(cause, f.name) for f in fields(cause)) if not isinstance(x, float))
+    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a shape left at zero."""
+    held = [(f.name, getattr(cause, f.name)) for f in fields(cause)]
+    return tuple(x == 0.0 if isinstance(x, float) and name not in cause.chosen else x for name, x in held)

@@ -11,9 +11,10 @@ from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
-from gimbal_pin.diagnosis.score import HIDDEN, Score, overdone, visibility
+from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
 from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
 from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
 
@@ -32,6 +33,8 @@ MUCH = 4.0
 """Dispersion from which much is left."""
 NEARLY_ALL = 0.88
 """Share that they must explain where more is left than any sensor's noise."""
+OUTSPOKEN = 250.0
+"""Dispersion from which a drive's clip or gap is none: its formula leaves nothing open that could leave so much."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
@@ -126,6 +129,9 @@ def imitations(base: State, cause: Cause, name: str, shelf: Library) -> Iterator
     for other in shelf.causes:
         if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
             continue
+        # A clip or a gap that as it stands explains nothing here imitates by taking all of the torque away.
+        if isinstance(other, Static) and gained(base.fit, shelf.of(other, base), True).gain <= 0:
+            continue
         for columns in (shelf.of(other, base), *at_rest(base, other, gravity)):
             span = project(base.fit, columns)
             beta = np.linalg.lstsq(span, mine, rcond=1e-8)[0]
@@ -183,7 +189,8 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
-    return bool(np.any((after > MUCH) & (explained < least))) or at_bound(cause)
+    loud = isinstance(cause, Static) and np.any(after > OUTSPOKEN)
+    return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:

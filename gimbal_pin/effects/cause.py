@@ -25,6 +25,8 @@ class Cause(ABC):
     """Its name in CONTRACT.md, "Causes that `diagnose` may name"."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     """Bounds, unit and default of the fields that are shape parameters; a default of nan must be stated."""
+    chosen: ClassVar[tuple[str, ...]] = ()
+    """Shape parameters that a search takes from those of `tried` as they are, and does not refine."""
     experiment: ClassVar[str]
     """The excitation that shows it best."""
     lookalikes: ClassVar[tuple[str, ...]] = ()

@@ -4,51 +4,86 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import copysign, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut
+from gimbal_pin.effects.functions import Value, cut, larger, size
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.parameter import Parameter
 
+FADES = (0.0, 1.5, 6.0, 24.0)
+"""Powers with which the loss is tried to vanish."""
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
+SHARP = (2.0, 6.0, 24.0)
+"""Sharpnesses that a search starts from."""
+HALVINGS = 40
+"""Of the interval in which a compensating command is looked for."""
 
 
 @dataclass(frozen=True)
 class DeadZone(Static):
-    """``y = x - clip(x, -width, width)``: the first `width` of every command is lost.
+    """``y = x - clip(x, -width, width)``, or with a sharpness n ``y = x |x|^n / (|x|^n + width^n)``.
+
+    An amplifier with a gap loses the width of every command. A drive that ignores what is small, or whose switches
+    need a shortest pulse, makes up for it beyond: it passes half of a command of the width and all of a large one.
 
     Attributes:
         joint: The joint whose drive it is.
-        width: Largest command that gives no torque, N m.
+        width: Largest command that gives no torque, N m; with a sharpness, that which gives half of itself.
+        sharpness: Power of the command with which it comes through; 0 for a gap.
     """
 
     width: float
+    sharpness: float = 0.0
 
     name: ClassVar[str] = "dead-zone"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("width", nan, "N m", 0.0, 1e6),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("width", nan, "N m", 0.0, 1e6),
+        Parameter("sharpness", 0.0, "1", 0.0, 200.0),
+    )
     experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
     lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "load-dependent-friction")
-    compensation: ClassVar[str] = "the width is added to the command, in its direction"
+    compensation: ClassVar[str] = "what is lost is added to the command, in its direction"
 
     def command(self, torque: float) -> float:
-        """Add the width in the torque's direction, within `RAMP` of it in proportion: noise shall not chatter."""
+        """Add what is lost in the torque's direction, within `RAMP` of the width in proportion: noise does not chatter.
+
+        With a sharpness by halving an interval that must hold the command: what passes grows with what is commanded.
+        """
         if self.width <= 0:
             return torque
-        return torque + self.width * min(1.0, max(-1.0, torque / (RAMP * self.width)))
+        gentle = min(1.0, abs(torque) / (RAMP * self.width))
+        if not self.sharpness:
+            return torque + copysign(self.width * gentle, torque)
+        low, high = abs(torque), abs(torque) + 2 * self.width
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.passed(middle) < abs(torque) else (low, middle)
+        return torque + copysign((high - abs(torque)) * gentle, torque)
 
     def passed(self, x: Value) -> Value:
         """Take the lost part off."""
-        return x - cut(x, -self.width, self.width)
+        if not self.sharpness or self.width <= 0:
+            return x - cut(x, -self.width, self.width)
+        # Beyond 1e150 a power would overflow, and all has long come through.
+        small = cut(self.width / larger(size(x), 1e-300), 0.0, 10.0 ** (150 / max(self.sharpness, 1.0)))
+        return x / (1.0 + small**self.sharpness)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Widths from a hundredth of the torque to most of it."""
-        return tuple(cls(joint, width) for width in ladder(0.01 * seen.torque, 0.5 * seen.torque, 5, cls.shapes[0]))
+        """Widths from a hundredth of the torque to most of it, gaps and others."""
+        gaps = ladder(0.01 * seen.torque, 0.7 * seen.torque, 7, cls.shapes[0])
+        others = ladder(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
+        return (
+            *(cls(joint, width) for width in gaps),
+            *(cls(joint, width, sharpness) for width in others for sharpness in SHARP),
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the width."""
+        if self.sharpness:
+            return f"the drive gives next to nothing for commands under {self.width:.3g} N m"
         return f"the drive gives nothing for the first {self.width:.3g} N m of every command"

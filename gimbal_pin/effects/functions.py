@@ -37,6 +37,11 @@ def cut(x: Value, low: float, high: float) -> Value:
     return min(high, max(low, x)) if isinstance(x, float) else np.clip(x, low, high)
 
 
+def larger(x: Value, least: float) -> Value:
+    """Return x, or `least` where that is more."""
+    return max(x, least) if isinstance(x, float) else np.maximum(x, least)
+
+
 def propagated(
     function: Callable[[Sequence[float]], Sequence[float]], values: Sequence[float], covariance: Array
 ) -> Array:

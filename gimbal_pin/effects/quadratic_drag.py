@@ -8,25 +8,47 @@ from math import inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import size
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
+
+POWERS = (2.0, 1.5, 1.75, 2.25, 2.5, 2.75, 3.0)
+"""Powers that are looked for."""
 
 
 @dataclass(frozen=True)
 class QuadraticDrag(Effect):
-    """``tau = drag v |v|``: air, fans, grease at speed."""
+    """``tau = drag |v|^power sign v``: air and fans (2), churned oil (less), what gives way at speed (more).
+
+    Attributes:
+        joint: The joint it acts on.
+        power: Of the rate; more than one, which viscous friction has.
+    """
+
+    power: float = 2.0
 
     name: ClassVar[str] = "quadratic-drag"
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", nan, "N m s^2/rad^2", 0.0, inf),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("power", 2.0, "1", 1.2, 4.5),)
+    chosen: ClassVar[tuple[str, ...]] = ("power",)
+    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", nan, "N m (s/rad)^power", 0.0, inf),)
     experiment: ClassVar[str] = "the highest speeds that the rig allows, next to slow ones"
     lookalikes: ClassVar[tuple[str, ...]] = ("friction-drift", "asymmetric-friction")
     compensation: ClassVar[str] = "drag feed-forward at the reference's rate"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
-        """The rate's square with the rate's sign."""
-        return (at.v * size(at.v),)
+        """The rate to its power with the rate's sign."""
+        return (at.v * size(at.v) ** (self.power - 1.0),)
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """Every quarter: no log says it closer, and drag and power trade places."""
+        return tuple(cls(joint, power) for power in POWERS)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size."""
-        return f"friction grows faster than speed, by {values[0]:.3g} N m at 1 rad/s and four times that at 2 rad/s"
+        more = 2.0**self.power
+        return (
+            f"friction grows faster than speed, by {values[0]:.3g} N m at 1 rad/s and {more:.3g} times that at 2 rad/s"
+        )

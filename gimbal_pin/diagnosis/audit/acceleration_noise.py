@@ -135,4 +135,4 @@ def told(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer:
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"
     )
-    return Fault(NAME, joint, sentence, figures, share / DROWNED, unreliable, mend, answer)
+    return Fault(NAME, joint, sentence, figures, share / DROWNED, unreliable, mend, answer, slight=not unreliable)

@@ -26,6 +26,7 @@ class Fault:
         makes_physics_unreliable: Whether a fit of the log as it was recorded would show the wrong physics.
         next_experiment: What to record or to change.
         sparse: Whether the fault is only that samples lie too far apart to be fitted: each of them is true.
+        slight: Whether it is worth a note only: it does this log no harm, though it might another.
         answer: Base parameters and friction estimated in spite of the fault, where there is such an estimate.
     """
 
@@ -38,6 +39,7 @@ class Fault:
     next_experiment: str
     answer: tuple[Parameter, ...] = ()
     sparse: bool = False
+    slight: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds of a data finding; CONTRACT's figures of physical findings are null."""
