@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import Given, given
-from gimbal_pin.diagnosis.search import Problem, solved
+from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, RigEffect
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import carried

@@ -15,7 +15,7 @@ import numpy as np
 from gimbal_pin.diagnosis.audit import Fault
 from gimbal_pin.diagnosis.difference import outside
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.search import Problem, State, solved
+from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log

@@ -17,7 +17,8 @@ from scipy import fft
 from gimbal_pin.diagnosis.evidence import Evidence, Part, fade
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import Apart
-from gimbal_pin.diagnosis.search import Problem, State, measure, moved, shape_names, width, without
+from gimbal_pin.diagnosis.shapes import measure, moved, shape_names
+from gimbal_pin.diagnosis.state import Problem, State, width, without
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.harmonic import Harmonic

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.search import State, refitted
+from gimbal_pin.diagnosis.state import State, refitted
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.identification import units
 from gimbal_pin.log import Array

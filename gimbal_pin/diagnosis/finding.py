@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
-from gimbal_pin.diagnosis.search import State
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Motion
 from gimbal_pin.parameter import Parameter
 

@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.fit import Fit
 from gimbal_pin.diagnosis.learned import predictable
 from gimbal_pin.diagnosis.noiselike import peaked, rare, shared
 from gimbal_pin.diagnosis.score import flipped, score
-from gimbal_pin.diagnosis.search import State
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Array
 
 HATS = 7

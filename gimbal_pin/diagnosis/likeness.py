@@ -9,8 +9,10 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.fit import project
+from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN
-from gimbal_pin.diagnosis.search import Library, State, spot, without
+from gimbal_pin.diagnosis.search import spot
+from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause
 from gimbal_pin.log import Array
 

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.diagnose import BAND
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding
 from gimbal_pin.diagnosis.parting import IDENTICAL, Apart, NextExperiment, Parting
-from gimbal_pin.diagnosis.search import Problem, State
+from gimbal_pin.diagnosis.state import Problem, State
 from gimbal_pin.effects import CAUSES, Cause, Signal
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.search import Problem, State, solved
+from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.platform import LEANS, Platform

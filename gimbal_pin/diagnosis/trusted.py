@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight
 from gimbal_pin.diagnosis.given import TOLD, given
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
-from gimbal_pin.diagnosis.search import State
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter

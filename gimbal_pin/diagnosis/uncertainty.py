@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.diagnosis.extended import settled
-from gimbal_pin.diagnosis.search import State, shape_names, without
+from gimbal_pin.diagnosis.shapes import shape_names
+from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter

@@ -11,8 +11,11 @@ from gimbal_pin.diagnosis.columns import Columns, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY, Residual
+from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
-from gimbal_pin.diagnosis.search import Library, State, free, measure, rivals_of, without
+from gimbal_pin.diagnosis.search import rivals_of
+from gimbal_pin.diagnosis.shapes import free, measure
+from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array

@@ -13,8 +13,6 @@ from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.parameter import Parameter
 
-FADES = (0.0, 1.5, 6.0, 24.0)
-"""Powers with which the loss is tried to vanish."""
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
 SHARP = (2.0, 6.0, 24.0)

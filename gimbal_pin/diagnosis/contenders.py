@@ -1,0 +1,103 @@
+"""Which causes could enter: those that gain on the coarse grid, refined, and that do what such a cause can do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.diagnosis.columns import Columns, pushes
+from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.score import Score, gained, score
+from gimbal_pin.diagnosis.shapes import free, measure, refined, same
+from gimbal_pin.diagnosis.state import State, width
+from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.harmonic import Harmonic
+
+ENTER = 1e-4
+"""A candidate whose own p is above this does not enter."""
+WORTH = 1e-2
+"""The same on the coarse grid, before its shape parameters are refined."""
+MOST = 8
+"""Most causes that are composed."""
+CLOSE = 0.2
+"""Share of the best gain below which a candidate is no contender on the coarse grid."""
+PENALTY = 4.0
+"""Gain that a free parameter makes by luck."""
+HUSHED = 1.5
+"""Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
+
+
+def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:
+    """Gains on the coarse grid, the largest first; only those above zero."""
+    rows = [(gained(state.fit, one, False).gain, one) for one in columns]
+    return sorted((row for row in rows if row[0] > 0), key=lambda row: -row[0])
+
+
+def contenders(state: State, shelf: Library, place: str | None = None) -> list[tuple[Score, Cause]]:
+    """The best of each cause, refined, the largest net gain first: what fits the residual of this state.
+
+    Args:
+        state: The state.
+        shelf: The library.
+        place: Only causes at this joint and of the whole rig; None: of any joint, that of the best candidate.
+    """
+    taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
+    gains = ranked(state, shelf.columns(state, place))
+    rows = [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken]
+    first: dict[tuple[str, str], Cause] = {}
+    for gain, one in rows:
+        key = (one.cause.name, one.cause.place)
+        if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < WORTH:
+            first[key] = whole(state, [other for _, other in rows], one.cause)
+    best = [refined(state, cause) for cause in list(first.values())[:MOST]]
+    again = [(measure(state, cause), cause) for cause in best]
+    passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
+    return sorted(passed, key=lambda row: -net(*row))
+
+
+def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
+    """Return the cause, or that of its grid which gains most with coefficient one: what clips part of it does not."""
+    if not isinstance(cause, Signal) or cause.linear:
+        return cause
+    rows = [(gained(state.fit, one, True).gain, one.cause) for one in columns if same(one.cause, cause)]
+    gain, best = max(rows, key=lambda row: row[0])
+    return best if gain > 0 else cause
+
+
+def possible(state: State, found: Score, cause: Cause) -> bool:
+    """Whether what a cause would do is what such a cause can do."""
+    return not hushes(state, found, cause) and not drives(state, found, cause)
+
+
+def drives(state: State, found: Score, cause: Cause) -> bool:
+    """Whether dry friction at the cause's joint would have to push, all else refitted."""
+    if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
+        return False
+    added = state.fit.stacked(state.columns(cause).values) @ found.beta
+    theta = state.fit.theta - state.fit.information @ (state.fit.stack.T @ added)
+    effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
+    ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
+    always = len(state.problem.friction)
+    brakes = [
+        (effect, theta[begin:end])
+        for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
+        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or effect.dry)
+    ]
+    return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
+
+
+def hushes(state: State, found: Score, cause: Cause) -> bool:
+    """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too."""
+    if not isinstance(cause, Signal) or not cause.linear:
+        return False
+    evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
+    left = [x[:, j] for x in state.unexplained]
+    quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
+    loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
+    return bool(found.gain < HUSHED * (loud - hushed) * state.fit.scale[j] ** 2)
+
+
+def net(found: Score, cause: Cause) -> float:
+    """Gain less what as many free parameters gain by luck."""
+    return found.gain - PENALTY * free(cause)

@@ -1,0 +1,171 @@
+"""From what was found to what is told: findings with their gain, what is left, and logs that tell nothing."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import norm
+
+from gimbal_pin.diagnosis import verdict
+from gimbal_pin.diagnosis.audit import Audit
+from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.extended import Extended, extended, settled
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable
+from gimbal_pin.diagnosis.followed import followed
+from gimbal_pin.diagnosis.heldout import Figures, measured
+from gimbal_pin.diagnosis.likeness import likeness
+from gimbal_pin.diagnosis.platform_motion import Ridden
+from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
+from gimbal_pin.diagnosis.state import State, width
+from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.effects import Cause
+from gimbal_pin.errors import DataError
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+
+
+def beside(said: Diagnosis, moving: Ridden) -> Diagnosis:
+    """Put the motion of the platform beside what was found with it in the model."""
+    findings = tuple(sorted((*said.findings, moving.finding), key=lambda one: -one.explained_share))
+    statuses = [one.status for one in findings]
+    verdict_ = verdict.overall(statuses, tuple(said.residual.values()))
+    return replace(said, findings=findings, verdict=verdict_, baseline=moving.baseline)
+
+
+def reported(
+    found: Searched, held: Evidence, audits: Sequence[Audit], hold: float, rng: np.random.Generator
+) -> Diagnosis:
+    """Measure the gain on the held-out part, and put it all together."""
+    joints, state = held.rig.joints, found.state
+    before, after = extended(found.first), extended(found.final)
+    baseline = measured(held, before)
+    hidden = verdict.untestable(found.first, found.shelf)
+    rows = zip(found.final.causes, found.lacking, strict=True)
+    each = combined([finding(found, *row, held, baseline, hidden, rng) for row in rows])
+    return Diagnosis(
+        rig=held.rig.name,
+        logs=tuple(one.log.name for one in audits),
+        verdict=verdict.overall([one.status for one in each], found.residual),
+        faults=tuple(fault for one in audits for fault in one.faults),
+        notes=(*(note for one in audits for note in one.notes), *map(denial, found.denied)),
+        findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
+        residual=dict(zip(joints, found.residual)),
+        immaterial=found.slight,
+        untestable=hidden,
+        detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
+        alignment=hold,
+        baseline=baseline,
+        extended=found.best,
+        before=before,
+        after=after,
+        held=held,
+        state=found.final,
+        tracking=followed(before, after, rng) if each else {},
+        likeness=tuple(likeness(found.final, cause, found.shelf) for cause in found.final.causes),
+    )
+
+
+def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:
+    """The verdict *data*: the logs say nothing about physics that could be relied on."""
+    given = Extended(nominal(rig))
+    figures: Figures = {}
+    with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
+        figures = measured(gather(rig, logs, filtering, {log.name: float(log.t[0]) for log in logs}), given)
+    return Diagnosis(
+        rig=rig.name,
+        logs=tuple(one.log.name for one in audits),
+        verdict="data",
+        faults=tuple(fault for one in audits for fault in one.faults),
+        notes=tuple(note for one in audits for note in one.notes),
+        findings=(),
+        residual={},
+        immaterial=(),
+        untestable=(),
+        detection_limit={},
+        alignment=alignment(audits[0].log, filtering),
+        baseline=figures,
+        extended=figures,
+        before=given,
+        after=given,
+    )
+
+
+def denial(cause: Cause) -> str:
+    """Say that the held-out part did not confirm a cause."""
+    return f"{cause.place}: {cause.name} fits the part that was trained on and the held-out part does not confirm it"
+
+
+def alignment(log: Log, filtering: Filtering) -> float:
+    """Time by which the torque acts later than its stamp, s."""
+    return log.dt / 2 if filtering.alignment is None else filtering.alignment
+
+
+def finding(
+    found: Searched,
+    cause: Cause,
+    lacking: Figures,
+    held: Evidence,
+    baseline: Figures,
+    hidden: Sequence[Untestable],
+    rng: np.random.Generator,
+) -> Finding:
+    """Describe one chosen cause; `lacking`: held-out figures without it; `hidden`: what the logs cannot show."""
+    state, null = found.final, found.null
+    judged = verdict.judged(state, cause, found.shelf, rng, hidden)
+    joints = held.rig.joints
+    at = cause.place if cause.of_joint else joints[int(np.argmax(judged.own.size))]
+    torque, rolled = lacking["torque_rmse"], lacking["rollout_rmse"]
+    base, best = baseline["torque_rmse"][at], found.best["torque_rmse"][at]
+    figure = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
+    shown = parameters(state, cause)
+    values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
+    change = 100 * (best / max(torque[at], 1e-300) - 1)
+    said = f"{figure.sentence(values)}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
+    ambiguous = len(judged.alike) > 1
+    return Finding(
+        cause=cause.name,
+        joint=cause.place if cause.of_joint else None,
+        status="ambiguous" if ambiguous else "named",
+        alike=judged.alike,
+        parameters=shown,
+        gain={
+            "torque_rmse_before": torque[at],
+            "torque_rmse_after": best,
+            "rollout_rmse_before": rolled[at],
+            "rollout_rmse_after": found.best["rollout_rmse"][at],
+        },
+        p_value=float((1 + np.sum(null <= judged.own.p)) / (1 + len(null))),
+        selection_frequency=judged.frequency,
+        explained_share=float((torque[at] ** 2 - best**2) / max(base**2, 1e-300)),
+        visible_fraction=float(np.sqrt(judged.own.visible)),
+        rivals=judged.rivals,
+        sentence=said,
+        next_experiment=cause.experiment if ambiguous else None,
+    )
+
+
+def combined(found: Sequence[Finding]) -> list[Finding]:
+    """Merge findings of one cause of the whole rig, each about another of its figures: the stronger speaks for both."""
+    out: list[Finding] = []
+    for one in sorted(found, key=lambda f: -f.explained_share):
+        twin = next((f for f in out if f.joint is None and (f.cause, f.joint) == (one.cause, one.joint)), None)
+        if twin is None:
+            out.append(one)
+            continue
+        known = {p.name: p for p in one.parameters if p.std == p.std}
+        figures = tuple(known.get(p.name, p) for p in twin.parameters)
+        out[out.index(twin)] = replace(twin, parameters=figures)
+    return out
+
+
+def limit_of(state: State, joint: int, null: Array) -> float:
+    """Torque that a cause with one coefficient would need to be found, N m rms: its T² at the error rate."""
+    floor = state.problem.evidence.noise_floor(joint)
+    rows = state.problem.evidence.rows * float(state.problem.evidence.used()[joint])
+    z = float(norm.isf(np.quantile(null, ERROR_RATE) / 2))
+    return float(floor * np.sqrt(state.fit.dispersion[joint]) * z / np.sqrt(max(rows, 1.0)))

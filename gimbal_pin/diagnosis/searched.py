@@ -1,0 +1,108 @@
+"""What the search over the training part ends with: named, doubted, dropped, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.finding import Slight
+from gimbal_pin.diagnosis.heldout import Figures
+from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.score import flipped
+from gimbal_pin.diagnosis.search import forward, polished, pruned, swapped
+from gimbal_pin.diagnosis.shapes import FINE
+from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.effects import Cause
+from gimbal_pin.errors import DataError
+from gimbal_pin.log import Array
+
+ERROR_RATE = 0.003
+"""Chance that a log with nothing in it has anything named, over the whole library."""
+FLIPS = 999
+DRIVEN = 5.0
+"""Least F by which the rigid model and friction must explain a joint's torque."""
+
+
+class Searched(NamedTuple):
+    """What the search over the training part ended with.
+
+    Attributes:
+        shelf: The library.
+        first: The refitted model without any cause.
+        state: All that the search found.
+        final: What of it deserves a name.
+        residual: What is left at each joint.
+        slight: What is too small to matter.
+        null: Smallest p over the library on flipped residuals, sorted, (flips,).
+        doubtful: What fits and deserves no trust.
+        denied: What the held-out part did not confirm.
+        best: Held-out figures of the model with all that deserves a name.
+        lacking: The same without each of its causes.
+    """
+
+    shelf: Library
+    first: State
+    state: State
+    final: State
+    residual: tuple[leftover.Residual, ...]
+    slight: tuple[Slight, ...]
+    null: Array
+    doubtful: tuple[Cause, ...] = ()
+    denied: tuple[Cause, ...] = ()
+    best: Figures = MappingProxyType({})
+    lacking: tuple[Figures, ...] = ()
+
+
+def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
+    """Compose causes, prune them, and keep those that deserve a name."""
+    first = solved(problem, (), solved(problem, ()))
+    check_driven(first)
+    shelf = Library(problem, library(problem, comparable(causes)))
+    state = polished(swapped(forward(first, shelf), shelf))
+    null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
+    limit = float(np.quantile(null, ERROR_RATE))
+    state, small = pruned(state, limit, verdict.material)
+    state = polished(state, step=FINE)
+    doubtful = tuple(cause for cause in state.causes if verdict.doubtful(first, state, cause))
+    residual = left_over(state, doubtful, rng)
+    trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]
+    final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
+    return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
+
+
+def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:
+    """What is left at each joint: never noise where something was found that deserves no trust."""
+    joints = state.problem.evidence.rig.joints
+    return tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
+
+
+def comparable(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
+    """Leave out what compares the given model with the data: the refitted one has taken that up."""
+    return {name: kind for name, kind in causes.items() if not kind.of_given_model}
+
+
+def check_driven(state: State) -> None:
+    """Raise `DataError` if a joint's torque has no more to do with its motion than noise has.
+
+    ``F = (explained / parameters) / (left / rows)``: noise gives one, any rig hundreds.
+    """
+    n = len(state.fit.scale)
+    whole, left = (np.sum(x.reshape(-1, n) ** 2, axis=0) for x in (state.fit.target, state.fit.residual))
+    parameters = np.array([np.sum(np.any(state.fit.stack[j::n] != 0, axis=0)) for j in range(n)])
+    rows = state.problem.evidence.rows * state.problem.evidence.used()
+    F = (whole - left) / np.maximum(parameters, 1) / np.maximum(left / np.maximum(rows, 1.0), 1e-300)
+    dumb = tuple(joint for joint, x in zip(state.problem.evidence.rig.joints, F) if x < DRIVEN)
+    if dumb:
+        what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
+        raise DataError("the logs", what, mend, dumb)
+
+
+def doubted(left: leftover.Residual, joint: str, causes: Sequence[Cause]) -> leftover.Residual:
+    """A joint whose findings deserve no trust is structured."""
+    if not any(cause.place == joint or not cause.of_joint for cause in causes):
+        return left
+    return leftover.Residual("structured", left.noise_floor, left.dispersion, left.where or "over its angle")

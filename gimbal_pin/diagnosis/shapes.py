@@ -1,0 +1,76 @@
+"""What of a cause is measured beside its coefficients: shape parameters, scored, moved and refined."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+from gimbal_pin.diagnosis.score import Score, gained, score
+from gimbal_pin.diagnosis.state import State, width
+from gimbal_pin.effects import Cause, RigEffect, Signal
+
+ROUNDS = 8
+"""Rounds of refinement of the shape parameters, each with half the step."""
+COARSE = 2.0
+"""Factor by which a shape parameter is moved first."""
+FINE = 2.0 ** (1 / 64)
+"""The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
+
+
+def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
+    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms.
+
+    Args:
+        state: The state without the cause.
+        cause: The cause.
+        step: The first step, a factor; every round takes its square root.
+    """
+    best, at = worth(state, cause), cause
+    for _ in range(ROUNDS):
+        for name in shape_names(cause):
+            for factor in (step, 1 / step):
+                other = moved(at, name, factor)
+                if other is not None and (found := worth(state, other)) > best:
+                    best, at = found, other
+        step **= 0.5
+    return at
+
+
+def worth(state: State, cause: Cause) -> float:
+    """The gain of a cause as it stands in this state, without how sure that is."""
+    return gained(state.fit, state.columns(cause), isinstance(cause, Signal)).gain
+
+
+def measure(state: State, cause: Cause) -> Score:
+    """Score a cause as it stands in this state; a drive's signal with the coefficient one that it has."""
+    return score(state.fit, state.columns(cause), isinstance(cause, Signal))
+
+
+def shape_names(cause: Cause) -> list[str]:
+    """Shape parameters that are continuous and stand as fields; one at zero is a form of its own, and stays there."""
+    if isinstance(cause, RigEffect):
+        return []
+    held = {field.name for field in fields(cause)} - set(cause.chosen)
+    return [s.name for s in cause.shapes if s.name in held and isinstance(x := getattr(cause, s.name), float) and x]
+
+
+def moved(cause: Cause, name: str, factor: float) -> Cause | None:
+    """Return the cause with one shape parameter multiplied, or None outside its bounds."""
+    shape = next(s for s in cause.shapes if s.name == name)
+    value = getattr(cause, name) * factor
+    return replace(cause, **{name: value}) if shape.lower <= value <= shape.upper else None
+
+
+def free(cause: Cause) -> int:
+    """Coefficients and continuous shape parameters of a cause."""
+    return width(cause) + len(shape_names(cause))
+
+
+def same(a: Cause, b: Cause) -> bool:
+    """Whether two are the same cause at the same place."""
+    return a.name == b.name and a.place == b.place
+
+
+def form(cause: Cause) -> tuple[object, ...]:
+    """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a shape left at zero."""
+    held = [(f.name, getattr(cause, f.name)) for f in fields(cause)]
+    return tuple(x == 0.0 if isinstance(x, float) and name not in cause.chosen else x for name, x in held)

@@ -1,0 +1,170 @@
+"""Causes chosen so far, refitted with the rigid model and friction: one step of the search."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.identification import given_beta
+from gimbal_pin.log import Array
+from gimbal_pin.model import friction_effects
+from gimbal_pin.reduction import Reduction
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import columns_of
+
+SETTLED = 1e-4
+"""Change of a torque, as a share, under which one that reads itself has settled."""
+PASSES = 5
+"""Most rounds of that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Logs with the rigid model's columns, computed once."""
+
+    evidence: Evidence
+    reduction: Reduction
+    rigid: Array
+    rigid_full: list[Array]
+
+    @staticmethod
+    def of(evidence: Evidence, reduction: Reduction) -> Problem:
+        """Compute the columns."""
+        return Problem(evidence, reduction, *rigid_columns(evidence, reduction))
+
+    @cached_property
+    def friction(self) -> tuple[Effect, ...]:
+        """Coulomb and viscous friction of every joint."""
+        return friction_effects(self.evidence.rig.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Causes chosen so far, all refitted with the rigid model.
+
+    Attributes:
+        problem: The logs.
+        causes: The chosen causes.
+        fit: The fit.
+        rig: The rig with the fitted inertias.
+        torque: The best estimate of the torque that acts, N m, (m, n) per part.
+        acting: The measured torque after the drives' signals, N m, (m, n) per part.
+        unexplained: What of it the fit does not predict, N m, (m, n) per part.
+    """
+
+    problem: Problem
+    causes: tuple[Cause, ...]
+    fit: Fit
+    rig: Rig
+    torque: list[Array]
+    acting: list[Array]
+    unexplained: list[Array]
+
+    def columns(self, cause: Cause) -> Columns:
+        """What a cause would add."""
+        return build(self.problem.evidence, cause, self.rig, self.torque, self.acting)
+
+    def coefficients(self, cause: Cause) -> Array:
+        """Fitted coefficients of a chosen torque or rig effect."""
+        return self.fit.theta[self.places(cause)]
+
+    def places(self, cause: Cause) -> slice:
+        """Where they stand in theta."""
+        at = len(self.fit.theta) - sum(width(c) for c in self.causes)
+        for other in self.causes:
+            if other is cause:
+                return slice(at, at + width(other))
+            at += width(other)
+        raise ValueError(f"{cause.name} was not chosen")
+
+
+def width(cause: Cause) -> int:
+    """Coefficients that a cause adds to theta."""
+    return len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))
+
+
+def solved(problem: Problem, causes: Sequence[Cause], before: State | None = None, keep: bool = False) -> State:
+    """Refit everything with these causes.
+
+    Args:
+        problem: The logs.
+        causes: The causes.
+        before: A state to take the model's torque from, which loaded causes read.
+        keep: Keep its weights too, so that sums of squares can be compared.
+    """
+    evidence = problem.evidence
+    rig = before.rig if before else evidence.rig
+    model = before.torque if before else evidence.torque
+    acting = evidence.torque
+    for cause in causes:
+        if isinstance(cause, Signal):
+            acting = acted(evidence, cause, acting)
+    b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
+    effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
+    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model, acting).values for c in effects)], axis=2)
+    now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
+    total = predicted(problem, effects, now.theta, model)
+    mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
+    unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
+    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting, unexplained)
+
+
+def acted(evidence: Evidence, signal: Signal, torque: list[Array]) -> list[Array]:
+    """Let a drive's signal act on the torques of its joint."""
+    j = evidence.rig.joint_index(signal.joint)
+    out = []
+    for part, x in zip(evidence.parts, torque):
+        changed = x.copy()
+        changed[:, j] = signal.acting(x[:, j], part.dt)
+        out.append(changed)
+    return out
+
+
+def refitted(problem: Problem, theta: Array) -> Rig:
+    """Return the rig with the fitted base parameters."""
+    rig, reduction = problem.evidence.rig, problem.reduction
+    phi = rig.phi.copy()
+    phi[columns_of(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(rig, reduction)
+    return rig.with_phi(phi)
+
+
+def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, torque: list[Array]) -> list[Array]:
+    """The model's total torque at full rate, N m, (m, n) per part."""
+    width_ = len(problem.reduction.independent)
+    out: list[Array] = [x @ theta[:width_] for x in problem.rigid_full]
+    at = width_
+    for effect in effects:
+        size = width(effect)
+        if isinstance(effect, Effect):
+            j = problem.evidence.rig.joint_index(effect.joint)
+            for total, x in zip(out, plain_columns(problem.evidence, effect, torque)):
+                total[:, j] += x @ theta[at : at + size]
+        at += size
+    return out
+
+
+def near(new: Array, old: Array, share: float) -> bool:
+    """Whether two torques differ by less than a share of their size."""
+    return float(np.linalg.norm(new - old)) <= share * float(np.linalg.norm(old))
+
+
+def consistent(state: State) -> State:
+    """Solve again until the loaded causes have read the torque that they themselves are a part of."""
+    loaded = any(isinstance(cause, Effect) and cause.loaded for cause in state.causes)
+    for _ in range(PASSES if loaded else 0):
+        before, state = state, solved(state.problem, state.causes, state)
+        if all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
+            break
+    return state
+
+
+def without(state: State, cause: Cause) -> State:
+    """Refit without a cause, the joints weighted as before."""
+    return solved(state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True)
