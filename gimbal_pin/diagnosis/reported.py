@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.diagnosis import verdict
+from gimbal_pin.diagnosis.alternatives import widened
 from gimbal_pin.diagnosis.audit import Audit
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
@@ -122,7 +123,7 @@ def finding(
     torque, rolled = lacking["torque_rmse"], lacking["rollout_rmse"]
     base, best = baseline["torque_rmse"][at], found.best["torque_rmse"][at]
     figure = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
-    shown = parameters(state, cause)
+    shown = widened(state, cause, parameters(state, cause), found.shelf)
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
     said = f"{figure.sentence(values)}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"

@@ -81,11 +81,7 @@ def judged(
     for _, other in rivals_of(base, cause, shelf):
         if other.name in found:
             continue
-        apart = (mine - block_gain(base, other)) / 2
-        extra = free(cause) - free(other)
-        delta = float(apart.sum()) - extra
-        spread = float(np.std(apart) * np.sqrt(len(apart)))
-        found[other.name] = Rival(other.name, delta, delta / max(spread, 1e-12)), apart
+        found[other.name] = compared(other, mine - block_gain(base, other), free(cause) - free(other))
     alike = [
         name for name, (rival, _) in found.items() if rival.z < APART or alikeness(base, cause, name, shelf) > ALIKE
     ]
@@ -97,6 +93,20 @@ def judged(
     wins = np.all([np.sum(apart[draws], axis=1) > 0 for _, apart in found.values()] or [np.ones(BOOTSTRAPS)], axis=0)
     rivals = tuple(sorted((rival for rival, _ in found.values()), key=lambda rival: rival.z))
     return Judged(cause, own, rivals, (cause.name, *alike), float(np.mean(wins)))
+
+
+def versus(base: State, cause: Cause, other: Cause) -> Rival:
+    """How far a cause explains more than another in its place; `base` is the state without both."""
+    gains = block_gain(base, cause) - block_gain(base, other)
+    return compared(other, gains, free(cause) - free(other))[0]
+
+
+def compared(other: Cause, gains: Array, extra: int) -> tuple[Rival, Array]:
+    """Vuong's test: what a cause gains beyond another in each block, with `extra` more free parameters, (blocks,)."""
+    apart = gains / 2
+    delta = float(apart.sum()) - extra
+    spread = float(np.std(apart) * np.sqrt(len(apart)))
+    return Rival(other.name, delta, delta / max(spread, 1e-12)), apart
 
 
 def block_gain(base: State, cause: Cause) -> Array:
