@@ -85,7 +85,7 @@ def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
     base, links = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None]), gyros_between(rig)
     told = readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
     gyros = [np.asarray(told[link].gyro)[0] for link in (rig.camera_frame, *links)]
-    np.testing.assert_allclose(np.concatenate(gyros), np.concatenate(sight.rates(q, v, w)), atol=1e-12)
+    np.testing.assert_allclose(np.concatenate(gyros), sight.rates(q, v, w), atol=1e-12)
     assert len(links) == (0 if name == "turret" else 1)
     h = 1e-6
     change = (sight.rate(q + h * v, v, w + h * dw) - sight.rate(q - h * v, v, w - h * dw)) / (2 * h)
@@ -137,7 +137,8 @@ def test_the_axes_meet_in_the_centre(name: str) -> None:
 def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     """Rate, angular acceleration and force of another draw of the profile, 1.5 ms ahead; gravity passes as it is."""
     forecast = Forecast(spectrum(), PID, DT, (0.0015,))
-    (rate, force), t = forecast.weights[0], DT / 2 * np.arange(4000)
+    weights, t = forecast.weights[0], DT / 2 * np.arange(4000)
+    rate, force = weights[:2], weights[2]
     assert force.sum() == pytest.approx(1.0, abs=1e-3)
     ground = profile_s(t, np.random.default_rng(4))
     past = np.lib.stride_tricks.sliding_window_view(np.asarray(ground.w[::2]), TAPS, axis=0)[:, :, ::-1]
@@ -148,7 +149,7 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
     coarse = Forecast(spectrum().until(200.0), PID, DT, (0.0015,)).weights[0]
-    assert np.linalg.norm(coarse[0][1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
+    assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
     filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
     np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])
@@ -176,6 +177,24 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
     still = Fused.begun([np.eye(3)], np.ones((1, 3))).on(np.ones((1, 3)), DT)
     after = fusion.compared(still, pin.exp3(np.ones(3) * DT), [np.eye(3)])
     assert max(np.abs(after.turn).max(), np.abs(after.rate).max()) < 1e-12
+
+
+def test_what_is_fast_is_the_plain_formula() -> None:
+    """The 3 by 3 inverse, the forecast in one product, and the mean of the gyros' attitudes."""
+    rng = np.random.default_rng(5)
+    J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
+    np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
+    forecast, past = Forecast(spectrum(), PID, DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
+    for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
+        plain = [weights[2] @ past[:, 3:], weights[0] @ past[:, :3], weights[1] @ past[:, :3]]
+        np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
+    fusion, others, between = Fusion(GYRO, 2 * pi / 2**16, DT), rng.standard_normal((2, 3)), rng.standard_normal((2, 3))
+    camera, to = pin.exp3(rng.standard_normal(3)), [pin.exp3(turn) for turn in between]
+    memory = Fused.begun([camera @ R.T for R in to], others).on(others, DT)
+    after = fusion.compared(memory, camera, to)
+    moved = [pin.log3(camera.T @ camera @ R.T @ pin.exp3(DT * w) @ R) for R, w in zip(to, others)]
+    np.testing.assert_allclose(after.turn, fusion.gain * np.sum(moved, axis=0) / 3, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(after.rate, after.turn / DT, rtol=1e-12)
 
 
 # --- Laws and margins ----------------------------------------------------------------------------------------------
