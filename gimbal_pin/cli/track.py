@@ -15,7 +15,9 @@ from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.model import Model
+    from gimbal_pin.pointing import Verified
     from gimbal_pin.rig import Rig
+    from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Law
 
 
@@ -66,6 +68,14 @@ def track(
         Path | None,
         arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
     ] = None,
+    report: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="write a report: what the camera sees, errors, torque", help_behavior_hint=""),
+    ] = None,
+    animation: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="write the rig on its platform as an offline page", help_behavior_hint=""),
+    ] = None,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
@@ -78,13 +88,15 @@ def track(
     if controller is None and not moving:
         mend = "name a controller's YAML, or a motion: --platform S, --platform-log FILE"
         raise UsageError("CONTROLLER", "is missing", mend)
+    if animation is not None and not moving:
+        raise UsageError("--animation", "has no platform to show", "name a motion: --platform S, --platform-log FILE")
     loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
-    told, result = [], {}
+    told, result, found, verified = [], {}, None, None
+    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     if controller is not None:
         found = run(
             plant_of(model, loaded), rivals(controller, loaded), rng=np.random.default_rng(seed), delay=delay_samples
         )
-        stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
         told, result = [text.tracking(found, stood)], found.to_dict()
     if moving:
         from gimbal_pin.io.files import replacing
@@ -113,7 +125,22 @@ def track(
             with replacing(plot) as temporary:
                 chart(verified.contest).savefig(temporary)
         told, result = [*told, text.verified(verified)], {**result, **verified.to_dict()}
+    pages(loaded, verified, found, stood, report, animation)
     present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
+
+
+def pages(
+    rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, report: Path | None, animation: Path | None
+) -> None:
+    """Write the pages that were asked for."""
+    from gimbal_pin.io.files import atomic_write
+    from gimbal_pin.report.carried import carried as whole
+    from gimbal_pin.report.carried import moving
+
+    if report is not None:
+        atomic_write(report, whole(rig, held, steps, plant))
+    if animation is not None and held is not None:
+        atomic_write(animation, moving(rig, held))
 
 
 def known_by(name: str, rig: Rig) -> Model:

@@ -10,6 +10,7 @@ from tqdm import tqdm
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
+from gimbal_pin.pointing import Verified
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
@@ -19,6 +20,7 @@ from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
+HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
 
 
 def full(
@@ -30,6 +32,7 @@ def full(
     animation: str,
     wrong: Diagnosis | None = None,
     plant: str = "the identified model",
+    held: Verified | None = None,
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
@@ -42,6 +45,7 @@ def full(
         animation: What `view.record` returned.
         wrong: What `diagnose` returned, if it was run.
         plant: What the steps were simulated on, within a sentence.
+        held: What `verify` returned, if the camera was held on a moving platform.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [
@@ -56,6 +60,7 @@ def full(
         lambda: sections.tracking(
             result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
         ),
+        *([] if held is None else [partial(sections.pointing, held, HELD.format(plant))]),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
     mounted = f" with {rig.payload}" if rig.payload else ""

@@ -1,0 +1,40 @@
+"""What `track` found as one report: the camera on a moving platform, and steps."""
+
+from __future__ import annotations
+
+from gimbal_pin.pointing.bench import WANTED
+from gimbal_pin.pointing.outlook import outlook, shown
+from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.report import sections
+from gimbal_pin.report.base import Section, render
+from gimbal_pin.report.numbers import CONTROLLERS
+from gimbal_pin.rig import Rig
+from gimbal_pin.tracking import Tracking
+from gimbal_pin.view.onboard import onboard
+
+SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+
+
+def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
+    """Return the report of a tracking as HTML.
+
+    Args:
+        rig: The rig.
+        held: What `verify` returned, if it was run.
+        steps: What `track` returned, if it was run.
+        plant: What was simulated, within a sentence.
+    """
+    parts: list[Section] = []
+    if held is not None:
+        parts += [sections.pointing(held), sections.animation(moving(rig, held), SCENE)]
+    if steps is not None:
+        note = f"The plant is {plant}, with the rig's sensors, delay and torque limits."
+        parts.append(sections.tracking(steps, rig, note))
+    mounted = f" with {rig.payload}" if rig.payload else ""
+    return render(f"{rig.name}{mounted}", [*parts, sections.rig_section(rig)], rig.config.description)
+
+
+def moving(rig: Rig, held: Verified) -> str:
+    """Return the page that shows the rig, held by the best of the controllers, on the platform."""
+    run = shown(held.contest)[-1].runs[0]
+    return onboard(rig, run, outlook(held.contest, WANTED), WANTED, CONTROLLERS)
