@@ -1,4 +1,4 @@
-"""Bias torque of a rig on a platform that moves, one state at a time: what the plant asks for at every stage."""
+"""Dynamics of a rig on a platform that moves, one state at a time: what the plant asks for at every stage."""
 
 from __future__ import annotations
 
@@ -7,45 +7,68 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.log import Array
 from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
 
-rnea = pin.rnea
+rnea, aba = pin.rnea, pin.aba
 NODE = 1e-6
 """Distance from a sample of the platform's motion, in intervals, within which a time is that sample's."""
+HEAVY = 1e18
+"""Inertia of a base that nothing on it moves, kg and kg m²: the force that gives it the prescribed acceleration is
+rounded like that acceleration, and what the joints push it by is lost in it (both 1e-15)."""
 
 
 class Carrier:
-    """``C v + G`` with the base moving as prescribed: joint rows of RNEA with no joint acceleration."""
+    """``C v + G`` and ``a = D⁻¹(τ - C v - G)`` with the base moving as prescribed.
 
-    def __init__(self, rig: Rig, platform: Platform) -> None:
-        """Lay the platform's samples, on a uniform grid, out as Pinocchio takes them."""
+    The first are the joint rows of RNEA with no joint acceleration. The second is one ABA of a base so heavy that it
+    moves as it is pushed.
+    """
+
+    def __init__(self, rig: Rig, platform: Platform, armature: Array) -> None:
+        """Lay the platform's samples, on a uniform grid, out as Pinocchio takes them.
+
+        Args:
+            rig: The rig.
+            platform: Motion of its base.
+            armature: Inertia of the joints' own motors, kg m², (n,).
+        """
         n = rig.n
-        self.pin, self.n, self.rest = rig.floating, n, [0.0] * n
-        self.data = self.pin.createData()
-        self.start, self.step = float(platform.t[0]), float(platform.t[1] - platform.t[0])
+        self.pin, self.n = rig.floating.copy(), n
+        self.pin.armature = np.concatenate([np.full(6, HEAVY), armature])
+        self.data, self.still = self.pin.createData(), [0.0] * n
+        self.start, self.step, self.last = float(platform.t[0]), float(platform.t[1] - platform.t[0]), len(platform) - 1
         self.samples = np.hstack([platform.w, platform.f, platform.dw])
-        # One array holds configuration, rates and accelerations, so that one assignment fills what changes in them.
+        # One array holds configuration, rates and what drives them: one assignment fills what changes in them.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
-        self.q, self.v, self.a = np.split(scratch, [7 + n, 13 + 2 * n])
-        self.changing = scratch[7 : 19 + 2 * n]
+        self.q, self.v, self.drive = np.split(scratch, [7 + n, 13 + 2 * n])
+        self.changing = scratch[7:]
 
     def bias(self, t: float, x: Sequence[float]) -> list[float]:
         """Torque at time t, s, angles and rates x, rad and rad/s, N m."""
         now, n = self.at(t), self.n
-        self.changing[:] = [*x[:n], 0.0, 0.0, 0.0, *now[:3], *x[n:], *now[3:]]
-        torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.a)[6:].tolist()
+        self.changing[:] = [*x[:n], 0.0, 0.0, 0.0, *now[:3], *x[n:], *now[3:], *self.still]
+        torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.drive)[6:].tolist()
         return torque
+
+    def accelerations(self, t: float, x: Sequence[float], net: Sequence[float]) -> list[float]:
+        """Joint accelerations at time t, s, angles and rates x, under the torques `net` on the rigid body, rad/s²."""
+        (wx, wy, wz, *base), n = self.at(t), self.n
+        push = [HEAVY * a for a in base]
+        self.changing[:] = [*x[:n], 0.0, 0.0, 0.0, wx, wy, wz, *x[n:], *push, *net]
+        found: list[float] = aba(self.pin, self.data, self.q, self.v, self.drive)[6:].tolist()
+        return found
 
     def at(self, t: float) -> list[float]:
         """Rate, specific force and angular acceleration at a time: a sample, or the parabola through three."""
         place = (t - self.start) / self.step
         near = round(place)
-        if abs(place - near) < NODE and 0 <= near < len(self.samples):
+        if -NODE < place - near < NODE and 0 <= near <= self.last:
             row: list[float] = self.samples[near].tolist()
             return row
-        middle = min(max(near, 1), len(self.samples) - 2)
+        middle = min(max(near, 1), self.last - 1)
         s, (before, here, after) = place - middle, self.samples[middle - 1 : middle + 2]
         curved: list[float] = (here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2)).tolist()
         return curved

@@ -82,12 +82,10 @@ class Plant:
             platform: Motion of its base on a uniform grid, best of half a step; None: it stands, which is faster.
         """
         self.model = model
-        self.carrier = None if platform is None else Carrier(model.rig, platform)
         self.n = model.rig.n
         self.pin = model.rig.model.copy()
         self.pin.armature = self.pin.armature + model.armature
-        if self.carrier is not None:
-            self.pin.gravity.linear = np.zeros(3)
+        self.carrier = None if platform is None else Carrier(model.rig, platform, self.pin.armature)
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
         self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
@@ -199,11 +197,10 @@ class Plant:
         """dx/dt: rates, rad/s, then accelerations, rad/s²."""
         if now.contact.stuck:
             return [*x[self.n :], *self.constrained(t, x, now, self.body(t, x))[0]]
-        if self.carrier is None:
-            self.scratch[:] = [*x, *self.net(t, x, now)]
-        else:  # without gravity and rates ABA is D^-1, and the bias comes from where the base moves
-            left = [u - b for u, b in zip(self.net(t, x, now), self.carrier.bias(t, x))]
-            self.scratch[:] = [*x[: self.n], *self.carrier.rest, *left]
+        net = self.net(t, x, now)
+        if self.carrier is not None:
+            return [*x[self.n :], *self.carrier.accelerations(t, x, net)]
+        self.scratch[:] = [*x, *net]
         return [*x[self.n :], *aba(self.pin, self.data, self.q, self.v, self.tau).tolist()]
 
     def body(self, t: float, x: Floats) -> Body:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from gimbal_pin.identification import Accuracy, Identified
     from gimbal_pin.online import Progress
     from gimbal_pin.payloads import Several
+    from gimbal_pin.pointing.contest import Row
     from gimbal_pin.pointing.verify import Verified
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
@@ -318,34 +319,78 @@ def tracking(found: Tracking, plant: str) -> str:
 
 
 def verified(found: Verified) -> str:
-    """Line-of-sight error of every controller on a platform that moves, targets, and where the error goes, degrees."""
-    contest = found.contest
-    rows = [
-        (
-            row.controller,
-            f"{degrees(row.jitter_rms):.4f}",
-            f"{degrees(row.jitter_max):.4f}",
-            f"{degrees(row.drift):.4f}",
-            *(number(torque, 3) for torque in row.torque_rms.values()),
-            number(100 * max(row.to_dict()["at_limit"].values()), 2),
-        )
-        for row in contest.rows
-    ]
-    first = contest.rows[0].runs[0]
-    margins = found.margins
-    head = (
-        f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on platform {first.platform}, "
-        f"{len(contest.rows[0].runs)} × {first.t[-1]:.3g} s; every loop's disk margin is at least "
-        f"{number(margins.disk_margin, 3)}, the PID crosses at {number(margins.crossover_hz, 3)} Hz "
-        f"(phase {number(margins.phase_margin_deg, 3)}°, delay {number(1e3 * margins.delay_margin, 2)} ms)"
-    )
-    heads = ("controller", "jitter ° rms", "° max", "drift °", *(f"{j} N m" for j in first.joints), "at limit %")
+    """Every controller on all that was run, targets, and where the error goes, degrees."""
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
-    parts = [head, table(*heads, rows=rows), "", table("target", "value", "must", "aim", "reached", rows=judged)]
-    parts += budget(found)
+    parts = [circumstances(found), controllers(found), ""]
+    parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
+    parts += [*asking(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
-    parts += [f"{row.controller}: {event}" for row in contest.rows for event in row.events]
+    parts += [
+        f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
+    ]
     return "\n".join(parts)
+
+
+def circumstances(found: Verified) -> str:
+    """What was run, with which margins."""
+    contest, margins = found.contest, found.margins
+    ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
+    motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
+    made = ""
+    if found.steps is not None:
+        sizes = ", ".join(f"{joint} {number(degrees(step), 3)}°" for joint, step in found.steps.steps.items())
+        made = f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
+    return (
+        f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
+        f"is at least {number(margins.disk_margin, 3)}, the PID crosses at {number(margins.crossover_hz, 3)} Hz "
+        f"(phase {number(margins.phase_margin_deg, 3)}°, delay {number(1e3 * margins.delay_margin, 2)} ms){made}"
+    )
+
+
+def controllers(found: Verified) -> str:
+    """One row per controller: how still it held the camera on each motion, and how it followed the steps."""
+    heads, columns = ["controller"], [[row.controller for row in found.contest.rows]]
+    for contest in found.contests:
+        first = contest.rows[0].runs[0]
+        of = "recorded " if len(found.contests) > 1 and first.platform == "log" else ""
+        heads += [f"{of}jitter ° rms", "° max", "drift °", *(f"{j} N m" for j in first.joints), "at limit %"]
+        columns += [list(column) for column in zip(*map(held_still, contest.rows))]
+    if found.steps is not None:
+        heads += ["steps ° rms", "overshoot %", "cross-axis °"]
+        columns += followed(found.steps, columns[0])
+    return table(*heads, rows=list(zip(*columns)))
+
+
+def held_still(row: Row) -> tuple[str, ...]:
+    """One controller's figures on one motion."""
+    sizes = (row.jitter_rms, row.jitter_max, row.drift)
+    torques = (number(torque, 3) for torque in row.torque_rms.values())
+    return (*(f"{degrees(x):.4f}" for x in sizes), *torques, number(100 * max(row.at_limit.values()), 2))
+
+
+def followed(steps: Tracking, names: Sequence[str]) -> list[list[str]]:
+    """Columns of what the steps say of each controller; nothing of those that a base at rest does not tell apart."""
+    from gimbal_pin.pointing.steps import Followed
+
+    found = Followed.of(steps)
+    rows = [found.get(name) for name in names]
+    return [
+        ["" if row is None else f"{degrees(row.rms):.4f}" for row in rows],
+        ["" if row is None else number(row.overshoot_percent, 2) for row in rows],
+        ["" if row is None else f"{degrees(row.cross_axis_peak):.4f}" for row in rows],
+    ]
+
+
+def asking(found: Verified) -> list[str]:
+    """What a recorded motion asks of motors too weak for it, and how still the camera is where they are not."""
+    demand = found.demand
+    if demand is None:
+        return []
+    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
+    weak = ", ".join(f"{j} for up to {number(demand.peak[j], 3)} N m of its {limits[j]:g}" for j in demand.weak)
+    when = ", ".join(f"{first:.1f}" for first, _ in demand.moments)
+    rest = ", ".join(f"{name} {degrees(size):.4f}°" for name, size in demand.apart(found.contests[-1]).items())
+    return ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
 
 
 def budget(found: Verified) -> list[str]:
@@ -354,7 +399,7 @@ def budget(found: Verified) -> list[str]:
     if parted is None:
         return []
     rows = [
-        (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * max(share, 0.0)))
+        (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()
     ]
     return ["", table("error budget", "% of b²", "°", "", rows=rows)]
@@ -368,6 +413,7 @@ def auto(found: Auto) -> str:
         *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
         tuning(found.tuning),
         tracking(found.tracking, found.plant),
+        f"no camera held on a platform: {found.why}" if found.held is None else verified(found.held),
         files,
         f"open {found.files['report']}",
     ]

@@ -38,12 +38,15 @@ def track(
         Path | None,
         arg(
             metavar="FILE",
-            help="or along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz",
+            help="and, or, along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz",
             help_behavior_hint="",
         ),
     ] = None,
     platform_size: Annotated[float, arg(help="profile S times this")] = 1.0,
     map: Map = (),
+    steps: Annotated[
+        bool, arg(help="step the thesis's angles beside that, with every law that a base at rest tells apart")
+    ] = False,
     controllers: Annotated[
         str | None,
         arg(metavar="NAME,…", help="which controllers meet the platform", help_behavior_hint="(default: all)"),
@@ -90,6 +93,8 @@ def track(
         raise UsageError("CONTROLLER", "is missing", mend)
     if animation is not None and not moving:
         raise UsageError("--animation", "has no platform to show", "name a motion: --platform S, --platform-log FILE")
+    if steps and not moving:
+        raise UsageError("--steps", "goes with a motion; a controller's own steps are run anyway", "give --platform S")
     loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
     told, result, found, verified = [], {}, None, None
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
@@ -105,11 +110,13 @@ def track(
 
         for option, value in (("--seconds", seconds), ("--seeds", seeds), ("--jobs", jobs)):
             positive(option, value)
-        carrier = carried(loaded, platform, platform_log, map, 1.0, 0.0, 1e-3, seed)
+        carrier = carried(loaded, "none", platform_log, map, 1.0, 0.0, 1e-3, seed)
         asked = Asked(
             plant=None if model is None else plant_of(model, loaded),
             known=None if controller is None else known_by(controller, loaded),
-            recorded=carrier if platform_log else None,
+            recorded=carrier,
+            profile=platform == "S",
+            steps=steps,
             size=platform_size,
             names=None if controllers is None else tuple(controllers.split(",")),
             log=None if learn is None else load_logs(rig, loaded.payload, [learn], map)[1][0],
@@ -124,7 +131,9 @@ def track(
         if plot is not None:
             with replacing(plot) as temporary:
                 chart(verified.contest).savefig(temporary)
-        told, result = [*told, text.verified(verified)], {**result, **verified.to_dict()}
+        whole = verified.to_dict()
+        whole["experiments"] = [*result.get("experiments", ()), *whole.get("experiments", ())]
+        told, result = [*told, text.verified(verified)], {**result, **whole}
     pages(loaded, verified, found, stood, report, animation)
     present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
 

@@ -88,9 +88,12 @@ class Outer:
             error: e, rad.
             torque: Torques wanted with `after`, not yet cut, N m.
         """
+        rows = zip(self.rows, before, after, error, torque, self.limits)
         return tuple(
-            old if (abs(tau) > limit and tau * e > 0) or abs(e) > row[3] else new
-            for row, old, new, e, tau, limit in zip(self.rows, before, after, error, torque, self.limits)
+            [
+                old if (abs(tau) > limit and tau * e > 0) or abs(e) > row[3] else new
+                for row, old, new, e, tau, limit in rows
+            ]
         )
 
     def clipped(self, torque: Sequence[float]) -> list[float]:

@@ -148,11 +148,14 @@ class Workspace:
         n = self.n
         self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
         self.q[6] = 1.0
+        # Views of what changes in them: to fill these costs less than to make new arrays.
+        self.angles, self.turning, self.joints = self.q[7:], self.v[3:6], self.v[6:]
+        self.force, self.swing, self.driven = self.a[:3], self.a[3:6], self.a[6:]
 
     def rnea(self, there: Ahead, y: Sequence[float]) -> list[float]:
         """Rigid torque with the joints accelerating by y, rad/s², N m."""
-        self.q[7:], self.v[3:6], self.v[6:] = there.q, there.base.w, there.v
-        self.a[:] = [*there.base.f, *there.base.dw, *y]
+        self.angles[:], self.joints[:], self.driven[:] = there.q, there.v, y
+        self.force[:], self.turning[:], self.swing[:] = there.base
         torque: list[float] = pin.rnea(self.pin, self.data, self.q, self.v, self.a)[6:].tolist()
         return torque
 

@@ -54,6 +54,12 @@ class Row:
         return {joint: sqrt(float(np.mean([one[joint] ** 2 for one in every]))) for joint in self.runs[0].joints}
 
     @property
+    def at_limit(self) -> Mapping[str, float]:
+        """Joint → share of the time at the motor's limit, mean of the runs."""
+        every = [run.at_limit for run in self.runs]
+        return {joint: float(np.mean([one[joint] for one in every])) for joint in self.runs[0].joints}
+
+    @property
     def events(self) -> tuple[str, ...]:
         """What happened in any of the runs, each once."""
         return tuple(dict.fromkeys(event for run in self.runs for event in run.events))
@@ -68,9 +74,7 @@ class Row:
             "jitter_max_deg": degrees(self.jitter_max),
             "drift_deg": degrees(self.drift),
             "torque_rms": dict(self.torque_rms),
-            "at_limit": {
-                joint: float(np.mean([run.at_limit[joint] for run in self.runs])) for joint in self.runs[0].joints
-            },
+            "at_limit": dict(self.at_limit),
             "events": list(self.events),
         }
 

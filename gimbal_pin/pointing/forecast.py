@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_toeplitz
 
+from gimbal_pin.control.aim import Carried
 from gimbal_pin.control.base import Pid
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.spectrum import Spectrum
@@ -40,17 +41,24 @@ class Forecast:
     leads: tuple[float, ...]
 
     @cached_property
-    def weights(self) -> tuple[tuple[Array, Array], ...]:
-        """Per lead, what gives rate and angular acceleration, (2, TAPS), and what gives the force, (TAPS,)."""
+    def weights(self) -> tuple[Array, ...]:
+        """Per lead, what gives rate, angular acceleration and, in the last row, the force, (3, TAPS)."""
         known = self.spectrum.until(0.5 / self.dt)
         passed = passing(self.gains, known.f)
         return tuple(
-            (
-                solved(known.f, known.rate, known.rate_noise, passed, self.dt, lead, (0, 1)),
-                solved(known.f, known.force, known.force_noise, passed, self.dt, lead, (0,))[0],
+            np.vstack(
+                [
+                    solved(known.f, known.rate, known.rate_noise, passed, self.dt, lead, (0, 1)),
+                    solved(known.f, known.force, known.force_noise, passed, self.dt, lead, (0,)),
+                ]
             )
             for lead in self.leads
         )
+
+    def ahead(self, memory: Array) -> list[Carried]:
+        """The platform's motion, one per lead."""
+        foreseen = [weights.dot(memory) for weights in self.weights]
+        return [Carried(found[2, 3:], found[0, :3], found[1, :3]) for found in foreseen]
 
     def start(self, w: Array, f: Array) -> Array:
         """Memory for a platform that has always moved as in the first sample, (TAPS, 6), newest first."""
@@ -58,10 +66,7 @@ class Forecast:
 
     def step(self, memory: Array, w: Array, f: Array) -> Array:
         """Memory with the next sample."""
-        out = np.empty_like(memory)
-        out[1:] = memory[:-1]
-        out[0, :3], out[0, 3:] = w, f
-        return out
+        return np.concatenate([w, f, memory.ravel()[:-6]]).reshape(TAPS, 6)
 
 
 def passing(gains: Pid, f: Array) -> Array:

@@ -46,7 +46,7 @@ class Fused(NamedTuple):
 
     def attitude(self, k: int) -> Array:
         """Attitude that the k-th gyro gives, (3, 3)."""
-        return np.asarray(self.attitudes[k] @ pin.exp3(self.turned[k]))
+        return np.asarray(self.attitudes[k].dot(pin.exp3(self.turned[k])))
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,10 @@ class Fusion:
             camera: Attitude that the camera's own gyro gives, (3, 3).
             between: Attitude of the camera in each other gyro's link, (3, 3).
         """
-        attitudes = tuple([memory.attitude(k) for k in range(len(memory.attitudes))])
-        own, share = camera.T, 1 / (len(attitudes) + 1)
-        seen = np.array([pin.log3(own @ (R @ to)) for R, to in zip(attitudes, between)])
+        own, count = camera.T, len(memory.attitudes)
+        attitudes = tuple([memory.attitude(k) for k in range(count)])
+        seen = np.array([pin.log3(own.dot(R.dot(to))) for R, to in zip(attitudes, between)])
         changes = self.gain * (seen - memory.gaps)
         gaps = memory.gaps + changes
-        turn, rate = share * gaps.sum(axis=0), share / (self.dt) * changes.sum(axis=0)
-        return Fused(attitudes, np.zeros_like(gaps), memory.rates, gaps, turn, rate)
+        mean = np.full(count, 1 / (count + 1))
+        return Fused(attitudes, np.zeros((count, 3)), memory.rates, gaps, mean.dot(gaps), mean.dot(changes) / self.dt)

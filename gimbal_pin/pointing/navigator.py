@@ -96,12 +96,12 @@ class Navigator:
         """
         elapsed, lead = seen.t - known.t, self.forecast.leads[0]
         turning = seen.gyro if self.source == "camera" else seen.w
-        R = known.R @ pin.exp3((known.turning + turning) * (elapsed / 2))
+        R = known.R.dot(pin.exp3((known.turning + turning) * (elapsed / 2)))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
-        v = view.inverse @ (seen.gyro - seen.w @ view.R)[self.sight.rows]
+        v = view.inverse.dot((seen.gyro - seen.w.dot(view.R))[self.sight.rows])
         R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
-        error = view.inverse @ self.sight.error(actual, self.wanted)
-        drop = view.inverse @ (seen.gyro + rate)[self.sight.rows]
+        error = view.inverse.dot(self.sight.error(actual, self.wanted))
+        drop = view.inverse.dot((seen.gyro + rate)[self.sight.rows])
         past = self.forecast.step(known.past, seen.w, seen.f)
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
@@ -112,13 +112,13 @@ class Navigator:
     ) -> tuple[Array, Array, Array | float, Fused | None]:
         """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory."""
         if self.fusion is None or fused is None:
-            return R, R if self.source == "camera" else R @ view.R, 0.0, None
+            return R, R if self.source == "camera" else R.dot(view.R), 0.0, None
         fused = fused.on(gyros(seen), elapsed)
         if doubtful:
             R, fused = self.unfused(R, seen, fused, doubtful)
             return R, R, 0.0, fused
         fused = self.fusion.compared(fused, R, self.sight.between(seen.q))
-        return R, R @ pin.exp3(fused.turn), fused.rate, fused
+        return R, R.dot(pin.exp3(fused.turn)), fused.rate, fused
 
     def unfused(self, R: Array, seen: Seen, fused: Fused, doubtful: frozenset[str]) -> tuple[Array, Fused]:
         """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
@@ -134,13 +134,9 @@ class Navigator:
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""
-        out = []
-        for k, (lead, (rate, force)) in enumerate(zip(self.forecast.leads, self.forecast.weights)):
-            if self.oracle and seen.true is not None:
-                base = seen.true
-            else:
-                w, dw = rate @ past[:, :3]
-                base = Carried(force @ past[:, 3:], w, dw)
+        out, true = [], seen.true if self.oracle else None
+        bases = self.forecast.ahead(past) if true is None else [true] * len(self.forecast.leads)
+        for k, (lead, base) in enumerate(zip(self.forecast.leads, bases)):
             q = seen.q + lead * v
             out.append(self.wished(q, self.sight.view(q) if k else view, base))
         return tuple(out)
@@ -155,10 +151,10 @@ class Navigator:
     def wished(self, q: Array, view: View, base: Carried) -> Ahead:
         """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""
         against = -view.inverse
-        v = against @ (base.w @ view.R)[self.sight.rows]
+        v = against.dot(np.dot(base.w, view.R)[self.sight.rows])
         if not self.accelerates:
             return Ahead(q, v, np.zeros_like(q), base)
-        return Ahead(q, v, against @ self.sight.drift(q, v, base.w, base.dw), base)
+        return Ahead(q, v, against.dot(self.sight.drift(q, v, base.w, base.dw)), base)
 
 
 def begun(base: Array, between: tuple[Array, ...], seen: Seen) -> Fused:

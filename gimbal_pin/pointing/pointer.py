@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
+from operator import ge
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -108,10 +109,10 @@ class Pointer:
 
     def told(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
         """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
-        sizes = np.abs(tau).tolist()
-        at_limit = [size >= limit for size, limit in zip(sizes, self.limits)]
+        sizes = [abs(torque) for torque in tau.tolist()]
         # A law clips, and Python's clipping makes a limit of what is no number: so what went in is looked at, too.
-        finite = isfinite(sum(sizes) + float(fix.aim.q.dot(fix.aim.a)))
+        finite = isfinite(sum(sizes) + fix.aim.q.dot(fix.aim.a))
+        at_limit = list(map(ge, sizes, self.limits))
         if finite and not any(at_limit) and not before.limited and fix.steep == before.steep:
             return tau, after
         events = list(after.events)

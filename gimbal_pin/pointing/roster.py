@@ -138,7 +138,7 @@ class Roster:
             law = ComputedTorque(replace(self.model, terms=()), gains, self.dt)
             return self.guarded(replace(navigator, accelerates=False), law)
         source: ErrorFrom = "platform" if name == "pid-joint" else "camera"
-        return self.guarded(replace(navigator, source=source), self.pid(self.equal.pid))
+        return self.guarded(replace(navigator, source=source, accelerates=False), self.pid(self.equal.pid))
 
     def guarded(self, navigator: Navigator, law: Law) -> Pointer:
         """Return a controller with its guard, and a PID at half the bandwidth to fall back to."""

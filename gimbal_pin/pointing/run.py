@@ -31,22 +31,19 @@ class Sensed:
     def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
         """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
         self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
-        self.noise = station.draws(len(t), len(self.sight.moved), float(t[1] - t[0]), rng)
+        noise = station.draws(len(t), len(self.sight.moved), float(t[1] - t[0]), rng)
         self.w = np.asarray(platform.w[::2])
-        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + self.noise[:, 1:3]
-        self.between = self.noise[:, 3:].reshape(len(t), -1)
+        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + noise[:, 1:3]
+        self.noise = np.delete(noise, (1, 2), axis=1).reshape(len(t), -1)
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
         self.before: Seen | None = None
 
     def see(self, k: int, state: State, lead: int | None) -> Seen | None:
         """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
-        camera, between = self.sight.rates(state.q, state.v, self.w[k])
+        gyros = self.sight.rates(state.q, state.v, self.w[k]) + self.noise[k]
         w, f = self.told[k]
         true = None if lead is None else carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
-        seen = Seen(
-            self.t[k], self.station.angles(state.q), camera + self.noise[k, 0], w, f, between + self.between[k], true
-        )
-        arrived: Seen | None = seen
+        arrived: Seen | None = Seen(self.t[k], self.station.angles(state.q), gyros[:3], w, f, gyros[3:], true)
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)
         self.before = self.before if arrived is None else arrived
@@ -124,7 +121,7 @@ class Loop:
     def run(self, pointer: Pointer) -> tuple[Array, Array, tuple[str, ...]]:
         """Return true angles and commanded torques, (N, n) each, and what happened."""
         t, dt, navigator, limit = self.sensed.t, pointer.dt, pointer.navigator, self.system.model.rig.tau_max
-        lead = round(2 * max(navigator.forecast.leads) / dt) if navigator.oracle else None
+        lead, lowest = round(2 * max(navigator.forecast.leads) / dt) if navigator.oracle else None, -limit
         state = ready(self.sensed, self.attitudes[0], navigator.wanted)
         command: Array = np.zeros(len(limit))
         pending: deque[Array] = deque([command] * self.delay)
@@ -139,8 +136,9 @@ class Loop:
             if memory is not None and seen is not None:
                 command, memory = pointer.torque(seen, memory)
             pending.append(command)
-            q[k], tau[k] = state.q, pending.popleft().clip(-limit, limit)
-            state = self.system.step(t[k], state, self.motors.acting(tau[k]), dt)
+            acting = np.minimum(np.maximum(pending.popleft(), lowest), limit)
+            q[k], tau[k] = state.q, acting
+            state = self.system.step(t[k], state, self.motors.acting(acting), dt)
         return q, tau, () if memory is None else memory.told
 
 

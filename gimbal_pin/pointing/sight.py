@@ -48,18 +48,17 @@ class Sight:
         self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
         links = gyros_between(rig)
         self.moved, self.betweens = ([m.getFrameId(link) for link in links] for m in (self.model, self.fixed))
-        self.rows = slice(0, 3) if n > 2 else slice(1, 3)
-        # One array holds configuration, rates and accelerations, so that one assignment fills what changes in them.
-        scratch = np.zeros(7 + n + 2 * (6 + n))
-        scratch[6] = 1.0
-        self.q, self.v, self.a = np.split(scratch, [7 + n, 13 + 2 * n])
-        self.moving = scratch[7 : 19 + 2 * n]
+        self.rows, self.commanded = (slice(0, 3), slice(3, 6)) if n > 2 else (slice(1, 3), slice(4, 6))
+        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
+        self.q[6] = 1.0
+        # Views of what changes in them: to fill these costs less than to make new arrays.
+        self.angles, self.joints, self.turning, self.swing = self.q[7:], self.v[6:], self.v[3:6], self.a[3:6]
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
         pin.computeJointJacobians(self.fixed, self.own, q)
         R = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation.copy()
-        J = pin.getFrameJacobian(self.fixed, self.own, self.there, pin.LOCAL)[3:][self.rows]
+        J = pin.getFrameJacobian(self.fixed, self.own, self.there, pin.LOCAL)[self.commanded]
         inverse, steep = inverted(J)
         return View(R, J, inverse, steep)
 
@@ -72,24 +71,24 @@ class Sight:
         """Return the camera's attitude in the base link, and in every link between that has a gyro, (3, 3) each."""
         camera = self.attitude(q)
         placed = [pin.updateFramePlacement(self.fixed, self.own, frame).rotation for frame in self.betweens]
-        return (camera, *[R.T @ camera for R in placed])
+        return (camera, *[R.T.dot(camera) for R in placed])
 
-    def rates(self, q: Array, v: Array, w: Array) -> tuple[Array, Array]:
-        """Rate of the camera, (3,), and of every link between that has a gyro, (3 L,), each in its frame, rad/s."""
+    def rates(self, q: Array, v: Array, w: Array) -> Array:
+        """Rates of the camera and of every link between that has a gyro, each in its frame, rad/s, (3 + 3 L,)."""
         camera = self.rate(q, v, w)
         told = [pin.getFrameVelocity(self.model, self.data, frame, pin.LOCAL).angular for frame in self.moved]
-        return camera, np.concatenate(told) if told else np.zeros(0)
+        return np.concatenate([camera, *told]) if told else camera
 
     def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
-        self.moving[:] = [*q, 0.0, 0.0, 0.0, *w, *v, 0.0, 0.0, 0.0, *dw]
+        self.angles[:], self.joints[:], self.turning[:], self.swing[:] = q, v, w, dw
         pin.forwardKinematics(self.model, self.data, self.q, self.v, self.a)
         acceleration = pin.getFrameAcceleration(self.model, self.data, self.frame, pin.LOCAL).angular
         return np.asarray(acceleration[self.rows])
 
     def rate(self, q: Array, v: Array, w: Sequence[float] | Array) -> Array:
         """Camera's angular rate in its own frame, rad/s, (3,): what a gyro beside it reports."""
-        self.moving[: 6 + 2 * self.rig.n] = [*q, 0.0, 0.0, 0.0, *w, *v]
+        self.angles[:], self.joints[:], self.turning[:] = q, v, w
         pin.forwardKinematics(self.model, self.data, self.q, self.v)
         return np.array(pin.getFrameVelocity(self.model, self.data, self.frame, pin.LOCAL).angular)
 
@@ -102,7 +101,7 @@ class Sight:
 
     def error(self, actual: Array, wanted: Array) -> Array:
         """``log(Rᵀ R_d)``: the turn that is left, in the camera's frame, rad, (m,)."""
-        return np.asarray(pin.log3(actual.T @ wanted)[self.rows])
+        return np.asarray(pin.log3(actual.T.dot(wanted))[self.rows])
 
     def reached(self, base: Array, wanted: Array, start: Array) -> Array:
         """Angles at which the camera looks as wanted from a base of attitude `base`, by Newton from `start`, rad."""
@@ -159,17 +158,18 @@ def inverted(J: Array) -> tuple[Array, bool]:
     else:
         own = J @ J.T
         exact = J.T @ np.linalg.inv(own) if np.linalg.det(own) > STEEP ** (-2 * m) else None
-    if exact is not None and exact.min() > -STEEP and exact.max() < STEEP:
+        exact = None if exact is None or np.abs(exact).max() >= STEEP else exact
+    if exact is not None:
         return exact, False
     return J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(m)), True
 
 
 def cofactors(J: list[list[float]]) -> Array | None:
-    """Inverse of a 3 by 3 matrix, on floats as that is faster; None where there is none."""
+    """Inverse of a 3 by 3 matrix, on floats as that is faster; None where there is none, or a `STEEP` one."""
     (a, b, c), (d, e, f), (g, h, i) = J
     x, y, z = e * i - f * h, f * g - d * i, d * h - e * g
     size = a * x + b * y + c * z
-    if abs(size) < 1e-9:
+    flat = [x, c * h - b * i, b * f - c * e, y, a * i - c * g, c * d - a * f, z, b * g - a * h, a * e - b * d]
+    if max(max(flat), -min(flat)) >= STEEP * abs(size) or abs(size) < 1e-9:
         return None
-    rows = [[x, c * h - b * i, b * f - c * e], [y, a * i - c * g, c * d - a * f], [z, b * g - a * h, a * e - b * d]]
-    return np.array(rows) / size
+    return np.array([entry / size for entry in flat]).reshape(3, 3)

@@ -57,8 +57,9 @@ def targets(found: Contest, sight: Sight, late: float = 0.0) -> tuple[Target, ..
     uneven = sight.apart > APART
     gain = (4.0, 10.0) if late >= LATE else (5.0, 20.0 if uneven else 10.0)
     still = (0.006, 0.0035) if platform == "log" else (0.012, 0.005) if uneven else (0.005, 0.003)
+    where = "recorded motion: " if platform == "log" else ""
     return (
-        Target("world-frame PID over ours", found.gain, *gain, True),
-        Target("ours over the oracle", found.distance, 2.5, 1.3, False),
-        Target("jitter, ° rms", jitter, *still, False),
+        Target(f"{where}world-frame PID over ours", found.gain, *gain, True),
+        Target(f"{where}ours over the oracle", found.distance, 2.5, 1.3, False),
+        Target(f"{where}jitter, ° rms", jitter, *still, False),
     )

@@ -15,19 +15,22 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import identify
-from gimbal_pin.log import Log
+from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.bench import LEARNED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
+from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.steps import step_targets, stepped
 from gimbal_pin.pointing.targets import Target, targets
 from gimbal_pin.pointing.trust import drawn
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
+from gimbal_pin.tracking import Tracking
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,8 @@ class Asked:
             its payload 5 mm off the last axis.
         known: The model that the controllers know; None: from a log.
         recorded: Motion of the platform; None: profile S, one per seed.
+        profile: True runs profile S beside a recorded motion.
+        steps: True runs the thesis's steps on a base that stands, too.
         size: Profile S times this.
         names: Controllers; None: all.
         log: The log that teaches; None: one is simulated.
@@ -53,6 +58,8 @@ class Asked:
     plant: Model | None = None
     known: Model | None = None
     recorded: Platform | None = None
+    profile: bool = False
+    steps: bool = False
     size: float = 1.0
     names: tuple[str, ...] | None = None
     log: Log | None = None
@@ -69,11 +76,14 @@ class Verified:
     """The result of `verify`.
 
     Attributes:
-        contest: Every controller's runs.
+        contest: Every controller's runs: on profile S, on a recorded motion where that was asked for alone.
         targets: The figures that count, beside their bounds.
         margins: Of the loop that all controllers have equal margins to.
         causes: What `diagnose` found and the controllers compensate, in sentences.
         late: How far ahead the platform's motion is foreseen, s, per distinct drive.
+        recorded: The runs on a recorded motion, where there are some on profile S as well.
+        demand: What the recorded motion asks of the motors, where it asks for more than they have.
+        steps: How the thesis's steps were followed, where that was asked for.
     """
 
     contest: Contest
@@ -81,24 +91,37 @@ class Verified:
     margins: Margins
     causes: tuple[str, ...]
     late: tuple[float, ...]
+    recorded: Contest | None = None
+    demand: Demand | None = None
+    steps: Tracking | None = None
+
+    @property
+    def contests(self) -> tuple[Contest, ...]:
+        """The runs of every motion, profile S first."""
+        return (self.contest,) if self.recorded is None else (self.contest, self.recorded)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `track`)."""
+        more: dict[str, Any] = {} if self.steps is None else {"experiments": self.steps.to_dict()["experiments"]}
+        if self.demand is not None:
+            more["pointing_demand"] = self.demand.to_dict(self.contests[-1])
         return {
             "rig": self.contest.rig,
             "payload": self.contest.payload,
             **self.contest.to_dict(),
+            "pointing": [row for contest in self.contests for row in contest.to_dict()["pointing"]],
             "pointing_targets": [
                 {"name": t.name, "value": t.value, "must": t.must, "aim": t.aim, "reached": t.verdict}
                 for t in self.targets
             ],
             "pointing_margins": vars(self.margins),
             "compensated": list(self.causes),
+            **more,
         }
 
 
 def verify(rig: Rig, asked: Asked) -> Verified:
-    """Run every controller on a platform that moves, at equal margins, and judge what came out.
+    """Run every controller on a platform that moves as asked, at equal margins, and judge what came out.
 
     Raises:
         UsageError: A controller that is unknown, a motion that is too short, a loop that diverges.
@@ -119,12 +142,28 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     log = shaken_log(plant, drive) if asked.log is None else asked.log
     model, causes = modelled(rig, log, asked)
     lesson = learned(rig, log, model=model)
-    motion, kind, seconds = ground(rig, asked)
-    course = Course(plant, motion, kind, seconds, Station.of(rig), drive, asked.delay)
-    roster = entered(lesson, course)
-    found = shared(course, asked, names, roster)
+    station = Station.of(rig)
+    courses = [Course(plant, *motion, station, drive, asked.delay) for motion in grounds(rig, asked)]
+    roster = entered(lesson, courses[0])
+    found = [shared(course, asked, names, roster) for course in courses]
     late = max(lesson.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
-    return Verified(found, targets(found, Sight(rig), late), roster.equal.margins, causes, roster.leads)
+    judged = [target for contest in found for target in targets(contest, Sight(rig), late)]
+    steps = None
+    if asked.steps:
+        steps = stepped(replace(plant, drive=(*plant.drive, *drive)), lesson.model, roster.dt, asked.delay)
+        judged += step_targets(steps)
+    demand = demanded(courses[-1], roster.wanted)
+    more = (found[1] if len(found) > 1 else None, demand, steps)
+    return Verified(found[0], tuple(judged), roster.equal.margins, causes, roster.leads, *more)
+
+
+def demanded(course: Course, wanted: Array) -> Demand | None:
+    """Return what a recorded motion asks of the motors, if it is more than they have."""
+    if course.motion != "log":
+        return None
+    motion = course.ground(0)
+    demand = Demand.of(course.plant, wanted, motion.part(slice(np.searchsorted(motion.t, course.seconds, "right"))))
+    return demand if demand.weak else None
 
 
 def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[str, ...]]:
@@ -138,19 +177,19 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[str,
     return after.model, tuple(finding.sentence for finding in found.findings)
 
 
-def ground(rig: Rig, asked: Asked) -> tuple[Ground, str, float]:
-    """Return the platform's motion, its name, and how long a run may last, s.
+def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:
+    """Return the platform's motions that are asked for, their names, and how long a run may last, s.
 
     As profile S, a recorded motion is taken for that of the point where the axes meet, see `Shaken`.
     """
-    if asked.recorded is None:
-        return Shaken(Sight(rig).centre, asked.seconds, size=asked.size), "S", asked.seconds
-    lasting = float(asked.recorded.t[-1] - asked.recorded.t[0])
-    return (
-        Recorded(asked.recorded.about(Sight(rig).centre)),
-        "log",
-        min(asked.seconds, np.floor(lasting * 1000 - 1) / 1000),
-    )
+    centre, out = Sight(rig).centre, list[tuple[Ground, str, float]]()
+    if asked.profile or asked.recorded is None:
+        out.append((Shaken(centre, asked.seconds, size=asked.size), "S", asked.seconds))
+    if asked.recorded is not None:
+        lasting = float(asked.recorded.t[-1] - asked.recorded.t[0])
+        longest = min(asked.seconds, np.floor(lasting * 1000 - 1) / 1000)
+        out.append((Recorded(asked.recorded.about(centre)), "log", longest))
+    return out
 
 
 def shared(course: Course, asked: Asked, names: Sequence[str], roster: Any) -> Contest:

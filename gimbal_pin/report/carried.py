@@ -13,6 +13,7 @@ from gimbal_pin.tracking import Tracking
 from gimbal_pin.view.onboard import onboard
 
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+NOTE = "The plant is {}, with the rig's sensors, delay and torque limits."
 
 
 def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
@@ -27,9 +28,9 @@ def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str)
     parts: list[Section] = []
     if held is not None:
         parts += [sections.pointing(held), sections.animation(moving(rig, held), SCENE)]
+        parts += [] if held.steps is None else [sections.tracking(held.steps, rig, NOTE.format("that of the camera"))]
     if steps is not None:
-        note = f"The plant is {plant}, with the rig's sensors, delay and torque limits."
-        parts.append(sections.tracking(steps, rig, note))
+        parts.append(sections.tracking(steps, rig, NOTE.format(plant)))
     mounted = f" with {rig.payload}" if rig.payload else ""
     return render(f"{rig.name}{mounted}", [*parts, sections.rig_section(rig)], rig.config.description)
 

@@ -127,7 +127,7 @@ def diagrams(contest: Contest) -> list[Markup]:
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
     caption = (
         f"Line of sight{seeds}: the largest distance from its slow part in each {stretch(rows[0])}; the jitter that "
-        f"all frequencies up to one add up to{floor}; torque, rms as a bar and the largest as a line, against the limit."
+        f"all frequencies up to one add up to{floor}; torque, rms as a bar and the largest as a line, and its limit."
     )
     parts = [] if budget is None else [heading("Where the error goes"), budget_picture(budget)]
     return [
@@ -192,7 +192,7 @@ def controllers(contest: Contest) -> Markup:
         own: list[Content] = [controller_name(row.controller)]
         own += [marked(figures(degrees(values[k])), values[k], every_real(values, rows)) for values in every]
         own += [figures(degrees(row.drift)), *(figures(torque) for torque in row.torque_rms.values())]
-        own += [f"{figures(100 * max(row.to_dict()['at_limit'].values()), 2)} %"]
+        own += [f"{figures(100 * max(row.at_limit.values()), 2)} %"]
         body.append(own)
     return table(head, body, label="Controllers on the platform")
 

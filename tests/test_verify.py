@@ -1,0 +1,115 @@
+"""What `track` judges beside the camera on profile S: the thesis's steps, and what a motion asks of the motors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import degrees, nan
+
+import numpy as np
+import pytest
+
+from gimbal_pin.control import ComputedTorque, JointPid
+from gimbal_pin.log import Log
+from gimbal_pin.model import nominal
+from gimbal_pin.platform import Platform
+from gimbal_pin.pointing.bench import WANTED, unbalanced
+from gimbal_pin.pointing.contest import Contest, Row
+from gimbal_pin.pointing.demand import AFTER, BEFORE, Demand
+from gimbal_pin.pointing.measures import jitter
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, Followed, laws, step_targets
+from gimbal_pin.pointing.verify import Asked, grounds
+from gimbal_pin.rig import Rig
+from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
+
+DT = 1e-3
+
+
+# --- Steps -------------------------------------------------------------------------------------------------------
+
+
+def test_the_laws_of_the_steps_share_one_bandwidth() -> None:
+    """They differ by what they know: inertias; the rigid body; its friction, too; and how wrong all that may be."""
+    model = nominal(Rig.load("turret"))
+    pid, bare, full, robust = laws(model, DT, 1).values()
+    assert isinstance(pid, JointPid) and pid.gains[0].kp == full.gains[0].kp  # type: ignore[union-attr]
+    assert isinstance(bare, ComputedTorque) and isinstance(full, ComputedTorque) and isinstance(robust, ComputedTorque)
+    assert not bare.model.terms and full.model.terms == model.terms and bare.gains == full.gains
+    assert full.robust is None and robust.robust is not None
+    assert full.gains[0].kp == pytest.approx(1.4 * (2 * np.pi * BANDWIDTH) ** 2)
+
+
+def metrics(rms: float, overshoot: float, peak: float) -> StepMetrics:
+    return StepMetrics(0.3, overshoot, 0.5, 0.0, rms, peak, 0.0)
+
+
+def test_steps_are_judged_by_their_worst_joint() -> None:
+    log = Log("steps", ("a", "b"), np.arange(2.0), np.zeros((2, 2)), tau=np.zeros((2, 2)))
+
+    def ran(name: str, controller: str, a: StepMetrics, b: StepMetrics, cross: float) -> Experiment:
+        return Experiment(name, controller, {"a": a, "b": b}, cross, np.zeros((2, 2)), log)
+
+    both = ran("all-axes", JUDGED, metrics(1e-4, 0.01, 1e-3), metrics(2e-4, 0.04, 2e-3), nan)
+    one = ran("a", JUDGED, metrics(1e-4, 0.3, 1e-3), metrics(1e-5, nan, 3e-5), 3e-5)
+    other = ran("b", "pid-joint", metrics(9e-4, 9.0, 1e-3), metrics(1e-5, nan, 3e-3), 3e-3)
+    found = Tracking("rig", None, {"a": 0.5, "b": 0.3}, (both, one, other))
+    assert Followed.of(found) == {JUDGED: Followed(2e-4, 0.3, 3e-5), "pid-joint": Followed(9e-4, 9.0, 3e-3)}
+    tracking, overshoot, cross = step_targets(found)
+    assert (tracking.value, cross.value) == (pytest.approx(degrees(2e-4)), pytest.approx(degrees(3e-5)))
+    assert [target.verdict for target in (tracking, overshoot, cross)] == ["must", "missed", "aim"]
+
+
+# --- What a motion asks of the motors ----------------------------------------------------------------------------
+
+
+def test_holding_the_camera_takes_what_inverse_dynamics_says() -> None:
+    """On a platform that leans and falls: gravity on the payload's 5 mm, half of it where half the weight is felt."""
+    rig = Rig.load("thesis")
+    plant, t = nominal(unbalanced(rig)), 0.01 * np.arange(5)
+    leaning = Platform.still(t, pitch=0.2)
+    demand = Demand.of(plant, WANTED, leaning)
+    q = Sight(rig).reached(
+        np.array([[np.cos(0.2), 0, np.sin(0.2)], [0, 1, 0], [-np.sin(0.2), 0, np.cos(0.2)]]), WANTED, np.zeros(3)
+    )
+    zero = np.zeros((1, 3))
+    alone = plant.inverse(q[None], zero, zero, platform=leaning.part(slice(1)))
+    np.testing.assert_allclose(demand.tau, np.broadcast_to(alone, (5, 3)), atol=1e-8)
+    light = Demand.of(plant, WANTED, replace(leaning, f=leaning.f / 2))
+    np.testing.assert_allclose(light.tau, demand.tau / 2, atol=1e-8)
+    assert demand.weak == () == demand.moments and demand.within(t).all()
+    short = replace(demand, tau_max=np.array([9.0, 9.0, 0.9 * demand.peak["tilt"]]))
+    assert short.weak == ("tilt",) and short.moments == ((0.0, pytest.approx(0.04)),) and not short.within(t).any()
+
+
+def test_jitter_apart_from_the_moments_at_which_a_motor_is_too_weak() -> None:
+    """A run that shakes four times as much around two such moments has, apart from them, the jitter of its rest."""
+    t, times = DT * np.arange(20000), 0.01 * np.arange(2000)
+    beyond = (np.abs(times - 8.0) < 0.055) | (np.abs(times - 8.4) < 0.025) | (np.abs(times - 14.0) < 0.005)
+    demand = Demand(("yaw",), times, np.where(beyond, -2.0, 0.5)[:, None], np.ones(1))
+    assert np.allclose(demand.moments, [(7.95, 8.42), (14.0, 14.0)])
+    fine = demand.within(t)
+    assert (~fine).sum() == pytest.approx((2 * (BEFORE + AFTER) + 0.47) / DT, abs=4)
+    shake = np.where(fine, 1e-5, 4e-5) * np.sin(2 * np.pi * 10 * t)
+    error, none = np.stack([0 * t, shake, 0 * t], axis=1), np.zeros((len(t), 1))
+    run = Pointing("switch", "log", 0, ("yaw",), t, error, none, none, np.tile([1.0, 0, 0, 0], (len(t), 1)), np.ones(1))
+    assert demand.jitter(run) == pytest.approx(1e-5 / np.sqrt(2), rel=0.02)
+    assert jitter(run.sight, DT)[0] > 1.5 * demand.jitter(run)
+    contest = Contest("rig", None, (Row("switch", (run, run)),))
+    assert demand.apart(contest) == {"switch": pytest.approx(demand.jitter(run))}
+    told = demand.to_dict(contest)
+    assert told["peak"] == {"yaw": 2.0} and told["jitter_rms_deg_within"]["switch"] == pytest.approx(4.05e-4, rel=0.03)
+    never = replace(demand, tau=np.full((2000, 1), 2.0))
+    assert np.isnan(never.jitter(run)) and never.to_dict(contest)["jitter_rms_deg_within"] == {"switch": None}
+
+
+def test_profile_and_recorded_motion_may_both_be_asked_for() -> None:
+    rig = Rig.load("turret")
+    recorded = Platform.still(0.01 * np.arange(301))
+    kinds = [
+        [kind for _, kind, _ in grounds(rig, asked)]
+        for asked in (Asked(), Asked(recorded=recorded), Asked(recorded=recorded, profile=True))
+    ]
+    assert kinds == [["S"], ["log"], ["S", "log"]]
+    ((_, _, seconds),) = grounds(rig, Asked(recorded=recorded))
+    assert 2.99 < seconds < 3.0
