@@ -40,7 +40,7 @@ COGGING, TEETH = 0.01, 12
 """Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 EXTENDED_PLANT = "the extended model"
-HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "switch", "oracle"), 5.0
+HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "switch", "oracle"), 4.5
 """Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
 
 

@@ -160,7 +160,7 @@ def bar(budget: Budget) -> Figure:
     figure, panels = plots.panels(1, 1, height, left=0.12)
     axes = panels[0, 0]
     chart.budgeted(axes, budget)
-    figure.subplots_adjust(top=1.0, bottom=1 - 0.55 / height)
+    axes.set_position((0.01, 1 - 0.5 / height, 0.98, 0.5 / height))
     axes.set(xticks=[])
     axes.spines[:].set_visible(False)
     return figure
