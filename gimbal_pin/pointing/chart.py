@@ -33,17 +33,19 @@ def chart(found: Contest) -> Figure:
     """Return four diagrams of the first seed: PID, ours and the oracle; the budget is that of all seeds."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 7), layout="constrained")
-    sight, spectrum, torque, bar = figure.subplots(2, 2).flat
+    figure = Figure(figsize=(11, 8.4))
+    room = dict(left=0.08, right=0.98, top=0.96, bottom=0.12, hspace=0.5, height_ratios=[3, 3, 0.6])
+    axes = figure.subplot_mosaic([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2], gridspec_kw=room)
+    sight, spectrum, torque, bar = (axes[name] for name in ("sight", "spectrum", "torque", "bar"))
     rows = drawn(found)
     over_time(sight, rows)
     spectra(spectrum, rows)
     torques(torque, rows)
-    sight.set_title("Line of sight, above 0.2 Hz")
+    sight.set_title("Line of sight, above 0.2 Hz: the largest of each stretch")
     spectrum.set_title("Cumulative spectrum")
-    torque.set_title("Torque")
-    bar.set_title("Error budget of the world-frame PID")
-    sight.legend([row.controller for row in rows], loc="upper right")
+    torque.set_title("Torque: rms as a bar, the largest as a line")
+    bar.set_title("Error budget of the world-frame PID, % of its mean square")
+    spectrum.legend([row.controller for row in rows], loc="center right")
     if found.budget is not None:
         budgeted(bar, found.budget)
     else:
@@ -115,7 +117,7 @@ def budgeted(axes: Axes, parted: Budget) -> None:
             axes.text(left + width / 2, 0, f"{width:.0f}", ha="center", va="center", color="white", fontweight="bold")
         left += width
     axes.legend(loc="upper left", bbox_to_anchor=(-0.01, -0.12), ncols=3, frameon=False, borderaxespad=0.0)
-    axes.set(xlim=(0, max(left, 100.0)), yticks=[], xlabel="")
+    axes.set(xlim=(0, max(left, 100.0)), xticks=[], yticks=[])
     axes.grid(False)
 
 
