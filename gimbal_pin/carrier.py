@@ -14,9 +14,9 @@ from gimbal_pin.rig import Rig
 rnea, aba = pin.rnea, pin.aba
 NODE = 1e-6
 """Distance from a sample of the platform's motion, in intervals, within which a time is that sample's."""
-HEAVY = 1e18
-"""Inertia of a base that nothing on it moves, kg and kg m²: the force that gives it the prescribed acceleration is
-rounded like that acceleration, and what the joints push it by is lost in it (both 1e-15)."""
+HEAVY = 2.0**60
+"""Inertia of a base that nothing on it moves, kg and kg m²: what the joints push it by is lost in it (1e-15). A power
+of two: the force that gives it the prescribed acceleration has that acceleration's digits."""
 
 
 class Carrier:
@@ -39,7 +39,7 @@ class Carrier:
         self.pin.armature = np.concatenate([np.full(6, HEAVY), armature])
         self.data, self.still = self.pin.createData(), [0.0] * n
         self.start, self.step, self.last = float(platform.t[0]), float(platform.t[1] - platform.t[0]), len(platform) - 1
-        self.samples = np.hstack([platform.w, platform.f, platform.dw])
+        self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
         # One array holds configuration, rates and what drives them: one assignment fills what changes in them.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
@@ -49,20 +49,19 @@ class Carrier:
     def bias(self, t: float, x: Sequence[float]) -> list[float]:
         """Torque at time t, s, angles and rates x, rad and rad/s, N m."""
         now, n = self.at(t), self.n
-        self.changing[:] = [*x[:n], 0.0, 0.0, 0.0, *now[:3], *x[n:], *now[3:], *self.still]
+        self.changing[:] = [*x[:n], *now[:6], *x[n:], *[push / HEAVY for push in now[6:]], *self.still]
         torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.drive)[6:].tolist()
         return torque
 
     def accelerations(self, t: float, x: Sequence[float], net: Sequence[float]) -> list[float]:
         """Joint accelerations at time t, s, angles and rates x, under the torques `net` on the rigid body, rad/s²."""
-        (wx, wy, wz, *base), n = self.at(t), self.n
-        push = [HEAVY * a for a in base]
-        self.changing[:] = [*x[:n], 0.0, 0.0, 0.0, wx, wy, wz, *x[n:], *push, *net]
+        now, n = self.at(t), self.n
+        self.changing[:] = [*x[:n], *now[:6], *x[n:], *now[6:], *net]
         found: list[float] = aba(self.pin, self.data, self.q, self.v, self.drive)[6:].tolist()
         return found
 
     def at(self, t: float) -> list[float]:
-        """Rate, specific force and angular acceleration at a time: a sample, or the parabola through three."""
+        """The base's rates and what pushes it, six each, at a time: a sample, or the parabola through three."""
         place = (t - self.start) / self.step
         near = round(place)
         if -NODE < place - near < NODE and 0 <= near <= self.last:

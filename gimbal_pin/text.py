@@ -369,11 +369,11 @@ def held_still(row: Row) -> tuple[str, ...]:
 
 
 def followed(steps: Tracking, names: Sequence[str]) -> list[list[str]]:
-    """Columns of what the steps say of each controller; nothing of those that a base at rest does not tell apart."""
-    from gimbal_pin.pointing.steps import Followed
+    """Columns of what the steps say of each controller, by what it is on a base that stands."""
+    from gimbal_pin.pointing.steps import STANDING, Followed
 
     found = Followed.of(steps)
-    rows = [found.get(name) for name in names]
+    rows = [found[STANDING[name]] if name in STANDING else None for name in names]
     return [
         ["" if row is None else f"{degrees(row.rms):.4f}" for row in rows],
         ["" if row is None else number(row.overshoot_percent, 2) for row in rows],

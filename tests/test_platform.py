@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
+from gimbal_pin.carrier import Carrier
 from gimbal_pin.effects import Coulomb, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
 from gimbal_pin.log import Array, Imu
@@ -262,6 +263,22 @@ def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
         state = State(q[k], v[k])
         contact = plant.contact(float(k), state, tau[k])
         np.testing.assert_allclose(plant.acceleration(float(k), state, tau[k], contact), a[k], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_a_base_too_heavy_to_be_moved_moves_as_prescribed(name: str) -> None:
+    """One ABA of the heavy base is ``D⁻¹(τ - C v - G)`` with RNEA's bias and CRBA's D, at samples and between them."""
+    rig = rig_of(name)
+    (platform, *_), armature, rng = shaken(11), np.linspace(1e-4, 1e-2, rig.n), np.random.default_rng(3)
+    carrier, own = Carrier(rig, platform, armature), rig.model.copy()
+    own.armature = armature
+    for t in (0.0, 3.0, 3.4, float(platform.t[-1])):
+        x, net = rng.uniform(-2, 2, 2 * rig.n), rng.uniform(-3, 3, rig.n)
+        upper = pin.crba(own, own.createData(), x[: rig.n])
+        D = np.triu(upper) + np.triu(upper, 1).T
+        expected = np.linalg.solve(D, net - carrier.bias(t, x.tolist()))
+        found = carrier.accelerations(t, x.tolist(), net.tolist())
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", bundled_rigs())

@@ -179,6 +179,24 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
     assert max(np.abs(after.turn).max(), np.abs(after.rate).max()) < 1e-12
 
 
+def test_what_is_fast_is_the_plain_formula() -> None:
+    """The 3 by 3 inverse, the forecast in one product, and the mean of the gyros' attitudes."""
+    rng = np.random.default_rng(5)
+    J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
+    np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
+    forecast, past = Forecast(spectrum(), PID, DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
+    for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
+        plain = [weights[2] @ past[:, 3:], weights[0] @ past[:, :3], weights[1] @ past[:, :3]]
+        np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
+    fusion, others, between = Fusion(GYRO, 2 * pi / 2**16, DT), rng.standard_normal((2, 3)), rng.standard_normal((2, 3))
+    camera, to = pin.exp3(rng.standard_normal(3)), [pin.exp3(turn) for turn in between]
+    memory = Fused.begun([camera @ R.T for R in to], others).on(others, DT)
+    after = fusion.compared(memory, camera, to)
+    moved = [pin.log3(camera.T @ camera @ R.T @ pin.exp3(DT * w) @ R) for R, w in zip(to, others)]
+    np.testing.assert_allclose(after.turn, fusion.gain * np.sum(moved, axis=0) / 3, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(after.rate, after.turn / DT, rtol=1e-12)
+
+
 # --- Laws and margins ----------------------------------------------------------------------------------------------
 
 

@@ -17,8 +17,9 @@ from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.demand import AFTER, BEFORE, Demand
 from gimbal_pin.pointing.measures import jitter
 from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, Followed, laws, step_targets
+from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, STANDING, Followed, laws, step_targets
 from gimbal_pin.pointing.verify import Asked, grounds
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
@@ -32,7 +33,9 @@ DT = 1e-3
 def test_the_laws_of_the_steps_share_one_bandwidth() -> None:
     """They differ by what they know: inertias; the rigid body; its friction, too; and how wrong all that may be."""
     model = nominal(Rig.load("turret"))
-    pid, bare, full, robust = laws(model, DT, 1).values()
+    found = laws(model, DT, 1)
+    pid, bare, full, robust = found.values()
+    assert set(STANDING) == {*NAMES} - {"with-observer"} and set(STANDING.values()) == set(found)
     assert isinstance(pid, JointPid) and pid.gains[0].kp == full.gains[0].kp  # type: ignore[union-attr]
     assert isinstance(bare, ComputedTorque) and isinstance(full, ComputedTorque) and isinstance(robust, ComputedTorque)
     assert not bare.model.terms and full.model.terms == model.terms and bare.gains == full.gains

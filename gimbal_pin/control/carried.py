@@ -108,8 +108,10 @@ class CarriedTorque:
 
     def inverse(self, t: float, ahead: Sequence[Ahead], feedback: Sequence[float]) -> list[float]:
         """Torque of the model, N m: every joint's from the moment at which its own drive will act."""
+        if len(ahead) == 1:
+            return self.at(t, ahead[0], feedback)
         several = [self.at(t, one, feedback) for one in ahead]
-        return [several[k][j] for j, k in enumerate(self.which)] if len(several) > 1 else several[0]
+        return [several[k][j] for j, k in enumerate(self.which)]
 
     def at(self, t: float, there: Ahead, feedback: Sequence[float]) -> list[float]:
         """Torque of the model at one moment, N m."""

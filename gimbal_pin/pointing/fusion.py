@@ -86,5 +86,5 @@ class Fusion:
         seen = np.array([pin.log3(own.dot(R.dot(to))) for R, to in zip(attitudes, between)])
         changes = self.gain * (seen - memory.gaps)
         gaps = memory.gaps + changes
-        mean = np.full(count, 1 / (count + 1))
-        return Fused(attitudes, np.zeros((count, 3)), memory.rates, gaps, mean.dot(gaps), mean.dot(changes) / self.dt)
+        turn, rate = np.add.reduce(gaps) / (count + 1), np.add.reduce(changes) / ((count + 1) * self.dt)
+        return Fused(attitudes, np.zeros((count, 3)), memory.rates, gaps, turn, rate)

@@ -111,7 +111,7 @@ class Guard:
         t, watch = self.timed(seen.t, watch)
         moved = (watch.moved + (t - watch.good.t) * v) * (seen.q == watch.raw.q)
         if watch.calm and self.sound(seen, watch.raw, moved):
-            good = Seen(t, *seen[1:])
+            good = seen if t == seen.t else Seen(t, *seen[1:])
             return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, watch.clock, watch.events)
         return self.sifted(t, seen, watch, v, moved)
 
@@ -168,7 +168,7 @@ class Guard:
         if elapsed > 1.5 * self.dt:
             lost = round(elapsed / self.dt) - 1
             watch = watch.told(f"{watch.good.t + elapsed:.3f} s: {lost} sample{'s' * (lost > 1)} never came")
-        return watch.good.t + elapsed, watch
+        return stamp + watch.clock, watch
 
     def plausible(self, name: str, seen: Seen) -> bool:
         """Whether a reading is one at all."""

@@ -151,7 +151,7 @@ class Navigator:
     def wished(self, q: Array, view: View, base: Carried) -> Ahead:
         """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""
         against = -view.inverse
-        v = against.dot(np.dot(base.w, view.R)[self.sight.rows])
+        v = against.dot(np.asarray(base.w).dot(view.R)[self.sight.rows])
         if not self.accelerates:
             return Ahead(q, v, np.zeros_like(q), base)
         return Ahead(q, v, against.dot(self.sight.drift(q, v, base.w, base.dw)), base)
