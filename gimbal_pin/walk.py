@@ -187,7 +187,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
     results = identified, found.tunings, found.tracking, animation, found.diagnosis
-    page = report.full(rig, logs, *results, plant=found.plant, held=found.held)
+    page = report.full(rig, logs, *results, plant=found.plant, held=found.held, why=found.why)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
     if found.diagnosis is not None and "extended model" in files:

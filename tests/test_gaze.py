@@ -19,6 +19,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, learned
 from gimbal_pin.pointing.contest import Contest, Row
+from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.outlook import liveliest, outlook
 from gimbal_pin.pointing.result import Pointing
@@ -27,7 +28,7 @@ from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import pointing, render
 from gimbal_pin.report.numbers import CONTROLLERS, figures
 from gimbal_pin.report.sections.gaze import gazes
-from gimbal_pin.report.sections.pointing import headline
+from gimbal_pin.report.sections.pointing import asked_for, headline
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import afar, gaze
 from gimbal_pin.view.motion import poses
@@ -141,6 +142,15 @@ def test_the_page_says_what_was_run() -> None:
     share = 1 - SIZES["computed-torque"] ** 2 / SIZES["pid-world"] ** 2
     assert len(budget) == 1 and f"base motion to hidden parameters {100 * share:.1f} %" in budget[0]
     assert tree.xpath("//script") == [] and len(tree.xpath("//iframe")) == 1
+
+
+def test_a_motion_that_asks_for_more_than_a_motor_has_is_told_beside_that_motion() -> None:
+    tau = np.array([[4.6, -1.0, 0.5], [0.0, 0.2, -0.7]])
+    demand = Demand(rig().joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]))
+    rows = tuple(replace(row, runs=(replace(row.runs[0], platform="log"),)) for row in contest().rows)
+    said = asked_for(replace(verified(), contest=replace(contest(), rows=rows), demand=demand))
+    assert "4.60 N m of yaw, which has 3.60:" in said and "roll" not in said
+    assert asked_for(replace(verified(), demand=demand)) == asked_for(verified()) == ""
 
 
 def test_a_contest_without_the_usual_names_is_shown_too() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.outlook import outlook, shown
 from gimbal_pin.pointing.verify import Verified
@@ -13,6 +15,7 @@ from gimbal_pin.tracking import Tracking
 from gimbal_pin.view.onboard import onboard
 
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+OTHER = "Camera, recorded motion"
 NOTE = "The plant is {}, with the rig's sensors, delay and torque limits."
 
 
@@ -27,7 +30,9 @@ def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str)
     """
     parts: list[Section] = []
     if held is not None:
-        parts += [sections.pointing(held), sections.animation(moving(rig, held), SCENE)]
+        parts += [sections.pointing(replace(held, recorded=None)), sections.animation(moving(rig, held), SCENE)]
+        alone = [replace(held, contest=other, recorded=None, targets=()) for other in held.contests[1:]]
+        parts += [sections.pointing(one, title=OTHER) for one in alone]
         parts += [] if held.steps is None else [sections.tracking(held.steps, rig, NOTE.format("that of the camera"))]
     if steps is not None:
         parts.append(sections.tracking(steps, rig, NOTE.format(plant)))

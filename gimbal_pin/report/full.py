@@ -14,6 +14,7 @@ from gimbal_pin.pointing import Verified
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
+from gimbal_pin.report.html import paragraph
 from gimbal_pin.report.numbers import controller_name
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
@@ -21,6 +22,7 @@ from gimbal_pin.tuning import Tuning
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
 HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
+NOT_HELD = "It was not held still on a platform that moves: {}."
 
 
 def full(
@@ -33,6 +35,7 @@ def full(
     wrong: Diagnosis | None = None,
     plant: str = "the identified model",
     held: Verified | None = None,
+    why: str = "",
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
@@ -46,6 +49,7 @@ def full(
         wrong: What `diagnose` returned, if it was run.
         plant: What the steps were simulated on, within a sentence.
         held: What `verify` returned, if the camera was held on a moving platform.
+        why: Why it was not, if that is to be said.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [
@@ -61,6 +65,7 @@ def full(
             result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
         ),
         *([] if held is None else [partial(sections.pointing, held, HELD.format(plant))]),
+        *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why else []),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
     mounted = f" with {rig.payload}" if rig.payload else ""

@@ -44,17 +44,18 @@ MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "t
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 
 
-def pointing(found: Verified, note: str = "") -> Section:
+def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     """Return what the camera sees on a platform that moves, the error and its parts, torque and margins.
 
     Args:
         found: What `verify` returned.
         note: What the plant and the model were, as sentences.
+        title: Heading.
     """
     contest = found.contest
     parts = [
         paragraph(headline(contest), "headline good" if (contest.gain or 0.0) > 1 else "headline fair"),
-        paragraph(f"{circumstances(contest)} {note}".strip()),
+        paragraph(" ".join(filter(None, [circumstances(contest), note, asked_for(found)]))),
         cards(numbers(found)),
         heading("What the camera sees"),
         gazes(outlook(contest, WANTED), WANTED),
@@ -65,7 +66,7 @@ def pointing(found: Verified, note: str = "") -> Section:
         *margins(found),
         *told(found),
     ]
-    return Section("Camera", join(parts), "The platform moves; the camera should not.")
+    return Section(title, join(parts), "The platform moves; the camera should not.")
 
 
 def headline(contest: Contest) -> str:
@@ -89,6 +90,16 @@ def circumstances(contest: Contest) -> str:
         "motion, sensors, delay, torque limits and margins. Jitter is the line of sight above 0.2 Hz; what is slower "
         "is drift, which integrated gyros have whoever controls."
     )
+
+
+def asked_for(found: Verified) -> str:
+    """Say which motors are too weak for a recorded motion, whoever controls them."""
+    demand = found.demand
+    if demand is None or found.contest.rows[0].runs[0].platform != "log":
+        return ""
+    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
+    weak = listed(f"{figures(demand.peak[j])} N m of {j}, which has {figures(limits[j])}" for j in demand.weak)
+    return f"At its worst the motion asks for {weak}: there no controller holds the camera."
 
 
 def numbers(found: Verified) -> list[Card]:
