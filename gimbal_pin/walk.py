@@ -40,6 +40,7 @@ COGGING, TEETH = 0.01, 12
 """Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 EXTENDED_PLANT = "the extended model"
+DRAWN_PLANT = "a rig that the model's covariance leaves possible"
 HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "switch", "oracle"), 4.5
 """Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
 
@@ -76,6 +77,11 @@ class Auto:
     def tuning(self) -> Tuning:
         """The tuning that was asked for."""
         return next(iter(self.tunings.values()))
+
+    @property
+    def held_on(self) -> str:
+        """What the camera was held on, in words."""
+        return TRUE_PLANT if self.plant == TRUE_PLANT else DRAWN_PLANT
 
     def to_dict(self) -> dict[str, Any]:
         """Return the verbs' JSON side by side."""
@@ -187,7 +193,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
     results = identified, found.tunings, found.tracking, animation, found.diagnosis
-    page = report.full(rig, logs, *results, plant=found.plant, held=found.held, why=found.why)
+    page = report.full(rig, logs, *results, plant=found.plant, held=found.held, held_on=found.held_on, why=found.why)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
     if found.diagnosis is not None and "extended model" in files:

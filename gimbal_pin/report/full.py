@@ -35,6 +35,7 @@ def full(
     wrong: Diagnosis | None = None,
     plant: str = "the identified model",
     held: Verified | None = None,
+    held_on: str = "the identified model",
     why: str = "",
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
@@ -49,6 +50,7 @@ def full(
         wrong: What `diagnose` returned, if it was run.
         plant: What the steps were simulated on, within a sentence.
         held: What `verify` returned, if the camera was held on a moving platform.
+        held_on: What that was simulated on, within a sentence.
         why: Why it was not, if that is to be said.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
@@ -64,7 +66,7 @@ def full(
         lambda: sections.tracking(
             result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
         ),
-        *([] if held is None else [partial(sections.pointing, held, HELD.format(plant))]),
+        *([] if held is None else [partial(sections.pointing, held, HELD.format(held_on))]),
         *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why else []),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
