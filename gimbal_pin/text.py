@@ -322,7 +322,8 @@ def verified(found: Verified) -> str:
     """Every controller on all that was run, targets, and where the error goes, degrees."""
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
     parts = [circumstances(found), controllers(found), ""]
-    parts += [table("target", "value", "must", "aim", "reached", rows=judged), *asking(found), *budget(found)]
+    parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
+    parts += [*asking(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
     parts += [
         f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
@@ -398,7 +399,7 @@ def budget(found: Verified) -> list[str]:
     if parted is None:
         return []
     rows = [
-        (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * max(share, 0.0)))
+        (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()
     ]
     return ["", table("error budget", "% of b²", "°", "", rows=rows)]
@@ -412,6 +413,7 @@ def auto(found: Auto) -> str:
         *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
         tuning(found.tuning),
         tracking(found.tracking, found.plant),
+        f"no camera held on a platform: {found.why}" if found.held is None else verified(found.held),
         files,
         f"open {found.files['report']}",
     ]

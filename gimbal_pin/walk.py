@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from gimbal_pin.control.design import Wish
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.errors import DataError
+from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
 from gimbal_pin.identification import Identified, identify
@@ -25,6 +25,9 @@ from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_y
 from gimbal_pin.io.model import write_extended, write_model
 from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
+from gimbal_pin.pointing import Asked, Verified, verify
+from gimbal_pin.pointing.able import unable
+from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 from gimbal_pin.simulation import plant_with, simulate
@@ -37,6 +40,9 @@ COGGING, TEETH = 0.01, 12
 """Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 EXTENDED_PLANT = "the extended model"
+DRAWN_PLANT = "a rig that the model's covariance leaves possible"
+HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "switch", "oracle"), 4.5
+"""Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +58,8 @@ class Auto:
         animated: The log that the animation shows: all axes to and fro, with the controller that was asked for.
         files: What → path.
         plant: What the steps were simulated on, in words.
+        held: The camera held on a moving platform; None where that cannot be.
+        why: Why it cannot, or nothing.
     """
 
     identified: Identified
@@ -62,11 +70,18 @@ class Auto:
     animated: Log
     files: Mapping[str, Path]
     plant: str
+    held: Verified | None = None
+    why: str = ""
 
     @property
     def tuning(self) -> Tuning:
         """The tuning that was asked for."""
         return next(iter(self.tunings.values()))
+
+    @property
+    def held_on(self) -> str:
+        """What the camera was held on, in words."""
+        return TRUE_PLANT if self.plant == TRUE_PLANT else DRAWN_PLANT
 
     def to_dict(self) -> dict[str, Any]:
         """Return the verbs' JSON side by side."""
@@ -75,7 +90,8 @@ class Auto:
             "identify": reported(self.identified),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": self.tuning.to_dict(),
-            "track": self.tracking.to_dict(),
+            "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
+            "not_held": self.why or None,
             "files": {what: str(path) for what, path in self.files.items()},
         }
 
@@ -118,9 +134,10 @@ def auto(
     tracking = track(plant or model, {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}, rng=rng)
     law = next(iter(tunings.values())).controller
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro")
+    held, why = carried(rig, logs[0], model, plant)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
-    files = paths(rig, output_folder(folder), wrong)
-    found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood)
+    files = paths(rig, output_folder(folder), wrong, held)
+    found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why)
     write(rig, logs, found)
     return found
 
@@ -147,11 +164,26 @@ def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: s
     return planned(found, rng=rng)
 
 
-def paths(rig: Rig, folder: Path, wrong: Diagnosis | None) -> Mapping[str, Path]:
+def carried(rig: Rig, log: Log, model: Model, plant: Model | None) -> tuple[Verified | None, str]:
+    """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
+
+    Without a plant it is one that the model's covariance leaves possible.
+    """
+    if reason := unable(rig, WANTED):
+        return None, reason
+    try:
+        asked = Asked(plant=plant, known=model, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR)
+        return replace(verify(rig, asked), targets=()), ""  # the targets are meant for a longer run
+    except UsageError as error:
+        return None, str(error)
+
+
+def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None) -> Mapping[str, Path]:
     """Return what `write` leaves in a folder, and where."""
     names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "motion": "motion.csv"}
     names |= {"next experiment": NEXT} if wrong is not None and wrong.next_motion is not None else {}
     names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
+    names |= {} if held is None else {"camera": "camera.html"}
     names |= {} if wrong is None or wrong.held is None else {"extended model": "extended.yaml"}
     return {what: folder / name for what, name in names.items()}
 
@@ -161,7 +193,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
     results = identified, found.tunings, found.tracking, animation, found.diagnosis
-    page = report.full(rig, logs, *results, plant=found.plant)
+    page = report.full(rig, logs, *results, plant=found.plant, held=found.held, held_on=found.held_on, why=found.why)
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
     if found.diagnosis is not None and "extended model" in files:
@@ -169,6 +201,8 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     write_yaml(found.tuning.to_dict(), files["controller"])
     write_log(found.animated, files["motion"])
     atomic_write(files["animation"], animation)
+    if found.held is not None:
+        atomic_write(files["camera"], report.moving(rig, found.held))
     atomic_write(files["report"], page)
     if found.diagnosis is not None and found.diagnosis.next_motion is not None:
         write_motion(found.diagnosis.next_motion, rig.joints, files["next experiment"])

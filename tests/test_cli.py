@@ -132,6 +132,7 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
     assert distance["must"] == 2.5 and jitter["value"] == pytest.approx(rows["switch"]["jitter_rms_deg"])
     assert (tmp_path / "p.svg").stat().st_size > 1000
     refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
+    refused(run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"), 2, "--animation", "--platform S")
     refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")
     refused(run("track", "turret", "--steps"), 2, "CONTROLLER", "--platform S")
 
@@ -150,6 +151,9 @@ def test_auto_leaves_a_whole_folder(run: Run, log_file: Path, tmp_path: Path) ->
     )
     for path in found["files"].values():
         assert Path(path).stat().st_size > 500
+    jitter = {row["controller"]: row["jitter_rms_deg"] for row in found["track"]["pointing"]}
+    assert jitter["switch"] < 0.5 * jitter["pid-world"] and found["not_held"] is None
+    assert "camera" in found["files"] and 'class="gaze"' in (tmp_path / "out" / "report.html").read_text()
     assert "http" not in re.sub(
         r"https?://(www\.)?w3\.org\S*", "", (tmp_path / "out" / "report.html").read_text()[:2000]
     )

@@ -15,7 +15,9 @@ from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.model import Model
+    from gimbal_pin.pointing import Verified
     from gimbal_pin.rig import Rig
+    from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Law
 
 
@@ -69,6 +71,14 @@ def track(
         Path | None,
         arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
     ] = None,
+    report: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="write a report: what the camera sees, errors, torque", help_behavior_hint=""),
+    ] = None,
+    animation: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="write the rig on its platform as an offline page", help_behavior_hint=""),
+    ] = None,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
@@ -81,15 +91,17 @@ def track(
     if controller is None and not moving:
         mend = "name a controller's YAML, or a motion: --platform S, --platform-log FILE"
         raise UsageError("CONTROLLER", "is missing", mend)
+    if animation is not None and not moving:
+        raise UsageError("--animation", "has no platform to show", "name a motion: --platform S, --platform-log FILE")
     if steps and not moving:
         raise UsageError("--steps", "goes with a motion; a controller's own steps are run anyway", "give --platform S")
     loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
-    told, result = [], {}
+    told, result, found, verified = [], {}, None, None
+    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     if controller is not None:
         found = run(
             plant_of(model, loaded), rivals(controller, loaded), rng=np.random.default_rng(seed), delay=delay_samples
         )
-        stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
         told, result = [text.tracking(found, stood)], found.to_dict()
     if moving:
         from gimbal_pin.io.files import replacing
@@ -122,7 +134,22 @@ def track(
         whole = verified.to_dict()
         whole["experiments"] = [*result.get("experiments", ()), *whole.get("experiments", ())]
         told, result = [*told, text.verified(verified)], {**result, **whole}
+    pages(loaded, verified, found, stood, report, animation)
     present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
+
+
+def pages(
+    rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, report: Path | None, animation: Path | None
+) -> None:
+    """Write the pages that were asked for."""
+    from gimbal_pin.io.files import atomic_write
+    from gimbal_pin.report.carried import carried as whole
+    from gimbal_pin.report.carried import moving
+
+    if report is not None:
+        atomic_write(report, whole(rig, held, steps, plant))
+    if animation is not None and held is not None:
+        atomic_write(animation, moving(rig, held))
 
 
 def known_by(name: str, rig: Rig) -> Model:

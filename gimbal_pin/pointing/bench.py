@@ -10,12 +10,14 @@ from math import radians
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.config import Noise
 from gimbal_pin.effects import Effect, Signal
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import facing, payload
 from gimbal_pin.experiment import bench_run
 from gimbal_pin.identification import identify
-from gimbal_pin.log import Array, Log
+from gimbal_pin.imu import noisy
+from gimbal_pin.log import Array, Imu, Log
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.contest import Course
@@ -36,6 +38,8 @@ LEARNED = 1000
 """Seed of the log that the model comes from: no motion of the benchmark has it."""
 HALF = 0.5
 """Size of profile S with which the base is shaken while that log is recorded."""
+REHEARSAL = 20.0
+"""Length of a motion that only says how a platform moves, s."""
 
 
 def unbalanced(rig: Rig, off: float = OFF) -> Rig:
@@ -132,7 +136,7 @@ def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0
 
 
 def learned(rig: Rig, log: Log, effects: Sequence[Effect] = (), model: Model | None = None) -> Learned:
-    """Identify a model from a log, and learn from its base's IMU how the platform moves, if it has one.
+    """Identify a model from a log, and learn how the platform moves: from its base's IMU, if it has one.
 
     Args:
         rig: The rig.
@@ -141,11 +145,20 @@ def learned(rig: Rig, log: Log, effects: Sequence[Effect] = (), model: Model | N
         model: The model, where it is known already.
     """
     known = identify(rig, [log], effects, holdout="none").model if model is None else model
-    imu = log.imus.get(rig.base)
-    if imu is None:
-        return Learned(log, known, Spectrum.assumed(log.dt, GYRO, ACCELEROMETER), (True,) * rig.n)
-    platform = Platform.measured(log.t - log.t[0], imu, log.name)
-    return Learned(log, known, Spectrum.of(imu, log.dt, log.name), trusted(known, WANTED, platform))
+    t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
+    spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), log.name)
+    return Learned(log, known, spectrum, trusted(known, WANTED, Platform.measured(t, imu, log.name)))
+
+
+def rehearsed(rig: Rig) -> tuple[Array, Imu]:
+    """Return time, s, and what the IMU of a rig's base reports on profile S at half its size, as if shaken by hand.
+
+    It tells how a platform moves where the log that the model comes from does not.
+    """
+    dt = 0.001
+    motion = Shaken(Sight(rig).centre, REHEARSAL, dt, HALF)(LEARNED)
+    own = Imu(motion.w[::2], motion.f[::2], None if motion.quat is None else motion.quat[::2])
+    return motion.t[::2], noisy(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))
 
 
 def entered(taught: Learned, course: Course) -> Roster:

@@ -2,51 +2,125 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gimbal_pin.pointing.contest import Contest
+from gimbal_pin.log import Array
+from gimbal_pin.pointing.budget import Budget
+from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import cumulative, split
+from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+COLOURS = {BASELINE: "#8d98a7", OURS: "#1a75f2", ORACLE: "#14a05a"}
+OTHERS = ("#d98200", "#8a4fd0", "#0b96a8")
+"""For controllers that stand in for one of those."""
+PARTS = ("#e23b2f", "#8a4fd0", "#d98200", "#1a75f2", "#0b96a8", "#d23f8d", "#14a05a")
+"""For the budget's parts, the sensor floor last."""
+POINTS = 400
+"""Points of a curve."""
+SHORTEST = 4.0
+"""Parts of the budget below so many per cent carry no figure inside the bar."""
+
 
 def chart(found: Contest) -> Figure:
     """Return four diagrams of the first seed: PID, ours and the oracle; the budget is that of all seeds."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 7), layout="constrained")
-    sight, spectrum, torque, bar = figure.subplots(2, 2).flat
-    shown = [row for row in found.rows if row.controller in (BASELINE, OURS, ORACLE)] or list(found.rows[:3])
-    for row in shown:
-        run = row.runs[0]
-        fast, _ = split(run.sight, run.dt)
-        sight.plot(run.t[run.counted], np.degrees(np.hypot(*fast.T)), lw=0.6, label=row.controller)
-        f, rms = cumulative(run.sight, run.dt)
-        spectrum.semilogx(f[1:], np.degrees(rms[1:]), label=row.controller)
-        share = np.quantile(np.abs(run.tau[run.counted]) / run.tau_max, 0.99, axis=0)
-        torque.plot(run.joints, 100 * share, "o", label=row.controller)
-    sight.set(title="Line of sight, above 0.2 Hz", xlabel="s", ylabel="degrees", yscale="log", ylim=(1e-5, None))
-    spectrum.set(title="Cumulative spectrum", xlabel="Hz", ylabel="degrees rms up to there")
-    torque.set(title="Torque, 99 % of the time below", ylabel="% of the limit", ylim=(0, 105))
-    sight.legend(loc="upper right")
-    budgeted(bar, found)
+    figure = Figure(figsize=(11, 8.4))
+    room = dict(left=0.08, right=0.98, top=0.96, bottom=0.12, hspace=0.5, height_ratios=[3, 3, 0.6])
+    axes = figure.subplot_mosaic([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2], gridspec_kw=room)
+    sight, spectrum, torque, bar = (axes[name] for name in ("sight", "spectrum", "torque", "bar"))
+    rows = drawn(found)
+    over_time(sight, rows)
+    spectra(spectrum, rows)
+    torques(torque, rows)
+    sight.set_title("Line of sight, above 0.2 Hz: the largest of each stretch")
+    spectrum.set_title("Cumulative spectrum")
+    torque.set_title("Torque: rms as a bar, the largest as a line")
+    bar.set_title("Error budget of the world-frame PID, % of its mean square")
+    spectrum.legend([row.controller for row in rows], loc="center right")
+    if found.budget is not None:
+        budgeted(bar, found.budget)
+    else:
+        bar.set_axis_off()
     return figure
 
 
-def budgeted(axes: Axes, found: Contest) -> None:
-    """Draw the error budget as one bar."""
-    parted, left = found.budget, 0.0
-    axes.set(title="Error budget of the world-frame PID", xlabel="% of its mean square", yticks=[])
-    if parted is None:
-        return
-    for what, part in parted.parts.items():
-        width = 100 * max(part, 0.0)
-        axes.barh(0, width, left=left, label=f"{what} {100 * part:.1f} %")
+def drawn(found: Contest) -> tuple[Row, ...]:
+    """Return the rows that are drawn: PID, ours and the oracle, or the first three."""
+    return tuple(row for row in found.rows if row.controller in COLOURS) or found.rows[:3]
+
+
+def looks(rows: Sequence[Row]) -> Mapping[str, str]:
+    """Return controller → colour."""
+    return {row.controller: COLOURS.get(row.controller, OTHERS[k % 3]) for k, row in enumerate(rows)}
+
+
+def over_time(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw the first run's distance of the line of sight from its slow part, degrees: the largest of each stretch."""
+    for row in rows:
+        run = row.runs[0]
+        t, largest = envelope(run)
+        axes.plot(t, largest, lw=1.0, color=looks(rows)[row.controller])
+    axes.set(xlabel="time, s", ylabel="line of sight off by, °", xlim=(t[0], t[-1]), ylim=(0, None))
+
+
+def envelope(run: Pointing) -> tuple[Array, Array]:
+    """Return the middle of each of `POINTS` stretches, s, and the largest jitter in it, degrees."""
+    fast, _ = split(run.sight, run.dt)
+    size, t = np.degrees(np.hypot(*fast.T)), run.t[run.counted]
+    edges = np.linspace(0, len(t), min(POINTS, len(t)) + 1).astype(int)
+    pairs = list(zip(edges[:-1].tolist(), edges[1:].tolist()))
+    return np.array([t[a:b].mean() for a, b in pairs]), np.array([size[a:b].max() for a, b in pairs])
+
+
+def spectra(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw jitter up to each frequency, degrees rms, of the first run."""
+    for row in rows:
+        f, rms = cumulative(row.runs[0].sight, row.runs[0].dt)
+        some = np.unique(np.geomspace(1, len(f) - 1, POINTS).astype(int))
+        axes.semilogx(f[some], np.degrees(rms[some]), color=looks(rows)[row.controller])
+    axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]), ylim=(0, None))
+
+
+def torques(axes: Axes, rows: Sequence[Row]) -> None:
+    """Draw each joint's torque as a share of its limit: rms as a bar, the largest of the first run as a whisker."""
+    first, high = rows[0].runs[0], 0.8 / len(rows)
+    limited = np.isfinite(first.tau_max)
+    scale = np.where(limited, 100 / np.where(limited, first.tau_max, 1.0), 1.0)
+    for k, row in enumerate(rows):
+        run = row.runs[0]
+        at = np.arange(len(run.joints)) + (k - (len(rows) - 1) / 2) * high
+        share = scale * np.abs(run.tau[run.counted])
+        axes.barh(at, np.sqrt(np.mean(share**2, axis=0)), 0.85 * high, color=looks(rows)[row.controller])
+        axes.hlines(at, 0, share.max(axis=0), color=looks(rows)[row.controller], lw=1.4)
+    axes.axvline(100, color="#b3261e", lw=1.2, ls=(0, (4, 3)))
+    axes.set(xlabel="% of the limit" if limited.all() else "% of the limit, N m without one", xlim=(0, 108))
+    axes.set_yticks(range(len(first.joints)), first.joints)
+    axes.invert_yaxis()
+
+
+def budgeted(axes: Axes, parted: Budget) -> None:
+    """Draw the error budget as one bar; its legend below has every figure, also of what did harm."""
+    left = 0.0
+    for what, share, colour in zip(parted.parts, parted.parts.values(), shades(len(parted.parts))):
+        width = 100 * max(share, 0.0)
+        axes.barh(0, width, 0.8, left=left, color=colour, label=f"{what}  {100 * share:.1f} %")
+        if width >= SHORTEST:
+            axes.text(left + width / 2, 0, f"{width:.0f}", ha="center", va="center", color="white", fontweight="bold")
         left += width
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.02), ncols=2, fontsize="small")
-    axes.set_ylim(-2.5, 0.6)
+    axes.legend(loc="upper left", bbox_to_anchor=(-0.01, -0.12), ncols=3, frameon=False, borderaxespad=0.0)
+    axes.set(xlim=(0, max(left, 100.0)), xticks=[], yticks=[])
+    axes.grid(False)
+
+
+def shades(count: int) -> tuple[str, ...]:
+    """Return the parts' colours, the floor's last."""
+    return (*PARTS[: count - 1], PARTS[-1])

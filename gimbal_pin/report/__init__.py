@@ -4,6 +4,7 @@
 """
 
 from gimbal_pin.report.base import Section, render, write
+from gimbal_pin.report.carried import carried, moving
 from gimbal_pin.report.evaluation import Evaluated, evaluate
 from gimbal_pin.report.full import full
 from gimbal_pin.report.sections import (
@@ -12,6 +13,7 @@ from gimbal_pin.report.sections import (
     excitation,
     margins,
     parameters,
+    pointing,
     rig_section,
     summary,
     torque,
@@ -22,12 +24,15 @@ __all__ = [
     "Evaluated",
     "Section",
     "animation",
+    "carried",
     "data",
     "evaluate",
     "excitation",
     "full",
     "margins",
+    "moving",
     "parameters",
+    "pointing",
     "render",
     "rig_section",
     "summary",

@@ -10,15 +10,19 @@ from tqdm import tqdm
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
+from gimbal_pin.pointing import Verified
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
+from gimbal_pin.report.html import paragraph
 from gimbal_pin.report.numbers import controller_name
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
+HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
+NOT_HELD = "It was not held still on a platform that moves: {}."
 
 
 def full(
@@ -30,6 +34,9 @@ def full(
     animation: str,
     wrong: Diagnosis | None = None,
     plant: str = "the identified model",
+    held: Verified | None = None,
+    held_on: str = "the identified model",
+    why: str = "",
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
@@ -42,6 +49,9 @@ def full(
         animation: What `view.record` returned.
         wrong: What `diagnose` returned, if it was run.
         plant: What the steps were simulated on, within a sentence.
+        held: What `verify` returned, if the camera was held on a moving platform.
+        held_on: What that was simulated on, within a sentence.
+        why: Why it was not, if that is to be said.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [
@@ -56,6 +66,8 @@ def full(
         lambda: sections.tracking(
             result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
         ),
+        *([] if held is None else [partial(sections.pointing, held, HELD.format(held_on))]),
+        *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why else []),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
     mounted = f" with {rig.payload}" if rig.payload else ""

@@ -70,9 +70,20 @@ def torque_text(value: float, digits: int = 2) -> str:
     return f"{figures(scale * value, digits)} {name}"
 
 
+CONTROLLERS = {
+    "pid": "PID",
+    "pid-joint": "joint PID",
+    "pid-world": "world-frame PID",
+    "computed-torque-fixed": "computed torque, base taken as fixed",
+    "without-hidden": "computed torque without hidden parameters",
+    "switch": "full model-based control",
+}
+"""Controllers whose names say more than their keys."""
+
+
 def controller_name(key: str) -> str:
     """Return a controller's name as a person reads it: ``pid`` as PID, ``computed-torque`` as computed torque."""
-    return "PID" if key == "pid" else key.replace("-", " ")
+    return CONTROLLERS.get(key, key.replace("-", " "))
 
 
 def percent(value: float, decimals: int = 1) -> str:

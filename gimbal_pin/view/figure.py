@@ -95,7 +95,7 @@ def facets(solid: Solid) -> three.Json:
 
 def pose_commands(rig: Rig, poses: Poses, root: str, k: int = 0) -> list[three.Json]:
     """Return the commands that put the groups where frame k has them."""
-    positions = (np.zeros(3), *poses.position[k])
+    positions = (poses.place[k], *poses.position[k])
     attitudes = (poses.base[k], *poses.quaternion[k])
     commands = []
     for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True):
@@ -112,6 +112,8 @@ def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
     base, *groups = paths(rig, root)
     if np.ptp(poses.base, axis=0).max() > 0:
         found[base] = [three.track(".quaternion", "quaternion", clock, poses.base)]
+        if np.ptp(poses.place, axis=0).max() > 0:
+            found[base].append(three.track(".position", "vector3", clock, poses.place))
     for joint, path in enumerate(groups):
         found[path] = [three.track(".quaternion", "quaternion", clock, poses.quaternion[:, joint])]
         if np.ptp(poses.position[:, joint], axis=0).max() > 0:

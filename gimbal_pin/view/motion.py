@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +23,8 @@ class Motion:
         base: Attitude of the base in the world, (x, y, z, w), shape (F, 4), or None: it stands still.
         colour: Colour of each moved link, 0 its own to 1 red, shape (F, n), or None.
         speed: Seconds of the log per second of playing.
+        pivot: Point of the base that stays where it is while the base turns, m in the base's frame, (3,).
+        wanted: Attitude that the camera should keep, (3, 3), or None: there is no target.
     """
 
     t: Array
@@ -31,6 +33,8 @@ class Motion:
     base: Array | None = None
     colour: Array | None = None
     speed: float = 1.0
+    pivot: Array = field(default_factory=lambda: np.zeros(3))
+    wanted: Array | None = None
 
     @property
     def clock(self) -> Array:
@@ -46,12 +50,14 @@ class Poses:
         position: Origin in the parent joint's frame, m, shape (F, n, 3).
         quaternion: Attitude in the parent joint's frame, (x, y, z, w), shape (F, n, 4).
         base: Attitude of the base in the world, (x, y, z, w), shape (F, 4).
+        place: Where the base's origin is in the world, m, shape (F, 3).
         world: Pose in the world; index 0 is the base's, shape (F, n + 1, 4, 4).
     """
 
     position: Array
     quaternion: Array
     base: Array
+    place: Array
     world: Array
 
 
@@ -122,8 +128,11 @@ def base_attitude(rig: Rig, log: Log, times: Array) -> Array | None:
     return np.where(length > 0, found / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 0.0, 1.0]))
 
 
-def poses(model: pin.Model, q: Array, base: Array | None = None) -> Poses:
-    """Forward kinematics of the joint positions q, (F, n), on a base with the attitude (x, y, z, w), (F, 4)."""
+def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | None = None) -> Poses:
+    """Forward kinematics of the joint positions q, (F, n), on a base with the attitude (x, y, z, w), (F, 4).
+
+    The base turns about its point `pivot`, m, (3,), or about its origin.
+    """
     data = model.createData()
     frames, joints = len(q), model.njoints - 1
     position, quaternion = np.empty((frames, joints, 3)), np.empty((frames, joints, 4))
@@ -136,7 +145,9 @@ def poses(model: pin.Model, q: Array, base: Array | None = None) -> Poses:
             quaternion[k, i - 1] = pin.Quaternion(local.rotation).coeffs()
             world[k, i] = data.oMi[i].homogeneous
     if base is None:
-        return Poses(position, quaternion, np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1)), world)
+        return Poses(position, quaternion, np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1)), np.zeros((frames, 3)), world)
     turn = np.tile(np.eye(4), (frames, 1, 1, 1))
     turn[:, 0, :3, :3] = [pin.Quaternion(row).matrix() for row in base]
-    return Poses(position, quaternion, base, turn @ world)
+    if pivot is not None:
+        turn[:, 0, :3, 3] = pivot - turn[:, 0, :3, :3] @ pivot
+    return Poses(position, quaternion, base, turn[:, 0, :3, 3], turn @ world)

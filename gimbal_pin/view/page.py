@@ -14,7 +14,7 @@ from string import Template
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
-from gimbal_pin.view import stage, three
+from gimbal_pin.view import afar, gaze, stage, three
 from gimbal_pin.view.motion import Motion, motion
 from gimbal_pin.view.scene import Scene, scene
 
@@ -41,8 +41,12 @@ def record(
     return page(rig, log, shown, scene(rig, shown))
 
 
-def page(rig: Rig, log: Log, shown: Motion, drawn: Scene) -> str:
-    """Return the page of a scene."""
+Inset = tuple[Sequence[gaze.Picture], gaze.Json]
+"""What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
+
+
+def page(rig: Rig, log: Log, shown: Motion, drawn: Scene, inset: Inset | None = None) -> str:
+    """Return the page of a scene, with pictures in its corner where there are any."""
     template = Template(files("gimbal_pin.view").joinpath("page.html").read_text(encoding="utf-8"))
     title = rig.name + (f" with {rig.payload}" if rig.payload else "")
     return template.substitute(
@@ -51,7 +55,16 @@ def page(rig: Rig, log: Log, shown: Motion, drawn: Scene) -> str:
         legend=legend(shown),
         bundle=bundle(),
         scene=data(shown, drawn),
+        gaze=gaze.script() if inset else "",
+        inset="" if inset is None else corner(inset[0]),
+        seen=json.dumps(None if inset is None else inset[1]),
     )
+
+
+def corner(several: Sequence[gaze.Picture]) -> str:
+    """Return the places of pictures, as HTML."""
+    one = '<figure><canvas role="img" aria-label="{0}"></canvas><figcaption>{0}</figcaption></figure>'
+    return "".join(one.format(html.escape(picture.title)) for picture in several)
 
 
 def data(shown: Motion, drawn: Scene) -> str:
@@ -83,7 +96,11 @@ def legend(shown: Motion) -> str:
 
     lines = [f'<div><i style="border-color: #{three.hex_colour(MEASURED):06x}"></i>line of sight</div>']
     if shown.q_ref is not None:
-        lines.append(f'<div><i style="border-color: #{three.hex_colour(REFERENCE):06x}"></i>reference</div>')
+        name = "reference" if shown.wanted is None else "joints locked"
+        lines.append(f'<div><i style="border-color: #{three.hex_colour(REFERENCE):06x}"></i>{name}</div>')
+    if shown.wanted is not None:
+        marks = ((afar.RED, "target"), (afar.LEVEL, "horizon"))
+        lines += [f'<div><i style="border-color: #{three.hex_colour(rgb):06x}"></i>{name}</div>' for rgb, name in marks]
     if shown.colour is not None:
         lines.append('<div><i class="ramp"></i>residual of the joint</div>')
     return "".join(lines)

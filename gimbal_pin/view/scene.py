@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.rig import Rig
-from gimbal_pin.view import figure, sight, stage, three
+from gimbal_pin.view import afar, figure, sight, stage, three
 from gimbal_pin.view.motion import Motion, poses
 from gimbal_pin.view.stand_in import stand_ins
 from gimbal_pin.view.visuals import visuals
@@ -38,21 +38,24 @@ def scene(rig: Rig, motion: Motion, room: float = 1.0) -> Scene:
     if not solids:
         solids = stand_ins(rig)
         events = (*events, f"rig {rig.name} draws no solids: stand-ins sized from its kinematics")
-    shown = poses(rig.model, motion.q, motion.base)
+    shown = poses(rig.model, motion.q, motion.base, motion.pivot)
     points = figure.hull(rig, solids, shown.world)
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))) / 2, 1e-3)
     tips = sight.tips(rig, shown, BEAM * size)
-    view = stage.camera(np.vstack([points, tips]), sight.heading(rig, shown), room)
+    marks, around = ([], points[:0]) if motion.wanted is None else afar.marks(rig, solids, shown, motion.wanted, size)
+    side = (stage.AZIMUTH, 0.0) if motion.wanted is None else (stage.BEHIND, stage.ASIDE)
+    view = stage.camera(np.vstack([points, tips, around]), sight.heading(rig, shown), room, *side)
     commands = [
-        *stage.commands(view, points, size),
+        *stage.commands(view, np.vstack([points, around]), size),
         *figure.figure(rig, solids, RIG),
         *figure.pose_commands(rig, shown, RIG),
         *sight.beam(rig, RIG, BEAM * size, sight.MEASURED),
         sight.trail("/meshcat/trail", tips, sight.MEASURED),
+        *marks,
     ]
     clips = figure.merged(figure.tracks(rig, shown, motion.clock, RIG), figure.colour_tracks(rig, solids, motion, RIG))
     if motion.q_ref is not None:
-        reference = poses(rig.model, motion.q_ref, motion.base)
+        reference = poses(rig.model, motion.q_ref, motion.base, motion.pivot)
         commands += [
             *figure.ghost(rig, solids, GHOST),
             *figure.pose_commands(rig, reference, GHOST),

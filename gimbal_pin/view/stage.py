@@ -16,6 +16,10 @@ ASPECT = 16 / 9
 AZIMUTH = np.deg2rad(58.0)
 """From the line of sight round to the viewer: a three-quarter view of the front."""
 
+BEHIND, ASIDE = np.deg2rad(128.0), 0.27
+"""Where a target is to be seen, over the camera's shoulder: from the line of sight round to the viewer, and the share
+of the width that is left free at the right."""
+
 ELEVATION = np.deg2rad(17.0)
 LINE = (0.36, 0.42, 0.50)
 
@@ -33,16 +37,25 @@ class Camera:
     offset: Array
 
 
-def camera(points: Array, heading: float, room: float = 1.0) -> Camera:
-    """Return the closest three-quarter view that holds all the points, m, (K, 3), `room` times as far away."""
-    azimuth = heading + AZIMUTH
+def camera(points: Array, heading: float, room: float = 1.0, azimuth: float = AZIMUTH, aside: float = 0.0) -> Camera:
+    """Return the closest three-quarter view that holds all the points, m, (K, 3), `room` times as far away.
+
+    Args:
+        points: The points, m, (K, 3).
+        heading: Where the line of sight points, rad.
+        room: How many times as far away.
+        azimuth: From there round to the viewer, rad.
+        aside: Share of the width that is left free at the right.
+    """
+    azimuth = heading + azimuth
     back = np.array([np.cos(ELEVATION) * np.cos(azimuth), np.cos(ELEVATION) * np.sin(azimuth), np.sin(ELEVATION)])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.array([right, np.cross(back, right), back])
     seen = points @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    half = np.tan(np.deg2rad(FOV) / 2) * 0.86 * np.array([ASPECT, 1.0])
+    half = np.tan(np.deg2rad(FOV) / 2) * 0.86 * np.array([ASPECT * (1 - aside), 1.0])
     distance = float(np.max(np.abs(seen[:, :2] - middle[:2]) / half + (seen[:, 2:] - middle[2])))
+    middle[0] += aside * ASPECT * np.tan(np.deg2rad(FOV) / 2) * distance
     return Camera(target=middle @ axes, offset=room * distance * back)
 
 

@@ -6,6 +6,7 @@ from gimbal_pin.report.sections.diagnosis import diagnosis
 from gimbal_pin.report.sections.excitation import excitation
 from gimbal_pin.report.sections.margins import margins
 from gimbal_pin.report.sections.parameters import parameters
+from gimbal_pin.report.sections.pointing import pointing
 from gimbal_pin.report.sections.rig import rig_section
 from gimbal_pin.report.sections.summary import summary
 from gimbal_pin.report.sections.torque import torque
@@ -18,6 +19,7 @@ __all__ = [
     "excitation",
     "margins",
     "parameters",
+    "pointing",
     "rig_section",
     "summary",
     "torque",

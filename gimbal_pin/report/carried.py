@@ -1,0 +1,46 @@
+"""What `track` found as one report: the camera on a moving platform, and steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gimbal_pin.pointing.bench import WANTED
+from gimbal_pin.pointing.outlook import outlook, shown
+from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.report import sections
+from gimbal_pin.report.base import Section, render
+from gimbal_pin.report.numbers import CONTROLLERS
+from gimbal_pin.rig import Rig
+from gimbal_pin.tracking import Tracking
+from gimbal_pin.view.onboard import onboard
+
+SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+OTHER = "Camera, recorded motion"
+NOTE = "The plant is {}, with the rig's sensors, delay and torque limits."
+
+
+def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
+    """Return the report of a tracking as HTML.
+
+    Args:
+        rig: The rig.
+        held: What `verify` returned, if it was run.
+        steps: What `track` returned, if it was run.
+        plant: What was simulated, within a sentence.
+    """
+    parts: list[Section] = []
+    if held is not None:
+        parts += [sections.pointing(replace(held, recorded=None)), sections.animation(moving(rig, held), SCENE)]
+        alone = [replace(held, contest=other, recorded=None, targets=()) for other in held.contests[1:]]
+        parts += [sections.pointing(one, title=OTHER) for one in alone]
+        parts += [] if held.steps is None else [sections.tracking(held.steps, rig, NOTE.format("that of the camera"))]
+    if steps is not None:
+        parts.append(sections.tracking(steps, rig, NOTE.format(plant)))
+    mounted = f" with {rig.payload}" if rig.payload else ""
+    return render(f"{rig.name}{mounted}", [*parts, sections.rig_section(rig)], rig.config.description)
+
+
+def moving(rig: Rig, held: Verified) -> str:
+    """Return the page that shows the rig, held by the best of the controllers, on the platform."""
+    run = shown(held.contest)[-1].runs[0]
+    return onboard(rig, run, outlook(held.contest, WANTED), WANTED, CONTROLLERS)

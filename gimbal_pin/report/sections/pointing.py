@@ -1,0 +1,251 @@
+"""Holding the camera still while the platform moves: what it sees, where the error goes, what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from math import degrees
+from typing import TYPE_CHECKING
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.pointing import chart
+from gimbal_pin.pointing.bench import WANTED
+from gimbal_pin.pointing.budget import BASELINE, Budget
+from gimbal_pin.pointing.contest import Contest, Row
+from gimbal_pin.pointing.outlook import outlook, shown
+from gimbal_pin.pointing.roster import ORACLE
+from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.report import plots
+from gimbal_pin.report.base import Section
+from gimbal_pin.report.html import (
+    Card,
+    Content,
+    bullets,
+    cards,
+    heading,
+    join,
+    notice,
+    paragraph,
+    picture,
+    table,
+    toned,
+)
+from gimbal_pin.report.numbers import DASH, controller_name, figures, listed
+from gimbal_pin.report.sections.experiments import marked
+from gimbal_pin.report.sections.gaze import gazes
+from gimbal_pin.report.sections.margins import GAIN_DB, PHASE_DEG, tone
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
+VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
+
+
+def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
+    """Return what the camera sees on a platform that moves, the error and its parts, torque and margins.
+
+    Args:
+        found: What `verify` returned.
+        note: What the plant and the model were, as sentences.
+        title: Heading.
+    """
+    contest = found.contest
+    parts = [
+        paragraph(headline(contest), "headline good" if (contest.gain or 0.0) > 1 else "headline fair"),
+        paragraph(" ".join(filter(None, [circumstances(contest), note, asked_for(found)]))),
+        cards(numbers(found)),
+        heading("What the camera sees"),
+        gazes(outlook(contest, WANTED), WANTED),
+        *diagrams(contest),
+        heading("Every controller"),
+        controllers(contest),
+        *([targets(found)] if found.targets else []),
+        *margins(found),
+        *told(found),
+    ]
+    return Section(title, join(parts), "The platform moves; the camera should not.")
+
+
+def headline(contest: Contest) -> str:
+    """Say how still the camera stands."""
+    rows = shown(contest)
+    ours = f"{controller_name(rows[-1].controller)} leaves {angle(rows[-1].jitter_rms)} rms of jitter"
+    if len(rows) < 2:
+        return f"{ours[:1].upper()}{ours[1:]}."
+    theirs, times = rows[0].jitter_rms, rows[0].jitter_rms / rows[-1].jitter_rms
+    said = f"{ours[:1].upper()}{ours[1:]}, {controller_name(rows[0].controller)} {angle(theirs)}"
+    return f"{said}: {figures(times, 2)} times as much." if times > 1 else f"{said}."
+
+
+def circumstances(contest: Contest) -> str:
+    """Say what was simulated."""
+    runs = contest.rows[0].runs
+    times = "once" if len(runs) == 1 else f"{len(runs)} times, each with its own motion and noise"
+    platform = MOTIONS.get(runs[0].platform, runs[0].platform)
+    return (
+        f"Simulated {times} for {figures(float(runs[0].t[-1]), 2)} s on {platform}, every controller with the same "
+        "motion, sensors, delay, torque limits and margins. Jitter is the line of sight above 0.2 Hz; what is slower "
+        "is drift, which integrated gyros have whoever controls."
+    )
+
+
+def asked_for(found: Verified) -> str:
+    """Say which motors are too weak for a recorded motion, whoever controls them."""
+    demand = found.demand
+    if demand is None or found.contest.rows[0].runs[0].platform != "log":
+        return ""
+    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
+    weak = listed(f"{figures(demand.peak[j])} N m of {j}, which has {figures(limits[j])}" for j in demand.weak)
+    return f"At its worst the motion asks for {weak}: there no controller holds the camera."
+
+
+def numbers(found: Verified) -> list[Card]:
+    """Return the headline numbers."""
+    best, margin = shown(found.contest)[-1], found.margins
+    joint, share = hardest(best)
+    floor = found.contest.distance
+    beside = "of the line of sight, above 0.2 Hz" if floor is None else f"{figures(floor)} times the oracle's"
+    return [
+        Card("Jitter", f"{angle(best.jitter_rms)} rms", f"at most {angle(best.jitter_max)}; {beside}"),
+        Card("Drift", angle(best.drift), "below 0.2 Hz, from where it began"),
+        Card("Torque", f"{figures(100 * share, 2)} %", f"of the limit at most: {joint}", "poor" if share >= 1 else ""),
+        Card(
+            "Delay margin", f"{figures(1e3 * margin.delay_margin, 2)} ms", f"disk margin {figures(margin.disk_margin)}"
+        ),
+    ]
+
+
+def hardest(row: Row) -> tuple[str, float]:
+    """Return the joint whose torque comes closest to its limit, and the share of it."""
+    shares = np.max([np.abs(run.tau[run.counted]).max(axis=0) / run.tau_max for run in row.runs], axis=0)
+    return row.runs[0].joints[int(np.argmax(shares))], float(shares.max())
+
+
+def angle(value: float, digits: int = 2) -> str:
+    """Return an angle, rad, in degrees."""
+    return f"{figures(degrees(value), digits)}°"
+
+
+def diagrams(contest: Contest) -> list[Markup]:
+    """Return the budget as a bar, then the line of sight, its spectrum and the torque."""
+    rows, budget = chart.drawn(contest), contest.budget
+    names = listed(controller_name(row.controller) for row in rows)
+    seeds = " of the first run" if len(rows[0].runs) > 1 else ""
+    floor = ": the oracle, which knows the motion ahead, is the sensors' floor" if ORACLE in contest.jitter else ""
+    alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
+    caption = (
+        f"Line of sight{seeds}: the largest distance from its slow part in each {stretch(rows[0])}; the jitter that "
+        f"all frequencies up to one add up to{floor}; torque, rms as a bar and the largest as a line, and its limit."
+    )
+    parts = [] if budget is None else [heading("Where the error goes"), budget_picture(budget)]
+    return [
+        *parts,
+        heading("The line of sight, and its price"),
+        picture(plots.drawn(partial(curves, rows), alt), caption),
+    ]
+
+
+def stretch(row: Row) -> str:
+    """Say how long the stretches are of which the largest error is drawn."""
+    run = row.runs[0]
+    return f"{figures(1e3 * len(run.sight) * run.dt / min(chart.POINTS, len(run.sight)), 2)} ms"
+
+
+def budget_picture(budget: Budget) -> Markup:
+    """Return the bar that splits the baseline's error."""
+    said = ", ".join(f"{what} {100 * share:.1f} %" for what, share in budget.parts.items())
+    caption = (
+        f"{controller_name(BASELINE)}'s mean square of {angle(budget.baseline)} rms, by what knowing one thing more "
+        f"takes off it, from left to right. What is left at the end, {angle(budget.floor)} rms, none of them undoes."
+    )
+    drawn = plots.drawn(partial(bar, budget), f"Error budget: {said}")
+    return picture(drawn, caption[:1].upper() + caption[1:])
+
+
+def bar(budget: Budget) -> Figure:
+    """Draw the budget."""
+    height = 0.75 + 0.24 * -(-len(budget.parts) // 3)
+    figure, panels = plots.panels(1, 1, height, left=0.12)
+    axes = panels[0, 0]
+    chart.budgeted(axes, budget)
+    axes.set_position((0.01, 1 - 0.5 / height, 0.98, 0.5 / height))
+    axes.set(xticks=[])
+    axes.spines[:].set_visible(False)
+    return figure
+
+
+def curves(rows: Sequence[Row]) -> Figure:
+    """Draw line of sight, cumulative spectrum and torque."""
+    figure, panels = plots.panels(2, 2, 6.0, gaps=(0.75, 0.75))
+    grid = panels[0, 0].get_gridspec()
+    for axes in panels[1]:
+        axes.remove()
+    torque = figure.add_subplot(grid[1, :])
+    chart.over_time(panels[0, 0], rows)
+    chart.spectra(panels[0, 1], rows)
+    chart.torques(torque, rows)
+    looks = chart.looks(rows)
+    plots.named(panels[0, 0], [(controller_name(name), colour) for name, colour in looks.items()])
+    return figure
+
+
+def controllers(contest: Contest) -> Markup:
+    """Return the table of all controllers."""
+    rows = contest.rows
+    head: list[Content] = ["Controller", "Jitter, ° rms", "Largest, °", "Drift, °"]
+    head += [f"{joint}, N m rms" for joint in rows[0].runs[0].joints] + ["At torque limit"]
+    every = [[row.jitter_rms for row in rows], [row.jitter_max for row in rows]]
+    body: list[list[Content]] = []
+    for k, row in enumerate(rows):
+        own: list[Content] = [controller_name(row.controller)]
+        own += [marked(figures(degrees(values[k])), values[k], every_real(values, rows)) for values in every]
+        own += [figures(degrees(row.drift)), *(figures(torque) for torque in row.torque_rms.values())]
+        own += [f"{figures(100 * max(row.at_limit.values()), 2)} %"]
+        body.append(own)
+    return table(head, body, label="Controllers on the platform")
+
+
+def every_real(values: Sequence[float], rows: Sequence[Row]) -> list[float]:
+    """Return the values of what can be built: the oracle competes with nobody."""
+    return [value for value, row in zip(values, rows) if row.controller != ORACLE]
+
+
+def targets(found: Verified) -> Markup:
+    """Return the figures that are asked for, beside their bounds."""
+    rows: list[list[Content]] = [
+        [
+            target.name,
+            DASH if target.value is None else figures(target.value),
+            figures(target.must),
+            figures(target.aim),
+            toned(target.verdict, VERDICTS[target.verdict]) if target.verdict in VERDICTS else target.verdict,
+        ]
+        for target in found.targets
+    ]
+    return table(["Target", "Reached", "Must", "Aim", "Verdict"], rows, caption="Targets")
+
+
+def margins(found: Verified) -> list[Markup]:
+    """Return the margins that all controllers share."""
+    own = found.margins
+    row: list[Content] = [
+        "world-frame PID",
+        f"{figures(own.crossover_hz)} Hz",
+        toned(f"{figures(own.phase_margin_deg)}°", tone(own.phase_margin_deg, PHASE_DEG)),
+        toned(f"{figures(own.gain_margin_db)} dB", tone(own.gain_margin_db, GAIN_DB)),
+        figures(own.disk_margin),
+        f"{figures(1e3 * own.delay_margin)} ms",
+    ]
+    head: list[Content] = ["Loop", "Crossover", "Phase margin", "Gain margin", "Disk margin", "Delay margin"]
+    said = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
+    return [heading("Margins"), table(head, [row], label="Margins of the loop"), paragraph(said, "side")]
+
+
+def told(found: Verified) -> list[Markup]:
+    """Return what is compensated, and what happened."""
+    events = [f"{controller_name(row.controller)}: {event}" for row in found.contest.rows for event in row.events]
+    parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
+    return [*parts, notice("What happened", bullets(events[:12]))] if events else parts

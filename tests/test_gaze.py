@@ -1,0 +1,212 @@
+"""What cameras see: where it lies in the picture, that a browser puts it there, and what a report says of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from gimbal_pin.control.equal import Equal
+from gimbal_pin.log import Array
+from gimbal_pin.pointing.able import unable
+from gimbal_pin.pointing.bench import WANTED, learned
+from gimbal_pin.pointing.contest import Contest, Row
+from gimbal_pin.pointing.demand import Demand
+from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.outlook import liveliest, outlook
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.report import pointing, render
+from gimbal_pin.report.numbers import CONTROLLERS, figures
+from gimbal_pin.report.sections.gaze import gazes
+from gimbal_pin.report.sections.pointing import asked_for, headline
+from gimbal_pin.rig import Rig
+from gimbal_pin.view import afar, gaze
+from gimbal_pin.view.motion import poses
+from gimbal_pin.view.onboard import onboard
+from gimbal_pin.view.sight import rays
+from tests.test_report import OUTSIDE, WIDER, needs_browser, parsed, visit
+
+AHEAD = np.array([[1.0, 0.0, 0.0]])
+SIZES = {"pid-world": 4e-4, "computed-torque": 2e-4, "switch": 4e-5, "oracle": 3e-5}
+
+
+@cache
+def rig() -> Rig:
+    return Rig.load("thesis")
+
+
+@cache
+def contest() -> Contest:
+    """Runs of 4 s that were made up: every controller's error is the same motion at a size of its own."""
+    rng, t = np.random.default_rng(0), 1e-3 * np.arange(4001)
+    swing = 0.2 * np.sin(np.outer(t, [2.0, 3.0, 2.5]) + np.arange(3.0))
+    base = np.array([pin.Quaternion(pin.exp3(turn)).coeffs()[[3, 0, 1, 2]] for turn in swing])
+    shape = np.sin(np.outer(t, 2 * np.pi * np.array([3.0, 5.0, 7.0]))) + 0.2 * rng.standard_normal((len(t), 3))
+    q, tau = np.tile([0.3, 0.0, 0.4], (len(t), 1)), np.sin(np.outer(t, [1.0, 2.0, 3.0]))
+    runs = [
+        Pointing(name, "S", 0, rig().joints, t, size * shape, q, tau, base, rig().tau_max)
+        for name, size in SIZES.items()
+    ]
+    return Contest("thesis", "cinema", tuple(Row(run.controller, (run,)) for run in runs))
+
+
+@cache
+def verified() -> Verified:
+    return Verified(contest(), (), Equal().margins, ("yaw: cogging & <more>",), (0.0015,))
+
+
+@cache
+def page() -> str:
+    return render("thesis", [pointing(verified(), "A note.")])
+
+
+vectors = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
+
+
+@given(vectors, vectors)
+@settings(max_examples=40, deadline=None)
+def test_a_direction_lies_where_the_turned_camera_sees_it(turned: Array, off: Array) -> None:
+    point = AHEAD + 0.5 * off
+    x, y, z = Rotation.from_rotvec(turned).inv().apply(point[0])
+    if x > gaze.NEAR:
+        np.testing.assert_allclose(gaze.placed(point, turned)[0], [-y / x, z / x], atol=1e-9)
+    else:
+        assert np.isnan(gaze.placed(point, turned)).all()
+
+
+def test_a_camera_that_turns_left_sees_the_target_move_right_and_one_that_nods_sees_it_rise() -> None:
+    np.testing.assert_allclose(gaze.placed(AHEAD, np.array([0.0, 0.0, 0.1]))[0], [np.tan(0.1), 0.0], atol=1e-12)
+    np.testing.assert_allclose(gaze.placed(AHEAD, np.array([0.0, 0.1, 0.0]))[0], [0.0, np.tan(0.1)], atol=1e-12)
+    np.testing.assert_allclose(gaze.placed(AHEAD, np.array([0.3, 0.0, 0.0]))[0], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("wanted", [WANTED, attitude(-2.0, -0.1) @ pin.exp3(np.array([0.4, 0.0, 0.0]))])
+def test_the_ground_is_level_in_the_world_and_the_hills_stand_on_it(wanted: Array) -> None:
+    world = gaze.scenery(wanted)
+    np.testing.assert_allclose(world.up, wanted[2], atol=1e-12)
+    np.testing.assert_allclose(world.lines @ world.up, -1.0, atol=1e-12)
+    assert (world.hills @ world.up >= -1e-12).all() and np.ptp(world.hills @ world.up) > 0.02
+    left_to_right = gaze.placed(world.hills[30:-30], np.zeros(3))[:, 0]
+    assert wanted is not WANTED or np.all(np.diff(left_to_right) > 0)
+
+
+def test_the_outlook_is_the_runs_own_and_shows_the_largest_swing() -> None:
+    seen = outlook(contest(), WANTED, seconds=1.0)
+    run = contest().rows[2].runs[0]
+    rows = np.searchsorted(run.t, seen.t - 1e-9)
+    assert [one.controller for one in seen.held] == ["pid-world", "switch"] and 55 <= len(seen.t) <= 60
+    np.testing.assert_array_equal(seen.held[1].turned, run.error[rows])
+    assert seen.held[1].jitter == pytest.approx(run.jitter[0], rel=1e-12)
+    np.testing.assert_allclose(seen.held[0].turned, SIZES["pid-world"] / SIZES["switch"] * seen.held[1].turned)
+    for turned, quat in zip(seen.bolted.turned[::20], run.base[rows][::20]):
+        turn = pin.Quaternion(*quat.tolist()).matrix()
+        np.testing.assert_allclose(WANTED @ pin.exp3(turned), turn @ WANTED, atol=1e-12)
+    swing = np.concatenate([np.zeros((50, 3)), np.ones((20, 3)), np.zeros((50, 3))])
+    assert liveliest(swing, 20) == (50, 70) and liveliest(swing, 500) == (0, 120)
+
+
+def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_camera_should_look() -> None:
+    run, pivot = contest().rows[2].runs[0], Sight(rig()).centre
+    base = run.base[::200][:, [1, 2, 3, 0]]
+    shown = poses(rig().model, run.q[::200], base, pivot)
+    assert np.ptp(shown.place, axis=0).max() > 0.01
+    for pose in shown.world[:, 0]:
+        np.testing.assert_allclose(pose[:3, :3] @ pivot + pose[:3, 3], pivot, atol=1e-12)
+    _, corners = afar.marks(rig(), (), shown, WANTED, 0.5)
+    away = corners[:8].mean(axis=0) - rays(rig(), shown)[0].mean(axis=0)
+    np.testing.assert_allclose(away, afar.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
+    scene = onboard(rig(), run, outlook(contest(), WANTED), WANTED, CONTROLLERS)
+    for word in ("Bolted to the platform", "Held by full model-based control", "joints locked", "horizon", "target"):
+        assert word in scene
+
+
+def test_the_page_says_what_was_run() -> None:
+    tree = parsed(page())
+    text = tree.text_content()
+    ours, theirs = (f"{figures(degrees(contest().jitter[name]), 2)}°" for name in ("switch", "pid-world"))
+    assert f"Full model-based control leaves {ours} rms of jitter, world-frame PID {theirs}: 10 times as much." in text
+    assert "A note." in text and "yaw: cogging & <more>" in text and "Targets" not in text
+    rows = [[cell.text_content().strip() for cell in row] for row in tree.xpath("//tbody")[0]]
+    assert [row[0] for row in rows] == ["world-frame PID", "computed torque", "full model-based control", "oracle"]
+    budget = [drawing.get("aria-label") for drawing in tree.iter("svg") if "budget" in drawing.get("aria-label")]
+    share = 1 - SIZES["computed-torque"] ** 2 / SIZES["pid-world"] ** 2
+    assert len(budget) == 1 and f"base motion to hidden parameters {100 * share:.1f} %" in budget[0]
+    assert tree.xpath("//script") == [] and len(tree.xpath("//iframe")) == 1
+
+
+def test_a_motion_that_asks_for_more_than_a_motor_has_is_told_beside_that_motion() -> None:
+    tau = np.array([[4.6, -1.0, 0.5], [0.0, 0.2, -0.7]])
+    demand = Demand(rig().joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]))
+    rows = tuple(replace(row, runs=(replace(row.runs[0], platform="log"),)) for row in contest().rows)
+    said = asked_for(replace(verified(), contest=replace(contest(), rows=rows), demand=demand))
+    assert "4.60 N m of yaw, which has 3.60:" in said and "of roll" not in said
+    assert asked_for(replace(verified(), demand=demand)) == asked_for(verified()) == ""
+
+
+def test_a_contest_without_the_usual_names_is_shown_too() -> None:
+    alone, pair = (replace(contest(), rows=contest().rows[1:k]) for k in (2, 3))
+    assert headline(alone).startswith("Computed torque leaves ") and headline(alone).endswith(" rms of jitter.")
+    assert headline(pair).endswith(": 5.0 times as much.") and pair.budget is None
+    seen = outlook(alone, WANTED, seconds=0.5)
+    assert len(gaze.pictures(seen, CONTROLLERS)) == 3 and "computed torque, to one scale" in gazes(seen, WANTED)
+
+
+def test_what_cannot_hold_a_camera_says_why() -> None:
+    assert [unable(Rig.load(name), WANTED) for name in ("thesis", "handheld", "turret")] == [None] * 3
+    limits = tuple(replace(limit, upper=0.1, lower=-0.1) for limit in rig().limits)
+    assert "reaches its limit" in str(unable(replace(rig(), limits=limits), WANTED))
+
+
+def test_where_no_imu_says_how_the_platform_moves_profile_s_does() -> None:
+    from gimbal_pin.model import nominal
+    from tests.bench_logs import prescribed
+
+    turret = Rig.load("turret")
+    taught = learned(turret, prescribed(nominal(turret), seconds=3.0), model=nominal(turret))
+    power = taught.spectrum
+    line, beside = (power.rate[np.abs(power.f - hz) < 2].max() for hz in (75.0, 100.0))
+    assert line > 10 * beside and power.rate[2:10].sum() > power.rate[20:200].sum() and taught.trusted == (True, True)
+
+
+PLACES = """(() => { const page = document.querySelector('iframe').contentWindow, out = [];
+  for (const k of [0, 1, 2, 3]) for (const i of [0, 40, 90])
+    out.push(page.eval(`eye.place(seen.pictures[${k}], seen.t[${i}], [1, 0.1, -0.05])`));
+  return out; })()"""
+PIXELS = """(() => { const page = document.querySelector('iframe').contentWindow;
+  const shot = time => { page.eval(`seek(${time})`);
+    return [...page.document.querySelectorAll('canvas')].map(
+      c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data); };
+  const first = shot(1.2), second = shot(2.4);
+  return first.map((data, k) => data.filter((x, i) => Math.abs(x - second[k][i]) > 8).length / data.length); })()"""
+FRAME = """(() => { const frame = document.querySelector('iframe');
+  return [frame.clientHeight - frame.contentDocument.body.scrollHeight, frame.clientWidth
+    - frame.contentDocument.documentElement.scrollWidth, frame.contentDocument.getElementById('clock').value]; })()"""
+
+
+@needs_browser
+def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> None:
+    """The script's projection is Python's; the bolted camera's picture changes, that of the held one does not."""
+    path = tmp_path / "report.html"
+    path.write_text(page(), encoding="utf-8")
+    values, complaints, requests = visit(path.as_uri(), [1380, 420], [PIXELS, PLACES, OUTSIDE, WIDER, FRAME])
+    assert (complaints, requests) == ([], [path.as_uri()])
+    seen = outlook(contest(), WANTED)
+    several = gaze.pictures(seen, CONTROLLERS)
+    expected = [
+        gaze.placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
+    ]
+    for changed, places, outside, wider, (below, beside, clock) in values:
+        assert (outside, wider, below, beside) == ([], 0, 0, 0) and clock.startswith("2.40 / ")
+        np.testing.assert_allclose(places, expected, atol=2e-3)
+        bolted, held, pid, ours = changed
+        assert bolted > 0.2 and held < 1e-3 and pid > 2 * ours
