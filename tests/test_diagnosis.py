@@ -117,8 +117,13 @@ def test_inertias_that_no_body_has_are_not_simulated(rig: Rig, evidence: Evidenc
 # the verdict
 
 
-def test_nothing_is_found_where_nothing_is(rig: Rig, clean: Log) -> None:
-    found = said(rig, clean)
+@pytest.fixture(scope="module")
+def nothing(rig: Rig, clean: Log) -> Diagnosis:
+    return said(rig, clean)
+
+
+def test_nothing_is_found_where_nothing_is(nothing: Diagnosis) -> None:
+    found = nothing
     assert found.verdict == "nothing" and not found.findings
     assert all(0 < limit < 0.05 for limit in found.detection_limit.values())
     assert found.baseline == found.extended
@@ -197,8 +202,8 @@ def test_foreign_torque_is_unknown(rig: Rig, motion: Motion) -> None:
     assert found.residual["pan"].state == "structured"
 
 
-def test_json_holds_what_others_read(rig: Rig, clean: Log) -> None:
-    data = json.loads(json.dumps(said(rig, clean).to_dict()))
+def test_json_holds_what_others_read(nothing: Diagnosis) -> None:
+    data = json.loads(json.dumps(nothing.to_dict()))
     keys = (
         "schema rig logs verdict findings residual immaterial alignment_s untestable detection_limit baseline extended"
     )

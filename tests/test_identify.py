@@ -169,7 +169,7 @@ def test_deviations_are_honest(turret: Rig) -> None:
     """Over 20 noise seeds the errors in standard deviations are standard normal in size."""
     z = []
     for seed in range(20):
-        log = prescribed(nominal(turret), seed=seed, seconds=20.0, torque_noise=0.02)
+        log = prescribed(nominal(turret), seed=seed, seconds=20.0, torque_noise=0.02, dt=0.004)
         found = identify(turret, [log], filtering=EXACT, holdout="none").estimate
         z.append((found.theta - planted(turret)) / found.std)
     assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
@@ -180,7 +180,7 @@ def test_deviations_are_honest(turret: Rig) -> None:
 def test_sensor_noise_costs_little(name: str, payload: str) -> None:
     """1 % torque noise, 16-bit encoders, the rig's gyros; `scripts/accuracy` does this for all rigs and 20 seeds."""
     rig = Rig.load(name, payload)
-    log, tau = closed_loop(rig, seed=1, seconds=30.0)
+    log, tau = closed_loop(rig, seed=1, seconds=20.0)
     found = identify(rig, [log])
     error = np.abs(found.estimate.theta - planted(rig))
     assert np.all(error < 4 * found.estimate.std)
