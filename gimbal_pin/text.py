@@ -226,7 +226,7 @@ def accuracy(part: Accuracy) -> str:
 
 def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     """Verdict, findings, what is left at each joint, and where the files lie."""
-    lines = [f"verdict: {found.verdict}", ""]
+    lines = [f"verdict: {found.verdict}"] + ([""] if found.spoiling or found.findings else [])
     for fault in found.spoiling:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
         lines += [f"  {p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in fault.answer]

@@ -7,7 +7,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from gimbal_pin import rows
 from gimbal_pin.excitation import excite
 from gimbal_pin.experiment import repeated
 from gimbal_pin.identification import Identified, identify
@@ -15,6 +14,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Channels, Filtering, Stretch
 from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
 
@@ -63,15 +63,15 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
     """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
     true, measured = truth(nominal(rig), log, tau), np.asarray(log.tau)
 
-    def channels(stretch: rows.Stretch, _: rows.Filtering, first: int, last: int, carrier: str | None) -> rows.Channels:
+    def channels(stretch: Stretch, _: Filtering, first: int, last: int, carrier: str | None) -> Channels:
         assert carrier is None
         begin = round((stretch.start - log.t[0]) / log.dt) + first
         part = slice(begin, begin + last - first)
-        return rows.Channels(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
+        return Channels(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
 
     with (
-        patch.object(rows, "smoothed", channels),
-        patch.object(rows, "standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
+        patch("gimbal_pin.rows.blocks.smoothed", channels),
+        patch("gimbal_pin.rows.blocks.standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
     ):
         return identify(rig, [log])
 

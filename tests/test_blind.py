@@ -15,7 +15,7 @@ from tests.blind.judge import Judged, false_alarm, judge, named_wrong
 
 SEED = 2026
 SECONDS = 20.0
-STRATA = {"clean": 3, "single": 3, "outside": 2}
+STRATA = {"clean": 2, "single": 2, "outside": 2}
 PLANS = [
     pytest.param(replace(plan, seconds=SECONDS), id=f"{stratum}-{i}")
     for stratum, count in STRATA.items()

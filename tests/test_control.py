@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from math import inf
 from typing import Any
 
@@ -30,6 +31,12 @@ from gimbal_pin.simulation import Controller, Reference, Sensors, simulate
 
 GAINS = Pid.placed(8.0, 1.0, 0.2)
 DT = 0.001
+
+
+@cache
+def loaded(name: str) -> Rig:
+    """A bundled rig, read once for all examples."""
+    return Rig.load(name)
 
 
 def unlimited(name: str, payload: str | None = None) -> Rig:
@@ -140,8 +147,7 @@ def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 5.0))
 @settings(max_examples=40, deadline=None)
 def test_torque_never_exceeds_the_limit(seed: int, limit: float) -> None:
-    rng = np.random.default_rng(seed)
-    rig = Rig.load("thesis")
+    rng, rig = np.random.default_rng(seed), loaded("thesis")
     tight = replace(rig, motors=tuple(replace(motor, tau_max=limit) for motor in rig.motors))
     model = nominal(tight)
     laws: tuple[Controller, ...] = (

@@ -15,7 +15,8 @@ from hypothesis.extra import numpy as hnp
 from lxml import etree
 
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import GRAVITY, Rig, bundled_payloads, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
+from tests.mujoco_peer import rigid_bodies
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 
@@ -188,22 +189,9 @@ def test_bundled_thesis_rig_is_the_closed_form(payload: str) -> None:
 # --- MuJoCo ---------------------------------------------------------------------------------------------------------
 
 
-def mujoco_model(text: str) -> mujoco.MjModel:
-    """The same URDF in MuJoCo, nothing in it but rigid bodies: no contact, no limits, no damping, no dry friction."""
-    robot = etree.fromstring(text.encode())
-    compiler = {"discardvisual": "true", "fusestatic": "false", "balanceinertia": "false"}
-    etree.SubElement(etree.SubElement(robot, "mujoco"), "compiler", compiler)
-    model = mujoco.MjModel.from_xml_string(etree.tostring(robot).decode())
-    model.opt.gravity[:] = 0, 0, -GRAVITY
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    for passive in (model.dof_damping, model.dof_frictionloss, model.dof_armature, model.jnt_stiffness):
-        passive[:] = 0
-    return model
-
-
 def mujoco_torque(rig: Rig, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """mj_inverse, in the rig's order of joints."""
-    model = mujoco_model(rig.urdf)
+    model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
     data = mujoco.MjData(model)
     at = [int(model.joint(name).dofadr[0]) for name in rig.joints]
     assert model.nv == rig.n

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin import rows
 from gimbal_pin.diagnosis.audit import CORRUPTIONS
 from gimbal_pin.diagnosis.audit.samples import taken
 from gimbal_pin.diagnosis.evidence import gather, judged
@@ -113,7 +112,7 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
     closed = filled(lossy, CUTOFF).closed
     kept = taken(log, np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
     second = identify(RIG, [lossy], holdout="none").estimate
-    with patch.object(rows, "filled", lambda *_: Filled(kept, closed)):
+    with patch("gimbal_pin.rows.grid.filled", lambda *_: Filled(kept, closed)):
         first = identify(RIG, [kept], holdout="none").estimate
     assert first.rows == second.rows
     assert np.all(np.abs(second.theta - first.theta) < 0.5 * first.std)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import gimbal_pin.rows as rows_module
 from gimbal_pin import signals
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import ESTIMATORS, ols, robust, weighted
@@ -20,7 +19,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.model import friction_effects, nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Channels, Filtering, Rows, kept, mask
+from gimbal_pin.rows import Block, Channels, Filtering, Rows, blocks, kept, mask, smoothed, stretches
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -131,7 +130,7 @@ def test_trajectories_are_never_joined(turret: Rig) -> None:
 def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     make = Rows(turret, reduce(turret), friction_effects(turret.joints), (clean,), EXACT)
     whole = np.concatenate([part.A for part in kept(make)])
-    monkeypatch.setattr(rows_module, "CHUNK", 1777)
+    monkeypatch.setattr(blocks, "CHUNK", 1777)
     cut = np.concatenate([part.A for part in kept(make)])
     assert whole.shape == cut.shape
     assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.settling` promises
@@ -154,8 +153,8 @@ def test_the_rate_fuses_angle_and_gyro(turret: Rig) -> None:
     tau = np.zeros_like(q)
 
     def error(log: Log) -> float:
-        stretch = next(rows_module.stretches(log, 4.0))
-        smooth = rows_module.smoothed(stretch, EXACT, 0, stretch.length)
+        stretch = next(stretches(log, 4.0))
+        smooth = smoothed(stretch, EXACT, 0, stretch.length)
         return float(np.sqrt(np.mean((smooth.v - motion.v)[1000:-1000] ** 2)))
 
     both = error(Log("both", turret.joints, motion.t, q, v, tau))
@@ -169,7 +168,7 @@ def test_deviations_are_honest(turret: Rig) -> None:
     """Over 20 noise seeds the errors in standard deviations are standard normal in size."""
     z = []
     for seed in range(20):
-        log = prescribed(nominal(turret), seed=seed, seconds=20.0, torque_noise=0.02)
+        log = prescribed(nominal(turret), seed=seed, seconds=20.0, torque_noise=0.02, dt=0.004)
         found = identify(turret, [log], filtering=EXACT, holdout="none").estimate
         z.append((found.theta - planted(turret)) / found.std)
     assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
@@ -180,7 +179,7 @@ def test_deviations_are_honest(turret: Rig) -> None:
 def test_sensor_noise_costs_little(name: str, payload: str) -> None:
     """1 % torque noise, 16-bit encoders, the rig's gyros; `scripts/accuracy` does this for all rigs and 20 seeds."""
     rig = Rig.load(name, payload)
-    log, tau = closed_loop(rig, seed=1, seconds=30.0)
+    log, tau = closed_loop(rig, seed=1, seconds=20.0)
     found = identify(rig, [log])
     error = np.abs(found.estimate.theta - planted(rig))
     assert np.all(error < 4 * found.estimate.std)

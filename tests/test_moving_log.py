@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,7 +11,6 @@ import pinocchio as pin
 import pytest
 
 from gimbal_pin.base import base
-from gimbal_pin.cli import main
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.experiment import perturbed
@@ -30,6 +27,7 @@ from gimbal_pin.rows import Filtering, Rows
 from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
 from tests.bench_logs import fourier
+from tests.command_line import Run, refused, result
 
 EXACT = Filtering(alignment=0.0)
 PHANTOM = Path(__file__).parents[2] / "shared" / "data" / "phantom4_motion" / "path_1.csv"
@@ -233,23 +231,6 @@ def test_base_says_what_a_moving_base_adds() -> None:
 # --- the command line -------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    def call(*arguments: object) -> tuple[int, str, str]:
-        code = 0
-        try:
-            main([str(argument) for argument in arguments])
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        said = capsys.readouterr()
-        return code, said.out, said.err
-
-    return call
-
-
-Run = Callable[..., tuple[int, str, str]]
-
-
 def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: Path) -> None:
     one, again, other, along = (tmp_path / f"{name}.csv" for name in ("one", "again", "other", "along"))
     quick, long = tmp_path / "quick.csv", tmp_path / "long.csv"
@@ -270,15 +251,15 @@ def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: 
     assert set(second.imus) == set(rig_of("turret").config.imus)
     seen, copied = (Platform.measured(log.t, log.imus["base"], log.name, 5.0) for log in (first, second))
     np.testing.assert_allclose(copied.w[200:1800], seen.w[200:1800], atol=2e-2)
-    code, _, err = run("simulate", "turret", "--platform", "S", "--platform-log", one, "-o", along)
-    assert code == 2 and "--platform: is given beside --platform-log" in err
+    both = run("simulate", "turret", "--platform", "S", "--platform-log", one, "-o", along)
+    refused(both, 2, "--platform: is given beside --platform-log")
 
 
 def test_a_platform_log_without_an_accelerometer_is_refused(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "gyro.csv"
     path.write_text("t,gyro_base_x,gyro_base_y,gyro_base_z\n" + "".join(f"{k / 100},0,0,0\n" for k in range(100)))
-    code, _, err = run("simulate", "turret", "--platform-log", path, "-o", tmp_path / "log.csv")
-    assert code == 2 and "gyro.csv: holds no gyro or no accelerometer of the base" in err and err.count("\n") == 1
+    said = run("simulate", "turret", "--platform-log", path, "-o", tmp_path / "log.csv")
+    refused(said, 2, "gyro.csv: holds no gyro or no accelerometer of the base")
     with pytest.raises(LogError, match="holds 3 samples of the platform"):
         Platform.measured(np.arange(3.0), Imu(np.zeros((3, 3)), np.zeros((3, 3))), "short")
 
@@ -289,10 +270,9 @@ def test_a_real_platform_carries_the_rig(run: Run, tmp_path: Path) -> None:
     maps = [f"gyro_base_{axis}=Gyr_{axis.upper()}*pi/180" for axis in "xyz"]
     maps += [f"accel_base_{axis}=Acc_{axis.upper()}" for axis in "xyz"] + ["t=time"]
     options = [part for each in maps for part in ("--map", each)]
-    path, result, moves = tmp_path / "log.csv", tmp_path / "model.json", tmp_path / "moves.csv"
+    path, moves = tmp_path / "log.csv", tmp_path / "moves.csv"
     write_motion(fourier(rig_of("turret"), 0, 15.0), rig_of("turret").joints, moves)
     code, _, err = run("simulate", "turret", "--reference", moves, "--platform-log", PHANTOM, *options, "-o", path)
     assert code == 0, err
-    assert run("identify", "turret", path, "--json", result)[0] == 0
-    found = json.loads(result.read_text())
+    found = result(run, "identify", "turret", path)
     assert found["base_motion"] == "rotating" and min(found["held_out"]["fit_percent"].values()) > 90

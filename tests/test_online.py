@@ -18,7 +18,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.cli import main
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import weighted
@@ -37,6 +36,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering
 from gimbal_pin.signals import lowpass
 from tests.bench_logs import fourier, prescribed
+from tests.command_line import Run, refused
 
 ROOT = Path(__file__).parents[1]
 
@@ -404,8 +404,5 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
         (["other.csv", "--follow"], "one at a time"),
     ],
 )
-def test_options_that_do_not_go_together(capsys: pytest.CaptureFixture[str], options: list[str], words: str) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["identify", "turret", "log.csv", *options])
-    said = capsys.readouterr()
-    assert stop.value.code == 2 and words in said.err and said.err.count("\n") == 1 and not said.out
+def test_options_that_do_not_go_together(run: Run, options: list[str], words: str) -> None:
+    refused(run("identify", "turret", "log.csv", *options), 2, words)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -11,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.cli import main
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.errors import UsageError
 from gimbal_pin.experiment import bench_run
@@ -24,6 +22,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 from gimbal_pin.tuning import tune
 from tests.bench_logs import fourier, prescribed
+from tests.command_line import Run, refused, result
 
 RIGS = ("thesis", "handheld", "turret")
 ALIGNED = Filtering(alignment=0.0)
@@ -139,31 +138,21 @@ def test_known_without_uncertainty_or_of_another_rig_is_refused() -> None:
         identify_several({"cinema": rig}, {"cinema": [log_of(rig, 0)]}, holdout="log:2")
 
 
-def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_path: Path) -> None:
     """Two cameras at once write one model of both; a third is estimated on it; partly tagged logs are refused."""
     for k, payload in enumerate(("mirrorless", "cinema", "zoom-lens")):
         log = log_of(Rig.load("turret", payload), k, 10.0 if payload == "zoom-lens" else 16.0)
         write_log(log, tmp_path / f"{payload}.csv")
     tagged = [f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema", "zoom-lens")]
-    model, said = tmp_path / "model.yaml", tmp_path / "said.json"
-    main(["identify", "turret", *tagged[:2], "--alignment", "0", "-o", str(model), "--json", str(said)])
-    row = json.loads(said.read_text())
-    assert (
-        set(row["payloads"]) == {"mirrorless", "cinema"}
-        and row["payloads"]["cinema"]["held_out"]["how"] == "last third"
-    )
-    assert row["payloads"]["cinema"]["balance"]["slide_mm"] and row["base_parameters"]
-    main(["identify", "turret", tagged[2], "--alignment", "0", "--known", str(model), "--json", str(said)])
-    row = json.loads(said.read_text())
-    true = Rig.load("turret", "zoom-lens")
-    moment = {one["name"]: one["value"] for one in row["payloads"]["zoom-lens"]["camera"]}
-    assert moment["camera.mx"] == pytest.approx(stated(true)[1], rel=0.02)
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as stop:
-        main(["identify", "turret", tagged[0], f"{tmp_path}/cinema.csv"])
-    assert stop.value.code == 2 and "tag each of them" in capsys.readouterr().err
+    model, exact = tmp_path / "model.yaml", ("--alignment", "0")
+    both = result(run, "identify", "turret", *tagged[:2], *exact, "-o", model)
+    cinema = both["payloads"]["cinema"]
+    assert set(both["payloads"]) == {"mirrorless", "cinema"} and cinema["held_out"]["how"] == "last third"
+    assert cinema["balance"]["slide_mm"] and both["base_parameters"]
+    third = result(run, "identify", "turret", tagged[2], *exact, "--known", model)["payloads"]["zoom-lens"]
+    moment = {one["name"]: one["value"] for one in third["camera"]}
+    assert moment["camera.mx"] == pytest.approx(stated(Rig.load("turret", "zoom-lens"))[1], rel=0.02)
+    refused(run("identify", "turret", tagged[0], f"{tmp_path}/cinema.csv"), 2, "tag each of them")
 
 
 def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:

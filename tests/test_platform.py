@@ -23,6 +23,7 @@ from gimbal_pin.profile import ACCELERATION, ATTITUDE, profile_s
 from gimbal_pin.reduction import columns, reduce, scan, stacked, subspace
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import GRAVITY, Rig, bundled_payloads, bundled_rigs
+from tests.mujoco_peer import rigid_bodies
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 UP = np.array([0.0, 0.0, GRAVITY])
@@ -110,18 +111,11 @@ def test_a_measured_motion_is_the_true_one_below_the_cutoff() -> None:
 def mujoco_model(rig: Rig) -> mujoco.MjModel:
     """The rig's URDF in MuJoCo behind a free joint, nothing in it but rigid bodies."""
     robot = etree.fromstring(rig.urdf.encode())
-    compiler = {"discardvisual": "true", "fusestatic": "false", "balanceinertia": "false"}
-    etree.SubElement(etree.SubElement(robot, "mujoco"), "compiler", compiler)
     robot.insert(0, etree.Element("link", name="world"))
     joint = etree.SubElement(robot, "joint", name="free", type="floating")
     etree.SubElement(joint, "parent", link="world")
     etree.SubElement(joint, "child", link=rig.base)
-    model = mujoco.MjModel.from_xml_string(etree.tostring(robot).decode())
-    model.opt.gravity[:] = 0, 0, -GRAVITY
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    for passive in (model.dof_damping, model.dof_frictionloss, model.dof_armature, model.jnt_stiffness):
-        passive[:] = 0
-    return model
+    return rigid_bodies(robot)
 
 
 def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, world: Array) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import re
 from dataclasses import dataclass, replace
 from math import nan
@@ -38,7 +36,8 @@ from gimbal_pin.rows import Filtering
 from gimbal_pin.simulation import Sensors
 from gimbal_pin.tracking import Tracking, track
 from gimbal_pin.tuning import Tuning, tune
-from gimbal_pin.view import browser, record
+from gimbal_pin.view import record
+from tests.browsing import needs_browser, visit, wide
 
 EVIL = "<script>alert(1)</script> & \"$x$ _{a}$ 'b'"
 """A name that breaks pages, attributes and formulas that do not escape it."""
@@ -485,17 +484,6 @@ def test_a_report_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 # -- a real browser ----------------------------------------------------------------------------------------------------
 
 
-def browser_missing() -> str:
-    """Return why no browser can be tested here, or nothing."""
-    try:
-        from choreographer.browsers.chromium import Chromium
-    except ImportError:
-        return "choreographer is not installed (gimbal-pin[video])"
-    return "" if Chromium.find_browser(skip_local=False) else "no Chromium is installed"
-
-
-needs_browser = pytest.mark.skipif(bool(browser_missing()), reason=browser_missing() or "there is one")
-
 EMPTY = """[...document.querySelectorAll('svg')].filter(svg => {
   const box = svg.getBoundingClientRect();
   const shown = [...svg.querySelectorAll('path')].filter(p => p.getBoundingClientRect().width > 50);
@@ -516,48 +504,13 @@ SCENE = """(() => { const scene = document.querySelector('iframe').contentWindow
   return [canvas.width > 300, scene.document.getElementById('clock').value]; })()"""
 
 
-def visit(url: str, widths: list[int], scripts: list[str]) -> tuple[list[list[Any]], list[str], list[str]]:
-    """Return the scripts' values at each width, what the page complained of, and what it asked the network for."""
-    values: list[list[Any]] = []
-    complaints: list[str] = []
-    requests: list[str] = []
-
-    async def complain(message: Any) -> None:
-        said = message["params"]
-        if said.get("type", "error") == "error" and said.get("entry", {}).get("level", "error") == "error":
-            complaints.append(json.dumps(said))
-
-    async def ask(message: Any) -> None:
-        if not (wanted := message["params"]["request"]["url"]).startswith("data:"):  # part of the page itself
-            requests.append(wanted)
-
-    async def run() -> None:
-        async with browser.opened("") as tab:
-            session = tab.get_session()
-            for event in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
-                session.subscribe(event, complain)
-            session.subscribe("Network.requestWillBeSent", ask)
-            for domain in ("Runtime", "Log", "Network", "Page"):
-                await tab.send_command(f"{domain}.enable")
-            loaded = session.subscribe_once("Page.loadEventFired")
-            await tab.send_command("Page.navigate", {"url": url})
-            await asyncio.wait_for(loaded, 60)
-            for width in widths:
-                size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-                await tab.send_command("Emulation.setDeviceMetricsOverride", size)
-                await asyncio.sleep(0.5)
-                values.append([await browser.evaluate(tab, script) for script in scripts])
-
-    asyncio.run(run())
-    return values, complaints, requests
-
-
 @needs_browser
 def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     path.write_text(page, encoding="utf-8")
-    values, complaints, requests = visit(path.as_uri(), [1380, 420], [EMPTY, OUTSIDE, WIDER, SCENE])
-    assert (complaints, requests) == ([], [path.as_uri()])
-    for empty, outside, wider, (drawn, clock) in values:
+    looks = (EMPTY, OUTSIDE, WIDER, SCENE)
+    seen = visit(path.as_uri(), wide(1380), *looks, wide(420), *looks)
+    assert (seen.complaints, seen.requests) == ([], [path.as_uri()])
+    for empty, outside, wider, (drawn, clock) in (seen.values[:4], seen.values[4:]):
         assert (empty, outside, wider, drawn) == ([], [], 0, True)
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.cli import main
 from gimbal_pin.io import write_log
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
+from tests.command_line import Run
 
 DT = 4e-3
 PAYLOADS = {"turret": ("infrared", "none"), "thesis": ("cinema", "zoom-lens")}
@@ -67,21 +67,16 @@ SPOILT = {"two payloads": "logs-disagree"}
 
 
 @pytest.mark.parametrize(("name", "kind"), [*zip(cycle(PAYLOADS), KINDS), ("thesis", "two payloads")])
-def test_what_cannot_be_answered_is_never_named(
-    name: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, tmp_path: Path) -> None:
     """Refused with one line that names a log or the logs, or the verdict is data; no finding of physics."""
     files = [tmp_path / f"{k}.csv" for k in range(2)]
     logs = KINDS[kind](Rig.load(name))
     for log, file in zip(logs, files):
         write_log(log, file)
-    code, out = 0, tmp_path / "said.json"
-    try:
-        main(["diagnose", name, *map(str, files[: len(logs)]), "--json", str(out)])
-    except SystemExit as stop:
-        code = int(stop.code or 0)
+    out = tmp_path / "said.json"
+    code, _, err = run("diagnose", name, *files[: len(logs)], "--json", out)
     if code:
-        told = capsys.readouterr().err.strip().splitlines()
+        told = err.strip().splitlines()
         assert code == 3 and not out.exists() and kind not in SPOILT
         assert len(told) == 1 and (".csv" in told[0] or "the logs" in told[0])
         return

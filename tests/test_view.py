@@ -33,6 +33,7 @@ from gimbal_pin.view.scene import GHOST, RIG, scene
 from gimbal_pin.view.solid import Y_TO_Z
 from gimbal_pin.view.stage import ASPECT, FOV
 from gimbal_pin.view.visuals import visuals
+from tests.browsing import meanwhile, needs_browser, pause, visit
 
 BARE = """<robot name="bare">
   <link name="base"/>
@@ -416,18 +417,6 @@ def test_without_chromium_pictures_say_what_to_install_and_html_works(
 # -- a real browser ----------------------------------------------------------------------------------------------------
 
 
-def chromium_missing() -> str:
-    """Return why no browser can be tested here, or nothing."""
-    try:
-        from choreographer.browsers.chromium import Chromium
-    except ImportError:
-        return "choreographer is not installed (gimbal-pin[video])"
-    return "" if Chromium.find_browser(skip_local=False) else "no Chromium is installed"
-
-
-needs_chromium = pytest.mark.skipif(bool(chromium_missing()), reason=chromium_missing() or "there is one")
-
-
 def pixels(uri: str) -> np.ndarray:
     """Return a PNG data URI as (height, width, 3)."""
     from PIL import Image
@@ -435,41 +424,7 @@ def pixels(uri: str) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))).convert("RGB")).astype(int)
 
 
-def visit(url: str, scripts: list[str]) -> tuple[list[Any], list[str], list[str]]:
-    """Open an address; return the scripts' values, what the page complained of, what it asked the network for."""
-    values: list[Any] = []
-    complaints: list[str] = []
-    requests: list[str] = []
-
-    async def complain(message: Any) -> None:
-        said = message["params"]
-        if said.get("type", "error") == "error" and said.get("entry", {}).get("level", "error") == "error":
-            complaints.append(json.dumps(said))
-
-    async def ask(message: Any) -> None:
-        if not (url := message["params"]["request"]["url"]).startswith("data:"):  # part of the page itself
-            requests.append(url)
-
-    async def run() -> None:
-        async with browser.opened("") as tab:
-            session = tab.get_session()
-            for event in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
-                session.subscribe(event, complain)
-            session.subscribe("Network.requestWillBeSent", ask)
-            for domain in ("Runtime", "Log", "Network", "Page"):
-                await tab.send_command(f"{domain}.enable")
-            loaded = session.subscribe_once("Page.loadEventFired")
-            await tab.send_command("Page.navigate", {"url": url})
-            await asyncio.wait_for(loaded, 60)
-            for script in scripts:
-                values.append(await browser.evaluate(tab, script))
-                await asyncio.sleep(0.3)
-
-    asyncio.run(run())
-    return values, complaints, requests
-
-
-@needs_chromium
+@needs_browser
 def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path) -> None:
     rig = Rig.load("thesis")
     log = sweep(rig)
@@ -482,30 +437,32 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     pose += f"viewer.scene_tree.find({tip}).object.matrixWorld.toArray())"
     beam = f"viewer.scene_tree.find({[*tip, 'line of sight']}).object.visible = "
     red = f"viewer.scene_tree.find({[*tip, 'solids']}).object.getObjectByName('j3p0').material.color.toArray()"
-    values, complaints, requests = visit(
+    seen = visit(
         url,
-        [
-            "[animator.time, animator.playing, animator.actions[0].loop, animator.actions[0].repetitions]",
-            "animator.time",
-            "picture(0.5, 480, 270)",
-            pose,
-            "picture(1.3, 480, 270)",
-            pose,
-            red,
-            "(animator.play(), 0)",
-            "picture(0.5, 480, 270)",
-            "(seek(2.0), [animator.playing, document.getElementById('clock').value])",
-            red,
-            "(toggle(), animator.playing)",
-            beam + "false",
-            "picture(0.5, 480, 270)",
-        ],
+        "[animator.time, animator.playing, animator.actions[0].loop, animator.actions[0].repetitions]",
+        pause(0.3),
+        "animator.time",
+        "picture(0.5, 320, 180)",
+        pose,
+        "picture(1.3, 320, 180)",
+        pose,
+        red,
+        "(animator.play(), 0)",
+        pause(0.3),
+        "picture(0.5, 320, 180)",
+        "(seek(2.0), [animator.playing, document.getElementById('clock').value])",
+        red,
+        "(toggle(), animator.playing)",
+        pause(0.3),
+        beam + "false",
+        "picture(0.5, 320, 180)",
     )
+    values = seen.values
     (_, playing, loop, repetitions), later, first, at_first, second, at_second, tint = values[:7]
-    assert (complaints, requests) == ([], [url])
+    assert (seen.complaints, seen.requests) == ([], [url])
     assert playing and later > 0 and loop == 2201 and repetitions > 1e6  # three.js: LoopRepeat
     one, two = pixels(first), pixels(second)
-    assert one.shape == (270, 480, 3)
+    assert one.shape == (180, 320, 3)
     assert len(np.unique(one.reshape(-1, 3), axis=0)) > 500  # not blank
     moved = np.abs(one - two).max(axis=2) > 24
     assert 0.02 < moved.mean() < 0.6  # the rig moves, not the whole picture
@@ -522,7 +479,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     assert np.abs(pixels(values[13]) - one).max() > 60  # the line of sight is seen
 
 
-@needs_chromium
+@needs_browser
 def test_a_picture_and_a_film_hold_the_asked_frames(
     lumped: Rig, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -619,23 +576,26 @@ def test_a_text_browser_is_not_let_into_the_terminal(monkeypatch: pytest.MonkeyP
     assert open_window("http://127.0.0.1:1/") and opened == ["http://127.0.0.1:1/"]
 
 
-@needs_chromium
+@needs_browser
 def test_a_browser_shows_live_poses_and_plays_a_log(lumped: Rig) -> None:
     q = np.array([0.3, -0.4, 0.1])
     log = sweep(lumped)
     with view.Live(lumped, ghost=True) as live:
         live.pose(q, -q)
         pose = "viewer.scene_tree.find({}).object.quaternion.toArray()"
-        wait = "new Promise(done => setTimeout(done, 500))"
         nodes = [figure.paths(lumped, root)[2].strip("/").split("/") for root in (RIG, GHOST)]
+        ends = "[viewer.animator.duration, viewer.animator.playing]"
         with ThreadPoolExecutor(1) as pool:
             waiting = pool.submit(live.wait, 60)
-            values, complaints, _ = visit(live.url, [wait, wait, *(pose.format(node) for node in nodes)])
-            waiting.result()
-        for have, sign in zip(values[2:], (1, -1), strict=True):
+
+            def play() -> None:
+                waiting.result()
+                live.play(log, colour=np.full(log.q.shape, 0.5))
+
+            still = [pose.format(node) for node in nodes]
+            seen = visit(live.url, pause(1.0), *still, meanwhile(play), pause(1.0), ends)
+        for have, sign in zip(seen.values[:2], (1, -1), strict=True):
             want = poses(lumped.model, sign * q[None]).quaternion[0, 1]
             assert abs(np.dot(have, want)) == pytest.approx(1, abs=1e-9)
-        live.play(log, colour=np.full(log.q.shape, 0.5))
-        values, more, _ = visit(live.url, [wait, wait, "[viewer.animator.duration, viewer.animator.playing]"])
-        assert values[2] == [pytest.approx(2.0, abs=1e-6), True]
-    assert [text for text in complaints + more if "favicon" not in text] == []
+        assert seen.values[2] == [pytest.approx(2.0, abs=1e-6), True]
+    assert [text for text in seen.complaints if "favicon" not in text] == []

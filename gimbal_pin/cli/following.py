@@ -4,70 +4,134 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
-from gimbal_pin.cli.inputs import load_rig, mounted
+from gimbal_pin.cli.inputs import alone, load_rig, mounted
+from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.identification import Identified
     from gimbal_pin.log import Log
+    from gimbal_pin.online import Online
+    from gimbal_pin.rows import Filtering
 
 
-def followed(
-    rig: str,
-    payload: str | None,
-    logs: Sequence[str],
-    mapping: Sequence[str],
-    known: str | None,
-    wish: dict[str, Any],
-    idle: float | None,
-    output: Path | None,
-    urdf: Path | None,
-    plot: Path | None,
-    json: Path | None,
-) -> None:
-    """Learn from a growing log until it ends or Ctrl-C is pressed, a line a second; then write what was learned."""
-    from gimbal_pin.balance import reported
-    from gimbal_pin.io.files import atomic_write, replacing, to_json, write_json
+@dataclass(frozen=True)
+class Following:
+    """Options of a log that is still being written."""
+
+    follow: Annotated[
+        bool, arg(help="learn from one growing CSV file, or from - (standard input), as it is written; Ctrl-C ends it")
+    ] = False
+    forget: Annotated[
+        float | None,
+        arg(metavar="SECONDS", help="with --follow: what is older counts less", help_behavior_hint="(default: never)"),
+    ] = None
+    anew: Annotated[
+        Literal["payload", "everything"],
+        arg(help="with --follow: what is estimated anew when the payload has changed"),
+    ] = "payload"
+    idle: Annotated[
+        float | None,
+        arg(
+            metavar="SECONDS",
+            help="with --follow: end when the file has not grown for so long",
+            help_behavior_hint="(default: never)",
+        ),
+    ] = None
+    plot: Annotated[
+        Path | None,
+        arg(
+            metavar="FILE",
+            help="with --follow: write the estimates over time: .png, .svg or .pdf",
+            help_behavior_hint="",
+        ),
+    ] = None
+
+    def check(self, batch_only: Mapping[str, bool]) -> None:
+        """Raise `UsageError` for what does not go with following, or with a log that is whole."""
+        if self.follow:
+            alone("--follow", batch_only, "it learns by weighted least squares and is tested on what comes next")
+            return
+        given = {"--forget": self.forget, "--idle": self.idle, "--plot": self.plot}
+        moot = {name: value is not None for name, value in given.items()}
+        alone("a log that is whole", {**moot, "--anew": self.anew != "payload"}, "add --follow")
+
+    def start(
+        self, rig: str, payload: str | None, logs: Sequence[str], known: str | None, filters: Filtering
+    ) -> Online:
+        """Return the estimator of the one log; it knows a gimbal already where a model's YAML is given."""
+        from gimbal_pin.io.model import read_model
+        from gimbal_pin.online import Online
+
+        if len(logs) != 1:
+            raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
+        loaded = load_rig(rig, payload or tags_of(logs)[0])
+        before = None if known is None else read_model(known, load_rig(rig, mounted(known)))
+        fading, everything = inf if self.forget is None else self.forget, self.anew == "everything"
+        return Online.of(loaded, known=before, filtering=filters, fading=fading, everything=everything)
+
+
+WHOLE = Following()
+"""Nothing is asked of a log that is whole."""
+
+
+def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, lines: bool) -> Identified:
+    """Learn from a growing log until it ends or Ctrl-C is pressed, a line a second.
+
+    Args:
+        online: The estimator.
+        log: The file, or - for standard input.
+        mapping: What its columns are called.
+        wish: How long to wait for more, and where the way is drawn in the end.
+        lines: Print JSON, not text.
+    """
+    from gimbal_pin.io.files import replacing, to_json
     from gimbal_pin.io.follow import follow
-    from gimbal_pin.io.model import read_model, write_model
-    from gimbal_pin.online import Online, progress, steps
+    from gimbal_pin.online import progress, steps
     from gimbal_pin.online.chart import chart
 
-    if len(logs) != 1:
-        raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
-    loaded = load_rig(rig, payload or tags_of(logs)[0])
-    before = None if known is None else read_model(known, load_rig(rig, mounted(known)))
-    online = Online.of(loaded, known=before, **wish)
-    lines, history, told, spoken = json is not None and str(json) == "-", [], 0, 0
-    memory = online.start(logs[0])
+    history, told, spoken, memory = [], 0, 0, online.start(log)
     with contextlib.suppress(KeyboardInterrupt):
-        come = noted(follow(logs[0], loaded, mapping, idle=inf if idle is None else idle))
-        for memory in steps(online, come, logs[0]):
+        come = noted(follow(log, online.rows.rig, mapping, idle=inf if wish.idle is None else wish.idle))
+        for memory in steps(online, come, log):
             second = int(memory.t + 1e-6) if memory.samples else 0
             if second == spoken and len(memory.events) == told:
                 continue
             now = progress(online, memory)
-            history += [now] if plot is not None else []
+            history += [now] if wish.plot is not None else []
             print(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told), flush=True)
             told, spoken = len(memory.events), second
     found = online.identified(memory)
-    result = reported(found)
-    if output is not None:
-        write_model(found, output)
-    if urdf is not None:
-        atomic_write(urdf, found.to_urdf())
-    if plot is not None:
-        with replacing(plot) as temporary:
+    if wish.plot is not None:
+        with replacing(wish.plot) as temporary:
             chart(history).savefig(temporary)
-    print(to_json({**result, "kind": "result"}, None)[:-1] if lines else text.identified(found))
-    if json is not None and not lines:
-        write_json(result, json)
+    return found
+
+
+def concluded(found: Identified, json: Path | None) -> None:
+    """Say what was learned: the last line of JSON where every second had one, else as for a log that is whole."""
+    from gimbal_pin.balance import reported
+    from gimbal_pin.io.files import to_json
+
+    if by_line(json):
+        print(to_json({**reported(found), "kind": "result"}, None)[:-1])
+    else:
+        present(text.identified(found), reported(found), json)
+
+
+def by_line(json: Path | None) -> bool:
+    """Tell whether standard output gets a line of JSON a second."""
+    return json is not None and str(json) == "-"
 
 
 def noted(logs: Iterator[Log]) -> Iterator[Log]:

@@ -1,0 +1,93 @@
+"""Several cameras on one gimbal, estimated together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from gimbal_pin.estimators import Estimator, weighted
+from gimbal_pin.estimators.base import residuals
+from gimbal_pin.identification import assembled, check_seen, enough
+from gimbal_pin.log import Array, Log
+from gimbal_pin.payloads.camera import BARE, Several
+from gimbal_pin.payloads.carried import Carried, stated
+from gimbal_pin.payloads.parts import camera, change, chosen, mapped, parted, rigid
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Block, Filtering, kept
+
+
+def identify_several(
+    rigs: Mapping[str, Rig],
+    logs: Mapping[str, Sequence[Log]],
+    *,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+) -> Several:
+    """Estimate one gimbal with several cameras: base parameters of the first, what the others change, one friction.
+
+    Args:
+        rigs: Payload → the gimbal with it.
+        logs: Payload → its logs; each is split at two thirds of its time.
+        estimator: Blocks → `Estimate`.
+        holdout: "last-third" or "none"; None: the last third.
+        filtering: Cutoff and alignment.
+
+    Raises:
+        UsageError: Another way of holding out.
+        DataError: The logs are too short, or some parameters leave no trace in them.
+    """
+    filters = filtering or Filtering()
+    reference = BARE if BARE in rigs else next(iter(rigs))
+    order = (reference, *(name for name in rigs if name != reference))
+    reduction = reduce(rigs[reference])
+    own = Carried.of(rigs[reference], reduction)
+    parts = {name: parted(rigs[name], logs[name], holdout, filters, reduction) for name in order}
+    blocks = {name: kept(rows) for name, (rows, _, _) in parts.items()}
+    for name, (rows, _, _) in parts.items():
+        enough(rows, blocks[name])
+    wide = [list(widened(blocks[name], own, k, len(order))) for k, name in enumerate(order)]
+    joint = alike(wide, estimator([block for part in wide for block in part]).theta)
+    estimate = estimator(joint)
+    first = parts[reference][0]
+    names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
+    check_seen(first.logs[0].name, names, joint, estimate)
+    maps = {name: chosen(own, k, len(order), len(first.names)) for k, name in enumerate(order)}
+    identified = {
+        name: assembled(rows, blocks[name], mapped(estimate, maps[name]), tested, how)
+        for name, (rows, tested, how) in parts.items()
+    }
+    size = own.columns.shape[1]
+    width, total = len(first.names), len(estimate.theta)
+    pick = {name: change(size, k, width, total) for k, name in enumerate(order)}
+    base = own.shown(stated(rigs[reference]))
+    cameras = {name: camera(own, base, estimate.theta, estimate.covariance, pick[name]) for name in order}
+    return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
+
+
+def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> Iterator[Block]:
+    """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in."""
+    for block in blocks:
+        size = own.columns.shape[1]
+        extra = np.zeros((*block.b.shape, size * (count - 1)))
+        if place:
+            extra[:, :, size * (place - 1) : size * place] = rigid(block, own)
+        yield block._replace(A=np.concatenate([block.A, extra], axis=2))
+
+
+def alike(parts: Sequence[Sequence[Block]], theta: Array) -> list[Block]:
+    """Multiply each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's.
+
+    Args:
+        parts: Blocks of each camera.
+        theta: A first estimate.
+    """
+    left = [np.sqrt(np.mean(np.concatenate([residuals(b, theta) for b in part]) ** 2, axis=0)) for part in parts]
+    weights = [np.mean(left, axis=0) / np.maximum(one, 1e-300) for one in left]
+    return [
+        block._replace(A=block.A * weight[:, None], b=block.b * weight)
+        for part, weight in zip(parts, weights)
+        for block in part
+    ]

@@ -1,0 +1,39 @@
+"""From logs to regression rows: the same filter on every column and on the torque, chunk by chunk.
+
+log → uniform grid → smoothed q, v, a → columns at full rate → low-pass → one row every half period of the cutoff
+"""
+
+from gimbal_pin.rows.blocks import CHUNK, Block, Rows
+from gimbal_pin.rows.carrier import base_motion, carrying
+from gimbal_pin.rows.channels import Channels, Flags, smoothed
+from gimbal_pin.rows.filtering import Filtering, settling
+from gimbal_pin.rows.grid import Stretch, stretches
+from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, standstill
+from gimbal_pin.rows.places import columns_of, over_phi
+from gimbal_pin.rows.regression import Regression, kept, standing_for
+
+__all__ = [
+    "CHUNK",
+    "MEMORY",
+    "STANDSTILL",
+    "TAPER",
+    "Block",
+    "Channels",
+    "Filtering",
+    "Flags",
+    "Regression",
+    "Rows",
+    "Stretch",
+    "base_motion",
+    "carrying",
+    "columns_of",
+    "dilated",
+    "kept",
+    "mask",
+    "over_phi",
+    "settling",
+    "smoothed",
+    "standing_for",
+    "standstill",
+    "stretches",
+]

@@ -1,0 +1,161 @@
+"""The regression of logs, block by block: the same filter on every column and on the torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin import signals
+from gimbal_pin.effects import Effect, Sample, Term
+from gimbal_pin.log import Array, Log
+from gimbal_pin.reduction import Reduction
+from gimbal_pin.regressor import columns, regressor, rnea
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows.carrier import carrying
+from gimbal_pin.rows.channels import Channels, smoothed
+from gimbal_pin.rows.filtering import Filtering, settling
+from gimbal_pin.rows.grid import Stretch, stretches
+from gimbal_pin.rows.masking import TAPER, mask, standstill
+from gimbal_pin.rows.places import columns_of, over_phi
+
+CHUNK = 4096
+
+
+class Block(NamedTuple):
+    """Rows of one stretch of one trajectory.
+
+    Attributes:
+        t: Time, s, (m,).
+        A: Torque per parameter, filtered, (m, n, k).
+        b: Torque, filtered, N m, (m, n).
+        v: Rates, rad/s, (m, n).
+        share: How much of a row's samples were not masked out, in [0, 1], (m, n).
+    """
+
+    t: Array
+    A: Array
+    b: Array
+    v: Array
+    share: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The regression ``A theta = b`` of logs against base parameters and effects; iterating recomputes the blocks.
+
+    Attributes:
+        rig: The rig.
+        reduction: Its base parameters.
+        effects: Effects whose coefficients follow the base parameters in theta.
+        logs: Trajectories, never joined.
+        filtering: Filter and alignment.
+        masked: Leave out what dry friction makes unpredictable: a joint at rest takes any torque within its dry
+            friction without moving, so near standstill its motion does not tell the torque. False: every sample, with
+            the sign of the rate as it is, for those who want to see all.
+    """
+
+    rig: Rig
+    reduction: Reduction
+    effects: tuple[Effect, ...]
+    logs: tuple[Log, ...]
+    filtering: Filtering
+    masked: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of theta: base parameters, then ``joint.coefficient``."""
+        return self.reduction.base_names + tuple(
+            f"{effect.joint}.{coefficient.name}" for effect in self.effects for coefficient in effect.coefficients
+        )
+
+    @property
+    def mixing(self) -> Array:
+        """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+        return over_phi(self.rig, self.reduction)
+
+    def terms(self, theta: Array) -> tuple[Term, ...]:
+        """Return the effects with their coefficients out of theta, (k,)."""
+        out, at = [], len(self.reduction.independent)
+        for effect in self.effects:
+            size = len(effect.coefficients)
+            out.append(Term(effect, tuple(float(x) for x in theta[at : at + size])))
+            at += size
+        return tuple(out)
+
+    def __iter__(self) -> Iterator[Block]:
+        """Yield the blocks of every trajectory in time order."""
+        for log in self.logs:
+            carrier = carrying(self.rig, log)
+            for stretch in stretches(log, self.filtering.cutoff):
+                yield from self.blocks(stretch, carrier)
+
+    def blocks(self, stretch: Stretch, carrier: str | None = None) -> Iterator[Block]:
+        """Yield one stretch's blocks; each is computed with enough samples around it for the filters to settle.
+
+        Args:
+            stretch: The stretch.
+            carrier: The link whose IMU says how the base moves, see `carrying`.
+        """
+        pad = int(np.ceil(settling(self.filtering) / stretch.dt))
+        step = max(1, round(1.0 / (2 * self.filtering.cutoff * stretch.dt)))
+        for begin in range(pad, stretch.length - pad, CHUNK):
+            end = min(begin + CHUNK, stretch.length - pad)
+            first, last = begin - pad, end + pad
+            channels = smoothed(stretch, self.filtering, first, last, carrier)
+            keep = slice(pad + -begin % step, pad + end - begin, step)
+            if keep.start < keep.stop:
+                yield self.block(channels, keep, 1.0 / stretch.dt)
+
+    def block(self, channels: Channels, keep: slice, rate: float) -> Block:
+        """Return the rows at the samples `keep` of the channels.
+
+        A joint's equation holds at every sample, so it may be multiplied by any mask before the filter: the samples
+        near standstill, where the direction of dry friction is unknown, are masked out, and the equation stays exact.
+        """
+        still = standstill(channels, self.filtering)
+        # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
+        smoother = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
+        jumping = signals.zero_phase(self.effect_columns(channels), smoother)
+        rigid = self.rigid_columns(channels)
+        tau = channels.tau - self.unfitted(channels, rigid)
+        A = np.concatenate([rigid, jumping], axis=2)
+        moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
+        A *= moving[:, :, None]
+        sections = signals.lowpass(self.filtering.cutoff, rate)
+        present = np.any(A != 0.0, axis=0)
+        filtered = np.zeros((len(range(*keep.indices(len(A)))), *A.shape[1:]))
+        filtered[:, present] = signals.zero_phase(A[:, present], sections)[keep]
+        b, share = (signals.zero_phase(x, sections)[keep] for x in (tau * moving, moving))
+        # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
+        return Block(channels.t[keep].copy(), filtered, b.copy(), channels.v[keep].copy(), np.clip(share, 0.0, 1.0))
+
+    def rigid_columns(self, channels: Channels) -> Array:
+        """Base columns of the regressor, (m, n, b)."""
+        places = columns_of(self.rig, self.reduction)
+        return regressor(self.rig, channels.q, channels.v, channels.a, channels.platform)[:, :, places]
+
+    def unfitted(self, channels: Channels, rigid: Array) -> Array | float:
+        """``Y phi - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
+
+        Nothing, unless the base moves in a way that shows parameters which are not among them: these stay as given.
+        """
+        if channels.platform is None or self.reduction.base == "rotating":
+            return 0.0
+        whole = rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
+        return whole - rigid @ (self.reduction.mixing @ self.rig.phi[columns(self.rig)[1]])
+
+    def effect_columns(self, channels: Channels) -> Array:
+        """Columns of the effects, (m, n, e)."""
+        slide = np.sign(channels.v)
+        width = sum(len(effect.coefficients) for effect in self.effects)
+        out, column = np.zeros((*channels.q.shape, width)), 0
+        for effect in self.effects:
+            j = self.rig.joint_index(effect.joint)
+            at = Sample(channels.t, *(x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau)))
+            for basis in effect.basis(at):
+                out[:, j, column] = basis
+                column += 1
+        return out

@@ -1,0 +1,84 @@
+"""A stretch of a log, resampled, smoothed and differentiated: what the regressor is evaluated at."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gimbal_pin import signals
+from gimbal_pin.errors import UsageError
+from gimbal_pin.holes import inside
+from gimbal_pin.log import Array, Log
+from gimbal_pin.platform import Platform
+from gimbal_pin.rows.filtering import Filtering
+from gimbal_pin.rows.grid import Stretch
+from gimbal_pin.rows.rate import fused
+
+Flags = NDArray[np.bool_]
+
+
+class Channels(NamedTuple):
+    """A stretch of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
+
+    `platform` is the motion of the base, through the same filter; None where it stands upright. `lost` flags the
+    samples in holes of the log, (m,): nobody measured them; None where there is no hole.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    rate_std: Array
+    platform: Platform | None = None
+    lost: Flags | None = None
+
+    def every(self, rows: slice) -> Channels:
+        """Return the samples in `rows`."""
+        platform = None if self.platform is None else self.platform.part(rows)
+        t, q, v, a, tau = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau))
+        lost = None if self.lost is None else self.lost[rows]
+        return Channels(t, q, v, a, tau, self.rate_std, platform, lost)
+
+
+def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carrier: str | None = None) -> Channels:
+    """Return grid samples first ... last - 1 of a stretch: resampled, smoothed and differentiated.
+
+    Args:
+        stretch: The stretch.
+        filtering: Filter and alignment.
+        first: First sample of the grid.
+        last: The one after the last.
+        carrier: Link whose IMU says how the base moves, its rate and specific force passing the same filter.
+    """
+    log, dt = stretch.log, stretch.dt
+    if log.tau is None:
+        raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
+    grid = np.asarray(stretch.start + dt * np.arange(first, last), dtype=np.float64)
+    alignment = dt / 2 if filtering.alignment is None else filtering.alignment
+    begin, end = np.searchsorted(log.t, [grid[0] - 4 * dt - abs(alignment), grid[-1] + 4 * dt + abs(alignment)])
+    near = slice(max(begin, stretch.rows.start), min(end, stretch.rows.stop))
+    t = log.t[near]
+    sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / dt)
+    raw_q = signals.resample(t, log.q[near], grid)
+    q = signals.zero_phase(raw_q, sections)
+    v = signals.differentiate(q, dt)
+    rate_std = signals.noise_std(raw_q) * signals.noise_gain(sections, 1 / dt, 1)
+    if log.v is not None:
+        raw_v = signals.resample(t, log.v[near], grid)
+        v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
+    tau = signals.zero_phase(signals.resample(t + alignment, log.tau[near], grid), sections)
+    platform = None if carrier is None else carried(log, carrier, near, grid, sections)
+    lost = inside(stretch.holes, grid) if len(stretch.holes) else None
+    return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
+
+
+def carried(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:
+    """Return the base's motion on a uniform grid, smoothed like the other channels."""
+    imu, t = log.imus[carrier], log.t[near]
+    if imu.gyro is None or imu.accel is None:
+        raise UsageError(log.name, f"lacks the gyro or the accelerometer of {carrier}", "give both, or neither")
+    w, f = (signals.zero_phase(signals.resample(t, x[near], grid), sections) for x in (imu.gyro, imu.accel))
+    return Platform(grid, f, w, signals.differentiate(w, float(grid[1] - grid[0])))

@@ -1,0 +1,48 @@
+"""Where the direction of dry friction is unknown, and the mask that leaves it out without a sharp edge."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from gimbal_pin.log import Array
+from gimbal_pin.rows.channels import Channels, Flags
+from gimbal_pin.rows.filtering import Filtering
+
+STANDSTILL = 4.0
+"""A rate under this many of its own standard deviations does not tell its sign."""
+TAPER = 0.5
+"""Width over which the mask around a standstill opens, in periods of the cutoff."""
+MEMORY = 0.5
+"""Reach of the smoother around a standstill, in periods of its cutoff."""
+
+
+def standstill(channels: Channels, filtering: Filtering) -> Flags:
+    """Samples at which the smoothed rate does not tell its sign, or that nobody measured, (m, n).
+
+    It is under a few of its own standard deviations, or changes its sign, or is within the smoother's memory of such
+    a place: smoothing rounds the corners of a joint that sticks, and carries what fills a hole to its neighbours.
+    """
+    still = np.abs(channels.v) < STANDSTILL * channels.rate_std
+    still[1:] |= channels.v[1:] * channels.v[:-1] < 0
+    if channels.lost is not None:
+        still |= channels.lost[:, None]
+    reach = int(np.ceil(MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
+    return dilated(still, reach)
+
+
+def mask(still: Flags, taper: int) -> Array:
+    """Weight 0 at standstill, rising smoothly to 1 over `taper` samples, (m, n).
+
+    A mask with sharp edges would fold the noise above the cutoff into the band that the filter keeps.
+    """
+    half = max(taper // 2, 1)
+    opened = 1.0 - dilated(still, 2 * half)
+    for _ in range(2):
+        opened = uniform_filter1d(opened, 2 * (half // 2) + 1, axis=0, mode="nearest")
+    return np.where(still, 0.0, np.clip(opened, 0.0, 1.0))
+
+
+def dilated(still: Flags, reach: int) -> Flags:
+    """Whether a sample is within `reach` samples of one of `still`, (m, n)."""
+    return uniform_filter1d(still.astype(float), 2 * reach + 1, axis=0, mode="constant") > 1e-9

@@ -1,0 +1,24 @@
+"""Base parameters and where they stand in `Rig.phi`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin.log import Array
+from gimbal_pin.reduction import Reduction
+from gimbal_pin.regressor import columns
+from gimbal_pin.rig import Rig
+
+
+def columns_of(rig: Rig, reduction: Reduction) -> Array:
+    """Places in `Rig.phi` of the reduction's independent columns."""
+    names, places = columns(rig)
+    index = dict(zip(names, places))
+    return np.array([index[reduction.names[j]] for j in reduction.independent])
+
+
+def over_phi(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
+    out = np.zeros((len(reduction.independent), 10 * rig.n))
+    out[:, columns(rig)[1]] = reduction.mixing
+    return out

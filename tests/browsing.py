@@ -1,0 +1,99 @@
+"""A page in a real headless Chromium: what its scripts say, what it complains of, what it asks the network for."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from gimbal_pin.view import browser
+
+Step = str | Callable[[Any], Awaitable[object]]
+"""A script whose value is wanted, or what to do with the tab between two of these."""
+
+
+def browser_missing() -> str:
+    """Return why no browser can be tested here, or nothing."""
+    try:
+        from choreographer.browsers.chromium import Chromium
+    except ImportError:
+        return "choreographer is not installed (gimbal-pin[video])"
+    return "" if Chromium.find_browser(skip_local=False) else "no Chromium is installed"
+
+
+needs_browser = pytest.mark.skipif(bool(browser_missing()), reason=browser_missing() or "there is one")
+
+
+@dataclass
+class Visit:
+    """What a page said: the scripts' values, its complaints, the addresses it asked for, itself included."""
+
+    values: list[Any] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+    async def complain(self, message: Any) -> None:
+        said = message["params"]
+        if said.get("type", "error") == "error" and said.get("entry", {}).get("level", "error") == "error":
+            self.complaints.append(json.dumps(said))
+
+    async def ask(self, message: Any) -> None:
+        if not (wanted := message["params"]["request"]["url"]).startswith("data:"):  # part of the page itself
+            self.requests.append(wanted)
+
+    async def run(self, url: str, steps: Sequence[Step]) -> None:
+        async with browser.opened("") as tab:
+            session = tab.get_session()
+            for event in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
+                session.subscribe(event, self.complain)
+            session.subscribe("Network.requestWillBeSent", self.ask)
+            for domain in ("Runtime", "Log", "Network", "Page"):
+                await tab.send_command(f"{domain}.enable")
+            loaded = session.subscribe_once("Page.loadEventFired")
+            await tab.send_command("Page.navigate", {"url": url})
+            await asyncio.wait_for(loaded, 60)
+            for step in steps:
+                if isinstance(step, str):
+                    self.values.append(await browser.evaluate(tab, step))
+                else:
+                    await step(tab)
+
+
+def visit(url: str, *steps: Step) -> Visit:
+    """Open an address and take the steps."""
+    seen = Visit()
+    asyncio.run(seen.run(url, steps))
+    return seen
+
+
+def pause(seconds: float) -> Step:
+    """Let the page draw."""
+
+    async def waited(_: Any) -> None:
+        await asyncio.sleep(seconds)
+
+    return waited
+
+
+def wide(pixels: int) -> Step:
+    """Give the window a width."""
+
+    async def sized(tab: Any) -> None:
+        size = {"width": pixels, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        await tab.send_command("Emulation.setDeviceMetricsOverride", size)
+        await asyncio.sleep(0.5)
+
+    return sized
+
+
+def meanwhile(act: Callable[[], object]) -> Step:
+    """Do something outside the page while it stays open."""
+
+    async def done(_: Any) -> None:
+        await asyncio.to_thread(act)
+
+    return done

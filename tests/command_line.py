@@ -1,0 +1,26 @@
+"""What tests say of a call of the command line (the fixture `run`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def result(run: Run, *arguments: object) -> dict[str, Any]:
+    """The verb's JSON; it went well."""
+    code, out, err = run(*arguments, "--json", "-")
+    assert code == 0, err
+    found: dict[str, Any] = json.loads(out)
+    assert found["schema"] == 1
+    return found
+
+
+def refused(said: tuple[int, str, str], code: int, *words: str) -> None:
+    """One line on standard error with these words, nothing else."""
+    assert said[0] == code and said[1] == ""
+    assert said[2].count("\n") == 1 and "Traceback" not in said[2]
+    for word in words:
+        assert word in said[2]
