@@ -13,6 +13,7 @@ from gimbal_pin.consistency import BASIS, Consistent, fitted, nearest
 from gimbal_pin.estimators import physical as physical_fit
 from gimbal_pin.estimators import weighted
 from gimbal_pin.estimators.base import effective_rows, factor, residual_power
+from gimbal_pin.estimators.physical import MOST, anchored, everywhere, program
 from gimbal_pin.estimators.weighted import joint_weights
 from gimbal_pin.identification import identify
 from gimbal_pin.inertia import physical, pseudo_inertia
@@ -20,7 +21,7 @@ from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects, nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig, to_pinocchio
-from gimbal_pin.rows import Filtering, Rows, kept
+from gimbal_pin.rows import Filtering, Regression, Rows, kept
 from tests.bench_logs import prescribed
 
 EXACT = Filtering(alignment=0.0)
@@ -83,25 +84,53 @@ def loud(rig: Rig, seed: int) -> Log:
     return prescribed(nominal(rig), seed, 8.0, torque_noise=1.0)
 
 
+def posed(rig: Rig, seed: int) -> tuple[Regression, Array, Array]:
+    """A loud log's rows, what the physical fit minimises with its answer's weights, and the data's part of that."""
+    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (loud(rig, seed),), EXACT))
+    factors, count = factor(blocks), effective_rows(blocks)
+    scale = joint_weights(residual_power(factors, physical_fit(blocks).theta, count))
+    stack = program(factors, everywhere(blocks.rows, factors.shape[2] - 1), scale, count)
+    return blocks, stack, stack[: factors.shape[0] * factors.shape[1]]
+
+
 def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
-    """The weighted residual of the data is the semidefinite program's; the projected estimate's is no better."""
+    """The residual of the program is a semidefinite solver's; the projected estimate's is no better."""
     rig = Rig.load("thesis")
-    rows = Rows(rig, reduce(rig), friction_effects(rig.joints), (loud(rig, 1),), EXACT)
-    blocks = kept(rows)
-    found, free = physical_fit(blocks), weighted(blocks)
-    factors = factor(blocks)
-    scale = joint_weights(residual_power(factors, found.theta, effective_rows(blocks)))
-    stack = (factors * scale[:, None, None]).reshape(-1, factors.shape[2])
+    blocks, stack, _ = posed(rig, 1)
+    found, free, mixing = physical_fit(blocks), weighted(blocks), blocks.rows.mixing
 
     def cost(theta: Array) -> float:
         return float(np.linalg.norm(stack @ np.append(theta, -1.0)))
 
     assert found.phi is not None and physical(found.phi)
-    assert cost(found.theta) == pytest.approx(oracle(rows.mixing, stack[:, :-1], stack[:, -1]), rel=1e-5)
-    width = len(rows.mixing)
-    moved = nearest(rig.phi, rows.mixing, free.theta[:width], free.covariance[:width, :width])
+    assert cost(found.theta) == pytest.approx(oracle(mixing, stack[:, :-1], stack[:, -1]), rel=1e-5)
+    width = len(mixing)
+    moved = nearest(rig.phi, mixing, free.theta[:width], free.covariance[:width, :width])
     assert moved.distance > 0.1, "the log is not loud enough to be a test"
-    assert cost(found.theta) <= cost(np.concatenate([rows.mixing @ moved.phi, free.theta[width:]])) * (1 + 1e-9)
+    assert cost(found.theta) <= cost(np.concatenate([mixing @ moved.phi, free.theta[width:]])) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("thesis", 1), ("turret", 2)])
+def test_the_constraint_never_leads_away_from_the_truth(name: str, seed: int) -> None:
+    """In the torque of log and limits together; the limits hold nothing that the log does not show."""
+    rig = Rig.load(name)
+    blocks, stack, data = posed(rig, seed)
+    truth = np.concatenate([blocks.rows.mixing @ rig.phi, rig.friction.ravel()])
+    free = np.linalg.lstsq(data[:, :-1], data[:, -1], rcond=None)[0]
+    ours, theirs = (np.linalg.norm(stack[:, :-1] @ (theta - truth)) for theta in (physical_fit(blocks).theta, free))
+    assert ours <= theirs * (1 + 1e-6)
+    U, held = np.linalg.qr(data[:, :-1], mode="r"), stack[len(data) :]
+    times = np.linalg.svd(held[:, :-1] @ np.linalg.inv(U), compute_uv=False) ** 2
+    assert 0 < times.max() <= MOST * (1 + 1e-6)
+    np.testing.assert_allclose(held[:, :-1] @ free, held[:, -1], atol=1e-6 * np.abs(held[:, -1]).max())
+
+
+def test_what_no_log_shows_is_held_by_nothing() -> None:
+    rng = np.random.default_rng(0)
+    data, wide = rng.standard_normal((30, 5)), rng.standard_normal((9, 4))
+    data[:, 2] = data[:, 0] - data[:, 1]  # of columns 0, 1 and 2 two combinations show
+    held = anchored(data, wide)
+    assert np.abs(held[:, :-1] @ [1.0, -1.0, -1.0, 0.0]).max() < 1e-9 * np.abs(held).max()
 
 
 def test_without_noise_the_constraint_changes_nothing() -> None:

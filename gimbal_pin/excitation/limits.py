@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, pi
 
 import numpy as np
 
-from gimbal_pin.config import Limits
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
-
-TURN = pi
-"""Travel to either side that is used where a revolute joint states no limit, rad; one-sided limits get twice that."""
-
-REFERENCE = 2000
-"""States that `Envelope.spread` returns."""
+from gimbal_pin.states import filling, pace, travel
 
 QUANTITIES = ("q", "dq", "ddq", "tau")
 
@@ -43,7 +36,7 @@ class Envelope:
 
     @staticmethod
     def of(rig: Rig, margin: float = 0.0) -> Envelope:
-        """The rig's limits, each but for the share `margin`; angle limits that are not stated as `TURN` says.
+        """The rig's limits, each but for the share `margin`; angle limits that are not stated as `states.travel` says.
 
         Raises:
             UsageError: The margin is not in [0, 1), or a joint is left with no room to move.
@@ -67,16 +60,11 @@ class Envelope:
     @property
     def pace(self) -> Array:
         """Rate limits, (n,); where none is stated: what half a hertz over the full travel takes."""
-        return np.where(np.isfinite(self.velocity), self.velocity, pi * self.half)
+        return pace(self.half, self.velocity)
 
     def spread(self) -> Motion:
-        """States spread evenly over the limits, always the same ones, (REFERENCE, n); not a motion in time.
-
-        Where no acceleration limit is stated: what half a hertz at full rate takes.
-        """
-        q, v, a = np.split(evenly(3 * len(self.centre), REFERENCE), 3, axis=1)
-        acceleration = np.where(np.isfinite(self.acceleration), self.acceleration, pi * self.pace)
-        return Motion(np.zeros(REFERENCE), self.centre + self.half * q, self.pace * v, acceleration * a)
+        """States spread evenly over the limits, always the same ones, (N, n); not a motion in time: see `filling`."""
+        return filling(self.centre, self.half, self.velocity, self.acceleration)
 
     def kinematic(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""
@@ -110,28 +98,9 @@ class Envelope:
         )
 
 
-def evenly(dimensions: int, count: int) -> Array:
-    """Points that fill [-1, 1]^dimensions evenly and always alike (Roberts's R sequence), (count, dimensions)."""
-    root = 2.0
-    for _ in range(64):
-        root = (1 + root) ** (1 / (dimensions + 1))
-    return 2 * (np.outer(np.arange(1, count + 1), root ** -np.arange(1.0, dimensions + 1)) % 1.0) - 1
-
-
 def pushed(model: Model, motion: Motion, sign: float, rigid: Array | None = None) -> Array:
     """The model's torque with all dry friction in one direction, N m, (N, n); `rigid`: its rigid part, if known."""
     slide = np.full_like(motion.q, sign)
     if rigid is None:
         return model.inverse(motion.q, motion.v, motion.a, slide, motion.t)
     return rigid + model.passive(motion.q, motion.v, motion.a, slide, rigid, motion.t)
-
-
-def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
-    """A joint's angle limits, those that are not stated filled in; `UsageError` for a slide without limits."""
-    if isfinite(limit.lower) and isfinite(limit.upper):
-        return limit.lower, limit.upper
-    if rig.model.joints[j + 1].shortname().startswith("JointModelP"):
-        raise UsageError(f"rig {rig.name}: joint '{rig.joints[j]}'", "slides without limits", "state its travel, m")
-    if isfinite(limit.upper):
-        return limit.upper - 2 * TURN, limit.upper
-    return (limit.lower, limit.lower + 2 * TURN) if isfinite(limit.lower) else (-TURN, TURN)
