@@ -658,7 +658,11 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     arguments += ["--seconds", "4", "--harmonics", "3"]
     command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True) as running:
+
+    def heard() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a suite in a shell's background passes on that it is ignored
+
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard) as running:
         shown, last, asked = b"", monotonic() + 120, False
         while running.poll() is None and monotonic() < last:  # a terminal that nobody reads stops who writes to it
             if select([ours], [], [], 0.1)[0]:
