@@ -34,7 +34,8 @@ from gimbal_pin.view import afar, gaze
 from gimbal_pin.view.motion import poses
 from gimbal_pin.view.onboard import onboard
 from gimbal_pin.view.sight import rays
-from tests.test_report import OUTSIDE, WIDER, needs_browser, parsed, visit
+from tests.browsing import needs_browser, visit, wide
+from tests.test_report import OUTSIDE, WIDER, parsed
 
 AHEAD = np.array([[1.0, 0.0, 0.0]])
 SIZES = {"pid-world": 4e-4, "computed-torque": 2e-4, "switch": 4e-5, "oracle": 3e-5}
@@ -198,14 +199,15 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
     """The script's projection is Python's; the bolted camera's picture changes, that of the held one does not."""
     path = tmp_path / "report.html"
     path.write_text(page(), encoding="utf-8")
-    values, complaints, requests = visit(path.as_uri(), [1380, 420], [PIXELS, PLACES, OUTSIDE, WIDER, FRAME])
-    assert (complaints, requests) == ([], [path.as_uri()])
+    looks = (PIXELS, PLACES, OUTSIDE, WIDER, FRAME)
+    said = visit(path.as_uri(), wide(1380), *looks, wide(420), *looks)
+    assert (said.complaints, said.requests) == ([], [path.as_uri()])
     seen = outlook(contest(), WANTED)
     several = gaze.pictures(seen, CONTROLLERS)
     expected = [
         gaze.placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
     ]
-    for changed, places, outside, wider, (below, beside, clock) in values:
+    for changed, places, outside, wider, (below, beside, clock) in (said.values[:5], said.values[5:]):
         assert (outside, wider, below, beside) == ([], 0, 0, 0) and clock.startswith("2.40 / ")
         np.testing.assert_allclose(places, expected, atol=2e-3)
         bolted, held, pid, ours = changed

@@ -15,13 +15,14 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lxml import etree
 from scipy.integrate import solve_ivp
 
 from gimbal_pin.effects import Coulomb, Term, Viscous
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig, bundled_rigs
-from tests.test_dynamics import mujoco_model
+from tests.mujoco_peer import rigid_bodies
 
 WHEEL = """<robot name="wheel"><link name="base"/>
   <link name="wheel"><inertial><mass value="3"/>
@@ -306,7 +307,7 @@ def test_smaller_steps_converge_with_friction_too(name: str) -> None:
 def test_mujoco_slides_alike(name: str) -> None:
     """MuJoCo with the same dry and viscous friction, until a joint first stops: its friction is soft only there."""
     rig = known(name)
-    model = mujoco_model(rig.urdf)
+    model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
     at = [int(model.joint(joint).dofadr[0]) for joint in rig.joints]
     dry, viscous = np.full(rig.n, 0.05), np.full(rig.n, 0.02)
     model.dof_frictionloss[at], model.dof_damping[at] = dry, viscous
