@@ -11,13 +11,22 @@ import pytest
 
 from gimbal_pin.cli import main
 from tests.blind import cases, draw, files
-from tests.blind.judge import Judged, false_alarm, judge, named_wrong
+from tests.blind.effects import CATALOGUE
+from tests.blind.judge import Judged, false_alarm, judge, near
 
 SEED = 2026
 SECONDS = 20.0
-STRATA = {"clean": 2, "single": 2, "outside": 2}
+STRATA = {"clean": 4, "single": 4, "pair": 1, "outside": 3}
+
+
+def small(plan: draw.Plan) -> draw.Plan:
+    """The plan on as few axes and as short a log as its effects allow."""
+    needed = max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1)
+    return replace(plan, seconds=SECONDS, axes=needed)
+
+
 PLANS = [
-    pytest.param(replace(plan, seconds=SECONDS), id=f"{stratum}-{i}")
+    pytest.param(small(plan), id=f"{stratum}-{i}")
     for stratum, count in STRATA.items()
     for i, plan in enumerate(draw.sample(count, SEED, stratum))
 ]
@@ -34,8 +43,9 @@ def diagnosed(plan: draw.Plan, folder: Path) -> Judged:
 
 @pytest.mark.parametrize("plan", PLANS)
 def test_what_is_hidden_is_not_misnamed(plan: Any, tmp_path: Path) -> None:
-    """Nothing is named with confidence that was not hidden, and nothing at all where nothing was."""
+    """Nothing is named with confidence but what was hidden, or what comes near it; nothing where nothing was."""
     case = diagnosed(plan, tmp_path)
-    assert not named_wrong(case)
+    confident = [found for found in case.findings if found["status"] == "named"]
+    assert all(any(near(found, cause) for cause in case.causes) for found in confident)
     if plan.stratum == "clean":
         assert false_alarm(case) < 1.0
