@@ -1,0 +1,50 @@
+"""Laws of figures told by forms that a log cannot tell apart: doubt only grows, and phases go round."""
+
+from __future__ import annotations
+
+from math import inf, pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin import bench_run
+from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.diagnosis.alternatives import apart
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.model import nominal
+from gimbal_pin.parameter import Parameter
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import plant_with
+
+ANGLE = st.floats(-pi, pi)
+
+
+def figure(name: str, value: float) -> Parameter:
+    return Parameter(name, value, "1", -inf, inf)
+
+
+@given(ANGLE, ANGLE, st.integers(-3, 3))
+def test_phases_differ_by_no_more_than_half_a_turn_however_they_are_counted(a: float, b: float, turns: int) -> None:
+    gap = apart(figure("phase", a), [[figure("phase", b)]])
+    assert 0 <= gap <= pi + 1e-9
+    assert apart(figure("phase", a), [[figure("phase", b + 2 * pi * turns)]]) == pytest.approx(gap, abs=1e-9)
+
+
+@given(st.floats(-9, 9), st.lists(st.floats(-9, 9), max_size=4))
+def test_every_other_form_can_only_add_doubt(value: float, others: list[float]) -> None:
+    said = [[figure("amplitude", x), figure("other", 99.0)] for x in others]
+    gaps = [apart(figure("amplitude", value), said[:k]) for k in range(len(said) + 1)]
+    assert gaps == sorted(gaps) and gaps[0] == 0.0
+
+
+def test_what_was_planted_lies_within_the_deviation() -> None:
+    rig = Rig.load("turret")
+    plant = plant_with(nominal(rig), [parse_effect("cogging:pan:amplitude=0.05,harmonic=6", rig)]).plant
+    log = bench_run(plant, rng=np.random.default_rng(4), seconds=12)
+    found = diagnose(rig, [log], {"cogging": CAUSES["cogging"]}, rng=np.random.default_rng(0))
+    told = {p.name: p for p in found.findings[0].parameters}
+    assert told["harmonic"].value == 6.0
+    assert abs(told["amplitude"].value - 0.05) < 3 * told["amplitude"].std < 0.05
