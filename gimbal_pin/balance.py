@@ -35,6 +35,7 @@ class Balance:
         way: How far to slide the payload forward, left and up, m, (3,); zero along what gravity does not show.
         std: Standard deviations, m, (3,).
         mass: Mass of the payload that the way stands on, as its URDF states it, kg.
+        named: Whether that payload is still the mounted one: if not, only mass times way is known.
         before: Joint → largest gravity torque over its poses as it is, N m.
         after: The same once the payload has been slid.
         available: Joint → torque of its motor, N m.
@@ -43,6 +44,7 @@ class Balance:
     way: Array
     std: Array
     mass: float
+    named: bool
     before: Mapping[str, float]
     after: Mapping[str, float]
     available: Mapping[str, float]
@@ -60,13 +62,21 @@ class Balance:
     def how(self) -> str:
         """Say how far to slide it, and what that saves."""
         clear = np.where(np.abs(self.way) > np.maximum(2 * self.std, WORTH), self.way, 0.0)
+        who, unit, factor = ("payload", "mm", 1.0) if self.named else ("payload that was put on", "mm kg", self.mass)
         if not clear.any():
-            return f"the payload is balanced, to {1e3 * float(np.max(np.abs(self.way) + 2 * self.std)):.2g} mm"
+            return (
+                f"the {who} is balanced, to {1e3 * factor * float(np.max(np.abs(self.way) + 2 * self.std)):.2g} {unit}"
+            )
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
         std = 1e3 * max(float(self.std.max()), 1e-5)
         saved = f"gravity then takes {self.after[joint]:.2g} instead of {self.before[joint]:.2g} N m at {joint}"
-        way = f"{slide(*-clear)} (± {std:.1g} mm at its {1e3 * self.mass:.4g} g)"
-        return f"to balance the payload, slide it {way}: {saved}"
+        way = f"{slide(*(-clear * factor))} (± {std * factor:.1g} {unit}"
+        stands = (
+            f" at its {1e3 * self.mass:.4g} g)"
+            if self.named
+            else ", to be divided by its mass in kg, which nobody told)"
+        )
+        return f"to balance the {who}, slide it {way}{stands}: {saved}"
 
     def holding(self) -> str:
         """Say whether the motors hold it as it is."""
@@ -82,9 +92,10 @@ class Balance:
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: millimetres forward, left and up."""
         return {
-            "slide_mm": (1e3 * self.way).tolist(),
-            "std_mm": (1e3 * self.std).tolist(),
-            "stated_mass": 1e3 * self.mass,
+            "slide_mm": (1e3 * self.way).tolist() if self.named else None,
+            "std_mm": (1e3 * self.std).tolist() if self.named else None,
+            "stated_mass": 1e3 * self.mass if self.named else None,
+            "moment_kg_mm": (1e3 * self.mass * self.way).tolist(),
             "gravity_torque_before": dict(self.before),
             "gravity_torque_after": dict(self.after),
             "share_of_motor": dict(self.held),
@@ -119,7 +130,9 @@ def balance(found: Identified) -> Balance | None:
     loads = gravity @ beta, gravity @ beta + per_way @ way
     before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
     std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0))
-    return Balance(way, std, float(inertia.mass), before, after, dict(zip(rig.joints, rig.tau_max.tolist())))
+    return Balance(
+        way, std, float(inertia.mass), not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist()))
+    )
 
 
 def reported(found: Identified) -> dict[str, Any]:

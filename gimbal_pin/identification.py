@@ -66,6 +66,7 @@ class Identified:
         notes: What of the logs was not used, in sentences.
         bias: Whether least squares is biased on these logs; None where that was not asked.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
+        swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
 
     model: Model
@@ -84,6 +85,7 @@ class Identified:
     notes: tuple[str, ...] = ()
     bias: Suspicion | None = None
     trust: float = TRUST
+    swapped: bool = False
 
     @property
     def physical(self) -> bool:

@@ -85,6 +85,11 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
     row = reported(found("turret"))["balance"]
     np.testing.assert_allclose(row["slide_mm"], 1e3 * told("turret").way)
     assert row["slide_mm"][1] == 0.0
+    unnamed = reported(replace(found("turret"), swapped=True))["balance"]
+    assert (
+        unnamed["slide_mm"] is None and unnamed["stated_mass"] is None and "divided by its mass" in unnamed["sentence"]
+    )
+    np.testing.assert_allclose(unnamed["moment_kg_mm"], np.array(row["slide_mm"]) * row["stated_mass"] / 1e3)
     rig = Rig.load("turret", "none")
     log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
     assert reported(identify(rig, [log], filtering=Filtering(alignment=0.0)))["balance"] is None

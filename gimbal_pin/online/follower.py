@@ -239,10 +239,11 @@ class Online:
         block = gathered(task, memory.known).block()
         found = assembled(self.rows, [block], estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
-        if any(event.what == "changed" for event in memory.events):
+        swapped = any(event.what == "changed" for event in memory.events)
+        if swapped:
             notes += (f"what speaks of the payload's mass stands on {self.rows.rig.payload}, which was there at first",)
         tested = tested_accuracy(self.joints, memory.known)
-        return replace(found, held_out=tested, logs=(memory.name,), notes=notes)
+        return replace(found, held_out=tested, logs=(memory.name,), notes=notes, swapped=swapped)
 
     def torque_error(self, memory: Memory) -> Mapping[str, float]:
         """Joint → rms of what the newest two seconds' torque was mispredicted by, N m; empty until it was predicted."""
