@@ -14,7 +14,7 @@ from scipy import fft
 from scipy.ndimage import uniform_filter1d
 from scipy.special import fdtrc
 
-from gimbal_pin.diagnosis.fit import Fit, project
+from gimbal_pin.diagnosis.fit import Fit, Placed, project
 from gimbal_pin.log import Array
 
 OVERDONE = 2.0
@@ -27,16 +27,8 @@ FEW = 12.0
 """Blocks under which their own scatter says too little."""
 
 
-class Candidate(Protocol):
-    """Whitened columns, as `Placed`, with bounds on their coefficients."""
-
-    @property
-    def joint(self) -> int | None:
-        """Where they act; None: everywhere."""
-
-    @property
-    def own(self) -> Array:
-        """Columns there, (rows, c), or everywhere, (rows, n, c)."""
+class Candidate(Placed, Protocol):
+    """Whitened columns with bounds on their coefficients."""
 
     @property
     def lower(self) -> Array:
@@ -109,8 +101,8 @@ def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
     products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
     """
     S, rows = now.weighted(columns), now.rows(columns.joint)
-    along, whole = now.along(S, columns.joint), S.T @ S
-    gram, s = whole - along.T @ along, S.T @ now.residual[rows]
+    whole = S.T @ S
+    gram, s = whole - inside(now, S, columns.joint), S.T @ now.residual[rows]
     visible = share(gram, whole)
     nothing = Gained(0.0, np.zeros(0), np.zeros(0), visible)
     if visible < HIDDEN:
@@ -132,11 +124,17 @@ def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
     return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
 
 
-def visibility(now: Fit, columns: Candidate) -> float:
+def visibility(now: Fit, columns: Placed) -> float:
     """Share of a candidate's power that the fitted columns leave."""
     S = now.weighted(columns)
-    along, whole = now.along(S, columns.joint), S.T @ S
-    return share(whole - along.T @ along, whole)
+    whole = S.T @ S
+    return share(whole - inside(now, S, columns.joint), whole)
+
+
+def inside(now: Fit, weighted: Array, joint: int | None) -> Array:
+    """``(BᵀS)ᵀ(BᵀS)``: what the fitted columns take of a candidate's products, (c, c)."""
+    along = now.along(weighted, joint)
+    return np.asarray(along.T @ along)
 
 
 def share(left: Array, whole: Array) -> float:
