@@ -38,9 +38,6 @@ class Cause(ABC):
     of_given_model: ClassVar[bool] = False
     """True if it is a difference of the given URDF from the data: a refitted rigid model takes it up."""
 
-    coupled: ClassVar[bool] = False
-    """True if only other joints' torques can show it: a rig of one joint cannot."""
-
     def __post_init__(self) -> None:
         """Raise `UsageError` for a shape parameter outside its bounds."""
         for shape in self.shapes:
@@ -52,6 +49,11 @@ class Cause(ABC):
     def place(self) -> str:
         """The joint's name, or "rig"."""
         return str(getattr(self, "joint", "rig"))
+
+    @property
+    def coupled(self) -> bool:
+        """Whether only other joints' torques can show it: a rig of one joint cannot."""
+        return False
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
