@@ -23,9 +23,11 @@ SETTLED = 1e-4
 """Change of a torque, as a share, under which one that reads itself has settled."""
 PASSES = 5
 """Most rounds of that."""
+FITTED = 0.01
+"""The same for the dispersions."""
 BENT = 0.02
 """Angle from which a turned rig's torque is built at that angle, rad."""
-AIMED = 0.02
+AIMED = 0.001
 """Change of that angle, as a share, under which it has settled."""
 
 
@@ -167,15 +169,22 @@ def consistent(state: State) -> State:
 
     A loaded cause reads the torque that it is itself a part of; a turned rig's torque bends with how far it is turned.
     """
-    loaded = any(isinstance(cause, Effect) and cause.loaded for cause in state.causes)
     for _ in range(PASSES):
         causes = tuple(aimed(state, cause) for cause in state.causes)
-        if not loaded and causes == state.causes:
+        if not any(reads(cause) for cause in causes):
             break
         before, state = state, solved(state.problem, causes, state)
-        if causes == before.causes and all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
+        settled = (near(new, old, SETTLED) for new, old in zip(state.torque, before.torque))
+        if causes == before.causes and all(settled) and near(state.fit.dispersion, before.fit.dispersion, FITTED):
             break
     return state
+
+
+def reads(cause: Cause) -> bool:
+    """Whether what a cause is built from changes with what is fitted: a torque, or inertias that are turned by much."""
+    if isinstance(cause, RigEffect):
+        return abs(magnitude(cause)) >= BENT
+    return isinstance(cause, Effect) and cause.loaded
 
 
 def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Rig:

@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibili
 from gimbal_pin.diagnosis.search import rivals_of
 from gimbal_pin.diagnosis.shapes import free, measure
 from gimbal_pin.diagnosis.state import State, without
-from gimbal_pin.effects import BaseTilt, CableSpring, Cause, Cogging, Effect
+from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
@@ -40,8 +40,6 @@ OUTSPOKEN = 250.0
 """Dispersion from which a drive's clip or gap is none: its formula leaves nothing open that could leave so much."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
-UPRIGHT = 1e-6
-"""Gravity's torque over all of a joint's under which its axis is vertical."""
 BOOTSTRAPS = 200
 
 
@@ -91,27 +89,10 @@ def judged(
     seen = dict(zip(base.problem.evidence.rig.joints, base.problem.evidence.seen))
     if cause.of_joint:
         alike += [name for name in cause.blurred(seen[cause.place]) if name not in alike]
-    if leaning(state, cause, alike):
-        alike = [*alike, *({BaseTilt.name} - {*alike})]
     draws = rng.integers(len(mine), size=(BOOTSTRAPS, len(mine)))
     wins = np.all([np.sum(apart[draws], axis=1) > 0 for _, apart in found.values()] or [np.ones(BOOTSTRAPS)], axis=0)
     rivals = tuple(sorted((rival for rival, _ in found.values()), key=lambda rival: rival.z))
     return Judged(cause, own, rivals, (cause.name, *alike), float(np.mean(wins)))
-
-
-def leaning(state: State, cause: Cause, alike: Sequence[str]) -> bool:
-    """Whether an unbalance that gravity would not turn on an upright base explains a cause on a leaning one.
-
-    About a vertical axis the rigid model has no first moment, and so none to fit: of a base that leans a little it
-    pulls once per turn, and over part of a turn like a spring.
-    """
-    once = isinstance(cause, Cogging) and max(cause.harmonic) == 1.0
-    bent = isinstance(cause, (Cogging, CableSpring)) and {Cogging.name, CableSpring.name} <= {cause.name, *alike}
-    if not (once or bent):
-        return False
-    evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.place)
-    pulls = [rnea(evidence.rig, q, 0 * q, 0 * q)[:, j] for q in (part.channels.q for part in evidence.parts)]
-    return float(np.max(np.abs(np.concatenate(pulls)))) < UPRIGHT * float(torque_level(state)[j])
 
 
 def versus(base: State, cause: Cause, other: Cause) -> Rival:

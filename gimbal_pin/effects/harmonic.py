@@ -43,6 +43,8 @@ class Harmonic(Effect):
     """A number of poles is even."""
     bends: ClassVar[tuple[str, ...]] = ()
     """Causes that bend with the angle as a part of a turn of a harmonic does."""
+    leans: ClassVar[tuple[str, ...]] = ()
+    """Causes that a vertical axis feels once per turn, or as a bend over a part of it."""
 
     @abstractmethod
     def carrier(self, at: Sample) -> float | Array:
@@ -88,7 +90,9 @@ class Harmonic(Effect):
         """Less than one turn of the lowest harmonic is a bend; several closer than the travel parts draw anything."""
         lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
         crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
-        return self.bends if lowest * seen.travel < 2 * pi or crowded else ()
+        bent = lowest * seen.travel < 2 * pi or crowded
+        leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
+        return (*(self.bends if bent else ()), *(self.leans if leaning else ()))
 
     @classmethod
     def limits(cls) -> tuple[float, float]:
