@@ -12,16 +12,19 @@ from gimbal_pin.diagnosis.confirmed import familiar
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
+from gimbal_pin.diagnosis.shapes import refined
+from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple
+from gimbal_pin.log import Array
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
@@ -42,6 +45,12 @@ def fitted(model: Model, *causes: Cause) -> State:
     """Causes as the library starts them, fitted to a log of the model, before what they are built from is settled."""
     problem = Problem.of(evidence(model), reduce(RIG))
     return solved(problem, causes, solved(problem, ()))
+
+
+def inverse(zone: DeadZone, torque: Array) -> Array:
+    """Commands that give these torques, (N,)."""
+    commands = np.linspace(-2.0, 2.0, 400_001) * np.abs(torque).max()
+    return np.interp(torque, zone.passed(commands), commands)
 
 
 def test_the_gains_of_both_directions_are_that_of_the_whole() -> None:
@@ -91,6 +100,36 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
         assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
     assert np.all(state.fit.dispersion < 1.2) and np.all(linear.fit.dispersion > 100)
     assert not Library(state.problem, trials).columns(state)
+
+
+@pytest.mark.parametrize(("sharpness", "other"), [(24.0, 96.0), (96.0, 40.0)])
+def test_a_search_moves_along_a_sudden_gaps_edge(sharpness: float, other: float) -> None:
+    """What a command that loses a fourth gives stays as it is; a soft gap's width is that of the half as before."""
+    zone = DeadZone("tilt", 0.3, sharpness)
+    edge = 0.3 * 3.0 ** (1 / sharpness)
+    moved = zone.moved("sharpness", other)
+    assert isinstance(moved, DeadZone) and moved.sharpness == other
+    assert moved.passed(edge) == pytest.approx(0.75 * edge) == zone.passed(edge)
+    assert DeadZone("tilt", 0.3, 3.0).moved("sharpness", 5.0) == DeadZone("tilt", 0.3, 5.0)
+    assert zone.moved("width", 0.2) == DeadZone("tilt", 0.2, sharpness)
+
+
+def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
+    """Sharpness and width are one valley: a search for either alone stays where it began."""
+    truth = DeadZone("tilt", 0.02, 150.0)
+    found = evidence(nominal(RIG))
+    j = RIG.joint_index("tilt")
+    low = 0.5 * float(np.quantile(np.abs(found.torque[0][:, j]), 0.5))
+    truth = replace(truth, width=low)
+    (part,) = found.parts
+    tau = part.channels.tau.copy()
+    tau[:, j] = inverse(truth, tau[:, j])
+    problem = Problem.of(replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce(RIG))
+    start = DeadZone("tilt", 0.95 * low, 24.0)
+    one = solved(problem, (start,), solved(problem, ()))
+    best = refined(without(one, start), start)
+    assert isinstance(best, DeadZone) and best.sharpness > 60.0
+    assert best.width == pytest.approx(low, rel=0.01)
 
 
 def test_what_the_fit_has_never_seen_denies_nothing() -> None:

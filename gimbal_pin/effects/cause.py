@@ -60,6 +60,10 @@ class Cause(ABC):
         """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
         return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
 
+    def moved(self, name: str, value: float) -> Cause:
+        """Return it with one shape parameter at another value, and with it what a fit would move along."""
+        return replace(self, **{name: value})
+
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
         return ()
