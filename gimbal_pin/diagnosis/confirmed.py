@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.searched import Searched, left_over
-from gimbal_pin.diagnosis.state import solved, without
+from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.effects import Cause
+from gimbal_pin.rows import Flags
 
 STRAYED = 1.1
 """Error of the rollout with a cause over that without it, from which it makes the simulation worse."""
+STRANGE = 0.1
+"""Share of a joint's held-out samples at angles that the training part never saw, from which they are left out."""
+ENOUGH = 0.2
+"""Share of them that must be left to judge by."""
 
 
 def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
@@ -21,21 +28,47 @@ def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Sear
     Without it the torque there is predicted as well, or the simulation follows the measured angles better. Nothing is
     ever added or fitted there. What is left is judged again with all else that was found.
     """
-    final, denied = found.final, list[Cause]()
+    final, denied, known = found.final, list[Cause](), familiar(held, found.final.problem.evidence)
     while True:
-        best = measured(held, extended(final))
-        lacking = [measured(held, extended(without(final, cause))) for cause in final.causes]
+        best, lacking = figures(known, final)
         rows = [(confirmation(best, one, held, cause), i) for i, (one, cause) in enumerate(zip(lacking, final.causes))]
         ratio, weakest = min(rows, default=(np.inf, 0))
         if ratio > CONFIRMED:
             break
         denied.append(final.causes[weakest])
         final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
+    if known is not held:
+        best, lacking = figures(held, final)
     found = found._replace(final=final, denied=tuple(denied), best=best, lacking=tuple(lacking))
     if not denied:
         return found
     rest = solved(found.state.problem, [c for c in found.state.causes if c not in denied], found.state)
     return found._replace(residual=left_over(rest, found.doubtful, rng))
+
+
+def figures(held: Evidence, state: State) -> tuple[Figures, list[Figures]]:
+    """Held-out figures of a state's model, and without each of its causes."""
+    return measured(held, extended(state)), [measured(held, extended(without(state, cause))) for cause in state.causes]
+
+
+def familiar(held: Evidence, train: Evidence) -> Evidence:
+    """The held-out part less what lies at angles that the training part never saw, where that is much.
+
+    A spring that was fitted to one half of the range says nothing of the other half, and is not denied by it.
+    """
+    q = np.concatenate([part.channels.q for part in train.parts])
+    strange = [(part.channels.q < q.min(axis=0)) | (part.channels.q > q.max(axis=0)) for part in held.parts]
+    share = np.mean(np.concatenate(strange), axis=0)
+    apart = (share > STRANGE) & (share < 1.0 - ENOUGH)
+    if not np.any(apart):
+        return held
+    return replace(held, parts=tuple(spared(part, out & apart) for part, out in zip(held.parts, strange)))
+
+
+def spared(part: Part, strange: Flags) -> Part:
+    """A part without the samples flagged (m, n), and without rollouts over them."""
+    lost = np.any(strange, axis=1) | (False if part.channels.lost is None else part.channels.lost)
+    return part._replace(gate=part.gate * ~strange, channels=part.channels._replace(lost=lost))
 
 
 def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:

@@ -21,8 +21,20 @@ from gimbal_pin.effects.seen import Seen
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.platform import Platform
+from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Channels, Filtering, Stretch, carrying, mask, settling, smoothed, standstill, stretches
+from gimbal_pin.rows import (
+    Channels,
+    Filtering,
+    Flags,
+    Stretch,
+    carrying,
+    mask,
+    settling,
+    smoothed,
+    standstill,
+    stretches,
+)
 
 FINE = 200.0
 """Samples per second that are enough for smoothed channels, well above the band."""
@@ -34,6 +46,10 @@ TAPER = 0.5
 """Width over which the gate opens, in periods of the band: sharp edges fold what is above the band into it."""
 SHARP = 0.05
 """The same where nothing is fitted."""
+POSES = 50
+"""Angles at which a joint's axis is looked at."""
+FELT = 1e-9
+"""Share of the largest weight felt from which a joint feels any."""
 COVERED = 0.5
 """Share of the time that stretches without holes must cover, under which lone samples are judged."""
 
@@ -266,6 +282,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
     seconds = sum(part.dt * len(part.gate) for part in parts)
     warm = any(np.ptp(part.temperature) > 0 for part in parts)
     rate_std = np.mean([part.channels.rate_std for part in parts], axis=0)
+    upright = ~np.any(weight(rig, parts), axis=0)
     return tuple(
         Seen(
             seconds,
@@ -277,6 +294,16 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
             float(np.quantile(np.abs(tau[:, j]), 0.98)),
             float(np.max(np.abs(tau[:, j]))),
             warm,
+            bool(upright[j]),
         )
         for j in range(rig.n)
     )
+
+
+def weight(rig: Rig, parts: Sequence[Part]) -> Flags:
+    """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
+    q = np.concatenate([part.channels.q for part in parts])
+    some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
+    pull = np.abs(rnea(rig, some, 0 * some, 0 * some))
+    moving = any(part.platform is not None for part in parts)
+    return np.asarray((pull > FELT * np.max(pull, initial=1e-300)) | moving)

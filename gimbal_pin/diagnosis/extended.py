@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.state import State, refitted
+from gimbal_pin.diagnosis.state import State, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.identification import units
 from gimbal_pin.log import Array
@@ -79,12 +79,6 @@ def settled(state: State) -> tuple[Cause, ...]:
         twin = next((c for c in out if type(c) is type(cause) and c.place == cause.place), None)
         out = [c for c in out if c is not twin] + [fitted if twin is None else joined(twin, fitted)]
     return tuple(out)
-
-
-def sized(cause: RigEffect, value: float) -> RigEffect:
-    """Return a rig effect with its one shape parameter that is not zero set to a value within its bounds."""
-    shape = next(s for s in cause.shapes if getattr(cause, s.name))
-    return replace(cause, **{shape.name: float(np.clip(value, shape.lower, shape.upper))})
 
 
 def joined(a: Cause, b: Cause) -> Cause:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.state import Problem, State, near
+from gimbal_pin.diagnosis.state import Problem, State, near, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.log import Array
 
+TRIAL = 1e-3
+"""Size of a rig's change in the library, rad."""
 STALE = 0.05
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 
@@ -23,6 +25,11 @@ def library(problem: Problem, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
     return found
 
 
+def kept(cause: Cause) -> Cause:
+    """A cause as the library holds it: a change of the rig by its trial, however large the fit has made it."""
+    return sized(cause, TRIAL) if isinstance(cause, RigEffect) else cause
+
+
 class Library:
     """Columns of the whole library, built once; those that read a torque again where it has changed by much."""
 
@@ -34,7 +41,8 @@ class Library:
     def columns(self, state: State, place: str | None = None) -> list[Columns]:
         """Columns at this state, of all causes or only of those at a joint and of the whole rig."""
         here = [c for c in self.causes if place is None or c.place == place or not c.of_joint]
-        return [self.of(cause, state) for cause in here if cause not in state.causes]
+        taken = {kept(cause) for cause in state.causes}
+        return [self.of(cause, state) for cause in here if kept(cause) not in taken]
 
     def of(self, cause: Cause, state: State) -> Columns:
         """Columns of one cause: as they were, if what they were built from is nearly as it was."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 from gimbal_pin.diagnosis.score import Score, gained, score
 from gimbal_pin.diagnosis.state import State, width
@@ -57,7 +57,7 @@ def moved(cause: Cause, name: str, factor: float) -> Cause | None:
     """Return the cause with one shape parameter multiplied, or None outside its bounds."""
     shape = next(s for s in cause.shapes if s.name == name)
     value = getattr(cause, name) * factor
-    return replace(cause, **{name: value}) if shape.lower <= value <= shape.upper else None
+    return cause.moved(name, value) if shape.lower <= value <= shape.upper else None
 
 
 def free(cause: Cause) -> int:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, build, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import Columns, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -23,6 +23,12 @@ SETTLED = 1e-4
 """Change of a torque, as a share, under which one that reads itself has settled."""
 PASSES = 5
 """Most rounds of that."""
+FITTED = 0.01
+"""The same for the dispersions."""
+BENT = 0.02
+"""Angle from which a turned rig's torque is built at that angle, rad."""
+AIMED = 0.001
+"""Change of that angle, as a share, under which it has settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +75,8 @@ class State:
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
-        return build(self.problem.evidence, cause, self.rig, self.torque, self.acting)
+        rig = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else self.rig
+        return build(self.problem.evidence, cause, rig, self.torque, self.acting)
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
@@ -108,7 +115,9 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
             acting = acted(evidence, cause, acting)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    A = np.concatenate([problem.rigid, *(build(evidence, c, rig, model, acting).values for c in effects)], axis=2)
+    stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else rig for c in effects]
+    built = (build(evidence, c, stand, model, acting) for c, stand in zip(effects, stands))
+    A = np.concatenate([problem.rigid, *(one.values for one in built)], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
     total = predicted(problem, effects, now.theta, model)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
@@ -156,13 +165,54 @@ def near(new: Array, old: Array, share: float) -> bool:
 
 
 def consistent(state: State) -> State:
-    """Solve again until the loaded causes have read the torque that they themselves are a part of."""
-    loaded = any(isinstance(cause, Effect) and cause.loaded for cause in state.causes)
-    for _ in range(PASSES if loaded else 0):
-        before, state = state, solved(state.problem, state.causes, state)
-        if all(near(new, old, SETTLED) for new, old in zip(state.torque, before.torque)):
+    """Solve again until what a cause is built from is what the fit has found.
+
+    A loaded cause reads the torque that it is itself a part of; a turned rig's torque bends with how far it is turned.
+    """
+    for _ in range(PASSES):
+        causes = tuple(aimed(state, cause) for cause in state.causes)
+        if not any(reads(cause) for cause in causes):
+            break
+        before, state = state, solved(state.problem, causes, state)
+        settled = (near(new, old, SETTLED) for new, old in zip(state.torque, before.torque))
+        if causes == before.causes and all(settled) and near(state.fit.dispersion, before.fit.dispersion, FITTED):
             break
     return state
+
+
+def reads(cause: Cause) -> bool:
+    """Whether what a cause is built from changes with what is fitted: a torque, or inertias that are turned by much."""
+    if isinstance(cause, RigEffect):
+        return abs(magnitude(cause)) >= BENT
+    return isinstance(cause, Effect) and cause.loaded
+
+
+def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Rig:
+    """Return the rig with the causes' large turns, or with those of them that come `before` one: pitch before roll."""
+    turns = [cause for cause in causes if isinstance(cause, RigEffect)]
+    turns.sort(key=lambda cause: [getattr(cause, s.name) != 0 for s in cause.shapes])
+    for cause in turns:
+        if cause is before:
+            break
+        if abs(magnitude(cause)) >= BENT:
+            rig = cause.apply(rig)
+    return rig
+
+
+def aimed(state: State, cause: Cause) -> Cause:
+    """Return a change of the rig at the size that was fitted, where its torque is no more in proportion to it."""
+    if not isinstance(cause, RigEffect):
+        return cause
+    value, size = float(state.coefficients(cause)[0]), magnitude(cause)
+    if abs(value - size) < AIMED * abs(value) or max(abs(value), abs(size)) < BENT:
+        return cause
+    return sized(cause, value)
+
+
+def sized(cause: RigEffect, value: float) -> RigEffect:
+    """Return a rig effect with its one shape parameter that is not zero set to a value within its bounds."""
+    shape = next(s for s in cause.shapes if getattr(cause, s.name))
+    return replace(cause, **{shape.name: float(np.clip(value, shape.lower, shape.upper))})
 
 
 def without(state: State, cause: Cause) -> State:

@@ -38,6 +38,8 @@ NEARLY_ALL = 0.88
 """Share that they must explain where more is left than any sensor's noise."""
 OUTSPOKEN = 250.0
 """Dispersion from which a drive's clip or gap is none: its formula leaves nothing open that could leave so much."""
+PLAIN = 0.97
+"""Share explained from which it is one all the same: a switch's edge, met a moment early or late, leaves so much."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 BOOTSTRAPS = 200
@@ -202,7 +204,7 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
-    loud = isinstance(cause, Static) and np.any(after > OUTSPOKEN)
+    loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
     return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(cause)
 
 

@@ -38,9 +38,6 @@ class Cause(ABC):
     of_given_model: ClassVar[bool] = False
     """True if it is a difference of the given URDF from the data: a refitted rigid model takes it up."""
 
-    coupled: ClassVar[bool] = False
-    """True if only other joints' torques can show it: a rig of one joint cannot."""
-
     def __post_init__(self) -> None:
         """Raise `UsageError` for a shape parameter outside its bounds."""
         for shape in self.shapes:
@@ -53,10 +50,19 @@ class Cause(ABC):
         """The joint's name, or "rig"."""
         return str(getattr(self, "joint", "rig"))
 
+    @property
+    def coupled(self) -> bool:
+        """Whether only other joints' torques can show it: a rig of one joint cannot."""
+        return False
+
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
         return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
+
+    def moved(self, name: str, value: float) -> Cause:
+        """Return it with one shape parameter at another value, and with it what a fit would move along."""
+        return replace(self, **{name: value})
 
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""

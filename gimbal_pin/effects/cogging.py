@@ -20,6 +20,8 @@ class Cogging(Harmonic):
     name: ClassVar[str] = "cogging"
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf)
     bends: ClassVar[tuple[str, ...]] = ("cable-spring",)
+    leans: ClassVar[tuple[str, ...]] = ("base-tilt",)
+    """An unbalance about a vertical axis is no part of the rigid model: of a base that leans it pulls once per turn."""
     highest: ClassVar[int] = 400
     experiment: ClassVar[str] = "slow sweeps both ways over as much of a turn as there is"
     lookalikes: ClassVar[tuple[str, ...]] = ("torque-ripple", "position-dependent-friction", "cable-spring")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import copysign, nan
 from typing import ClassVar
 
@@ -17,6 +17,8 @@ RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
 SHARP = (2.0, 6.0, 24.0)
 """Sharpnesses that a search starts from."""
+SUDDEN = 20.0
+"""Sharpness from which a search keeps the edge in its place."""
 HALVINGS = 40
 """Of the interval in which a compensating command is looked for."""
 
@@ -40,7 +42,7 @@ class DeadZone(Static):
     name: ClassVar[str] = "dead-zone"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("width", nan, "N m", 0.0, 1e6),
-        Parameter("sharpness", 0.0, "1", 0.0, 200.0),
+        Parameter("sharpness", 0.0, "1", 0.0, 2000.0),
     )
     experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
     lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "load-dependent-friction")
@@ -69,6 +71,12 @@ class DeadZone(Static):
         # Beyond 1e150 a power would overflow, and all has long come through.
         small = cut(self.width / larger(size(x), 1e-300), 0.0, 10.0 ** (150 / max(self.sharpness, 1.0)))
         return x / (1.0 + small**self.sharpness)
+
+    def moved(self, name: str, value: float) -> Cause:
+        """Keep the command that loses a fourth with another sharpness: what is lost there is what a log shows best."""
+        if name != "sharpness" or self.sharpness < SUDDEN:
+            return super().moved(name, value)
+        return replace(self, sharpness=value, width=self.width * 3.0 ** (1 / self.sharpness - 1 / value))
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

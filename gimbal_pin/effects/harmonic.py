@@ -19,9 +19,6 @@ from gimbal_pin.parameter import Parameter
 
 PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi)
 
-HIGH = 200
-"""Harmonic above which only even ones are tried."""
-
 
 @dataclass(frozen=True)
 class Harmonic(Effect):
@@ -40,8 +37,14 @@ class Harmonic(Effect):
 
     highest: ClassVar[int] = 100
     """Highest harmonic that is looked for, per turn."""
+    dense: ClassVar[int] = 200
+    """Harmonic above which only multiples of `every` are tried."""
+    every: ClassVar[int] = 2
+    """A number of poles is even."""
     bends: ClassVar[tuple[str, ...]] = ()
     """Causes that bend with the angle as a part of a turn of a harmonic does."""
+    leans: ClassVar[tuple[str, ...]] = ()
+    """Causes that a vertical axis feels once per turn, or as a bend over a part of it."""
 
     @abstractmethod
     def carrier(self, at: Sample) -> float | Array:
@@ -87,7 +90,9 @@ class Harmonic(Effect):
         """Less than one turn of the lowest harmonic is a bend; several closer than the travel parts draw anything."""
         lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
         crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
-        return self.bends if lowest * seen.travel < 2 * pi or crowded else ()
+        bent = lowest * seen.travel < 2 * pi or crowded
+        leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
+        return (*(self.bends if bent else ()), *(self.leans if leaning else ()))
 
     @classmethod
     def limits(cls) -> tuple[float, float]:
@@ -116,13 +121,10 @@ class Harmonic(Effect):
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Every harmonic that the travel resolves and that the band holds at a slow rate, one at a time.
-
-        High ones are multiples of a number of poles, which is even.
-        """
+        """Every harmonic that the travel resolves and that the band holds at a slow rate, one at a time."""
         if seen.travel <= 0:
             return ()
         last = min(cls.highest, 2 * pi * seen.band / max(0.12 * seen.rate, 1e-6))
         step = max(1, int(pi / (2 * seen.travel)))
         tried = range(1, int(last) + 1, step)
-        return tuple(cls(joint, (float(k),)) for k in tried if k <= HIGH or step > 1 or k % 2 == 0)
+        return tuple(cls(joint, (float(k),)) for k in tried if k <= cls.dense or step > 1 or k % cls.every == 0)

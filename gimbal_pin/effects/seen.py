@@ -22,6 +22,7 @@ class Seen(NamedTuple):
         torque: What 98 % of the torques stay under, N m.
         peak: The largest torque, N m.
         warm: Whether the motor's temperature was logged.
+        upright: Whether the joint's axis is vertical throughout: gravity is then no torque there.
     """
 
     seconds: float
@@ -33,6 +34,7 @@ class Seen(NamedTuple):
     torque: float
     peak: float
     warm: bool = False
+    upright: bool = False
 
 
 def ladder(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import nan
+from math import inf, nan
 from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample, Term
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import cut
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -16,21 +19,37 @@ from gimbal_pin.parameter import Parameter
 class TorqueGain(Effect):
     """``tau = missing tau_model``, so that ``(1 - missing) tau`` acts: gain = 1 - missing.
 
-    A single joint with no known load or coupling cannot show it: all its inertias would scale alike.
+    A single joint with no known load or coupling cannot show it: all its inertias would scale alike. A half of the
+    amplifier, or of its current sensing, that is off in one direction alone bends the torque, and that shows anywhere.
+
+    Attributes:
+        joint: The joint whose motor it is.
+        side: 1 or -1 if only torques in that direction are off; 0 for both.
     """
+
+    side: int = 0
 
     name: ClassVar[str] = "torque-gain"
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("missing", nan, "1", -1.0, 0.95),)
     gain: ClassVar[Parameter] = Parameter("gain", nan, "1", 0.05, 2.0)
     loaded: ClassVar[bool] = True
-    coupled: ClassVar[bool] = True
     experiment: ClassVar[str] = "all axes at once, with a known mass fixed at a known place"
     lookalikes: ClassVar[tuple[str, ...]] = ("armature", "payload-mass", "torque-ripple")
     compensation: ClassVar[str] = "the command is divided by the gain; correct the torque constant"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
-        """The model's total torque."""
-        return (at.tau,)
+        """The model's total torque, or what of it has the one direction."""
+        return (cut(at.tau, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf),)
+
+    @property
+    def coupled(self) -> bool:
+        """Only what is the same in both directions scales like inertias."""
+        return self.side == 0
+
+    @classmethod
+    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+        """In both directions, and in either."""
+        return tuple(cls(joint, side) for side in (0, 1, -1))
 
     def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
         """The gain."""
@@ -49,4 +68,5 @@ class TorqueGain(Effect):
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gain in per cent."""
         word = "less" if values[0] >= 0 else "more"
-        return f"the motor gives {100 * abs(values[0]):.3g} % {word} torque than it reports"
+        where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[self.side]
+        return f"the motor gives {100 * abs(values[0]):.3g} % {word} torque than it reports{where}"

@@ -20,7 +20,10 @@ class TorqueRipple(Harmonic):
     name: ClassVar[str] = "torque-ripple"
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "1", 0.0, 0.95)
     loaded: ClassVar[bool] = True
-    highest: ClassVar[int] = 100
+    highest: ClassVar[int] = 300
+    dense: ClassVar[int] = 100
+    every: ClassVar[int] = 6
+    """Six-step commutation of many poles: six times per electrical turn."""
     experiment: ClassVar[str] = "slow sweeps over the same angles under two different loads"
     lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "torque-gain", "load-dependent-friction")
     compensation: ClassVar[str] = "the command is divided by the torque constant at the angle"

@@ -1,0 +1,146 @@
+"""Laws of forms beyond a cause's first: gains of one direction, ripple of many poles, large turns, angles not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gimbal_pin.diagnosis import BAND
+from gimbal_pin.diagnosis.confirmed import familiar
+from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.extended import settled
+from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.shapes import refined
+from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
+from gimbal_pin.effects.base import Sample, Term
+from gimbal_pin.effects.base_tilt import BaseTilt
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.dead_zone import DeadZone
+from gimbal_pin.effects.encoder_offset import EncoderOffset
+from gimbal_pin.effects.rig_effect import RigEffect
+from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.torque_gain import TorqueGain
+from gimbal_pin.effects.torque_ripple import TorqueRipple
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from tests.bench_logs import prescribed
+
+ALIGNED = replace(BAND, alignment=0.0)
+SEEN = Seen(60.0, 0.002, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
+RIG = Rig.load("thesis")
+
+
+def evidence(model: Model) -> Evidence:
+    """What a log of the model's prescribed motion shows of the bundled rig."""
+    log = prescribed(model, seconds=14.0, torque_noise=1e-3, dt=2e-3)
+    return gather(RIG, [log], ALIGNED, {log.name: 0.0})
+
+
+def fitted(model: Model, *causes: Cause) -> State:
+    """Causes as the library starts them, fitted to a log of the model, before what they are built from is settled."""
+    problem = Problem.of(evidence(model), reduce(RIG))
+    return solved(problem, causes, solved(problem, ()))
+
+
+def inverse(zone: DeadZone, torque: Array) -> Array:
+    """Commands that give these torques, (N,)."""
+    commands = np.linspace(-2.0, 2.0, 400_001) * np.abs(torque).max()
+    return np.interp(torque, zone.passed(commands), commands)
+
+
+def test_the_gains_of_both_directions_are_that_of_the_whole() -> None:
+    tau = np.linspace(-2.0, 3.0, 101)
+    both, up, down = (TorqueGain("tilt", side).basis(Sample(*([0.0] * 5), tau=tau))[0] for side in (0, 1, -1))
+    np.testing.assert_array_equal(up + down, both)
+    assert np.min(up) == 0.0 == np.max(down)
+    assert TorqueGain("tilt").coupled and not TorqueGain("tilt", 1).coupled
+    assert {one.side for one in TorqueGain.tried("tilt", SEEN) if isinstance(one, TorqueGain)} == {0, 1, -1}
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_gain_of_one_direction_is_found_with_its_size(side: int) -> None:
+    effect = TorqueGain(RIG.joints[-1], side)
+    state = consistent(fitted(Model(RIG, (Term(effect, (0.1,)),)), effect))
+    assert state.coefficients(state.causes[0])[0] == pytest.approx(0.1, abs=0.005)
+
+
+def test_ripple_of_many_poles_is_sought_six_times_per_electrical_turn() -> None:
+    tried = [one.harmonic[0] for one in TorqueRipple.tried("pan", SEEN) if isinstance(one, TorqueRipple)]
+    assert {1.0, 99.0, 126.0, 252.0} <= set(tried)
+    assert all(k <= 100 or k % 6 == 0 for k in tried)
+
+
+def test_once_per_turn_about_a_vertical_axis_may_be_a_base_that_leans() -> None:
+    upright = SEEN._replace(upright=True, travel=7.0)
+    assert "base-tilt" in Cogging("yaw", (1.0,)).blurred(upright)
+    assert "base-tilt" not in Cogging("yaw", (1.0,)).blurred(upright._replace(upright=False))
+    assert "base-tilt" not in Cogging("yaw", (1.0, 42.0)).blurred(upright)
+    assert [one.upright for one in evidence(nominal(RIG)).seen].index(True) == 0
+
+
+@pytest.mark.parametrize(
+    ("turn", "trials"),
+    [
+        (EncoderOffset(RIG.joints[1], 0.5), (EncoderOffset(RIG.joints[1], 1e-3),)),
+        (BaseTilt(0.2, -0.3), (BaseTilt(roll=1e-3), BaseTilt(pitch=1e-3))),
+    ],
+    ids=["encoder-offset", "base-tilt"],
+)
+def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[Cause, ...]) -> None:
+    """In proportion to a small turn its torque would be off by a tenth; and it is no candidate a second time."""
+    linear = fitted(nominal(turn.apply(RIG)), *trials)
+    state = consistent(linear)
+    (found,) = settled(state)
+    for shape in turn.shapes:
+        assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
+    assert np.all(state.fit.dispersion < 1.2) and np.all(linear.fit.dispersion > 100)
+    assert not Library(state.problem, trials).columns(state)
+
+
+@pytest.mark.parametrize(("sharpness", "other"), [(24.0, 96.0), (96.0, 40.0)])
+def test_a_search_moves_along_a_sudden_gaps_edge(sharpness: float, other: float) -> None:
+    """What a command that loses a fourth gives stays as it is; a soft gap's width is that of the half as before."""
+    zone = DeadZone("tilt", 0.3, sharpness)
+    edge = 0.3 * 3.0 ** (1 / sharpness)
+    moved = zone.moved("sharpness", other)
+    assert isinstance(moved, DeadZone) and moved.sharpness == other
+    assert moved.passed(edge) == pytest.approx(0.75 * edge) == zone.passed(edge)
+    assert DeadZone("tilt", 0.3, 3.0).moved("sharpness", 5.0) == DeadZone("tilt", 0.3, 5.0)
+    assert zone.moved("width", 0.2) == DeadZone("tilt", 0.2, sharpness)
+
+
+def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
+    """Sharpness and width are one valley: a search for either alone stays where it began."""
+    truth = DeadZone("tilt", 0.02, 150.0)
+    found = evidence(nominal(RIG))
+    j = RIG.joint_index("tilt")
+    low = 0.5 * float(np.quantile(np.abs(found.torque[0][:, j]), 0.5))
+    truth = replace(truth, width=low)
+    (part,) = found.parts
+    tau = part.channels.tau.copy()
+    tau[:, j] = inverse(truth, tau[:, j])
+    problem = Problem.of(replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce(RIG))
+    start = DeadZone("tilt", 0.95 * low, 24.0)
+    one = solved(problem, (start,), solved(problem, ()))
+    best = refined(without(one, start), start)
+    assert isinstance(best, DeadZone) and best.sharpness > 60.0
+    assert best.width == pytest.approx(low, rel=0.01)
+
+
+def test_what_the_fit_has_never_seen_denies_nothing() -> None:
+    """Held-out angles beyond the trained ones are left out where they are many, and all is kept where they are few."""
+    whole = evidence(nominal(RIG))
+    (part,) = whole.parts
+    q = part.channels.q[:, 0]
+    half = whole.parts[0]._replace(channels=part.channels._replace(q=np.minimum(part.channels.q, np.median(q))))
+    known = familiar(whole, replace(whole, parts=(half,)))
+    beyond = q > np.median(q)
+    assert not np.any(known.parts[0].gate[beyond, 0]) and known.parts[0].channels.lost is not None
+    np.testing.assert_array_equal(known.parts[0].gate[~beyond, 0], part.gate[~beyond, 0])
+    np.testing.assert_array_equal(known.parts[0].channels.lost[beyond], True)
+    assert familiar(whole, whole) is whole
