@@ -16,6 +16,8 @@ from gimbal_pin.parameter import Parameter
 
 NUDGE = 0.02
 """Relative change of a shape parameter for its slope."""
+ROUNDING = 1e-9
+"""Change of a column, as a share of it, up to which that shape parameter changes nothing."""
 HELD = 1e-5
 """Size of a direction of the projected slopes, over the largest, from which the log holds it."""
 FREE = 0.1
@@ -73,5 +75,6 @@ def slopes(state: State, base: State, cause: Cause) -> Array:
         shape = next(s for s in cause.shapes if s.name == name)
         other = replace(cause, **{name: value + step if value + step <= shape.upper else value - step})
         slope = at.columns(other).values - now
+        slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))
     return np.concatenate(columns, axis=2)
