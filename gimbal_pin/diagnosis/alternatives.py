@@ -11,9 +11,8 @@ import numpy as np
 from gimbal_pin.diagnosis.fit import norms, project
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import variants
-from gimbal_pin.diagnosis.shapes import form, measure, same, shape_names
+from gimbal_pin.diagnosis.shapes import form, free, measure, same, shape_names
 from gimbal_pin.diagnosis.state import State, solved, without
-from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.diagnosis.verdict import APART, versus
 from gimbal_pin.effects import Cause, Effect, RigEffect
 from gimbal_pin.effects.harmonic import Harmonic
@@ -29,21 +28,19 @@ SYSTEMATIC = 0.0025
 
 
 def widened(state: State, cause: Cause, shown: Sequence[Parameter], shelf: Library) -> tuple[Parameter, ...]:
-    """``max_i (std_i² + (what form i says less what is told)²) + (SYSTEMATIC value)²``, wherever there is a std.
+    """``std² + (largest difference to what another form says)² + (SYSTEMATIC value)²``, wherever there is a std.
 
     The variance that does not presume the form (Burnham and Anderson, Model Selection and Multimodel Inference, 2002,
     eq. 4.9), at its largest over the forms rather than at their mean: which is true is what the log does not say.
     """
     others = [told(state, cause, other) for other in alternatives(state, cause, shelf)]
     others += pinned(state, cause, shelf)
-    return tuple(replace(p, std=hypot(doubt(p, others), SYSTEMATIC * p.value)) for p in shown)
+    return tuple(replace(p, std=hypot(p.std, doubt(p, others), SYSTEMATIC * p.value)) for p in shown)
 
 
 def doubt(figure: Parameter, others: Sequence[Sequence[Parameter]]) -> float:
-    """``max_i √(std_i² + gap_i²)`` over a figure itself and that of the same name among others; nan without a std."""
-    same = [p for told_ in others for p in told_ if p.name == figure.name]
-    spreads = [hypot(max(figure.std, p.std) if p.std > 0 else figure.std, apart(figure, p)) for p in same]
-    return max([figure.std, *spreads])
+    """Largest difference of a figure to that of the same name among others."""
+    return max((apart(figure, p) for told_ in others for p in told_ if p.name == figure.name), default=0.0)
 
 
 def apart(figure: Parameter, other: Parameter) -> float:
@@ -55,12 +52,19 @@ def apart(figure: Parameter, other: Parameter) -> float:
 def alternatives(state: State, cause: Cause, shelf: Library) -> list[Cause]:
     """Other forms of a chosen cause that explain the blocks of time as well (Vuong's test), or nearly as much.
 
-    The second is for forms that hardly differ here: what little one gains over the other it may gain in every block.
+    The second is for forms that hardly differ here: what little one gains over the other it may gain in every block. A
+    form with more parameters does not count by it: that it is near says only that those tell nothing (Arnold, J.
+    Wildlife Management 74, 2010).
     """
     base = without(state, cause)
     forms = neighbours(state, cause) if isinstance(cause, Harmonic) else other_forms(base, cause, shelf)
-    rivals = ((form, versus(base, cause, form)) for form in forms)
-    return [form for form, rival in rivals if rival.z < APART or rival.delta < CLOSE]
+    rivals = ((other, versus(base, cause, other)) for other in forms)
+    return [other for other, rival in rivals if rival.z < APART or near(cause, other, rival.delta)]
+
+
+def near(cause: Cause, other: Cause, delta: float) -> bool:
+    """Whether another form with no more parameters has hardly less support; `delta`: in log-likelihood."""
+    return delta < CLOSE and free(other) <= free(cause)
 
 
 def other_forms(base: State, cause: Cause, shelf: Library) -> Iterator[Cause]:
@@ -82,7 +86,8 @@ def neighbours(state: State, cause: Harmonic) -> Iterator[Cause]:
 def told(state: State, cause: Cause, other: Cause) -> Sequence[Parameter]:
     """What another form says in a cause's place, all else refitted."""
     causes = tuple(other if one is cause else one for one in state.causes)
-    return parameters(solved(state.problem, causes, state, keep=True), other)
+    new = solved(state.problem, causes, state, keep=True)
+    return other.shown(new.coefficients(other).tolist()) if isinstance(other, Effect) else other.shown()
 
 
 def pinned(state: State, cause: Cause, shelf: Library) -> list[Sequence[Parameter]]:
@@ -98,8 +103,8 @@ def pinned(state: State, cause: Cause, shelf: Library) -> list[Sequence[Paramete
 
 def bounded(cause: Cause) -> bool:
     """Whether a cause is linear in several coefficients of which some are bounded."""
-    free = cause.coefficients if isinstance(cause, Effect) and not shape_names(cause) else ()
-    return len(free) > 1 and any(isfinite(c.lower) or isfinite(c.upper) for c in free)
+    terms = cause.coefficients if isinstance(cause, Effect) and not shape_names(cause) else ()
+    return len(terms) > 1 and any(isfinite(c.lower) or isfinite(c.upper) for c in terms)
 
 
 def held(base: State, other: Effect, shelf: Library) -> tuple[Array, float]:
