@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.diagnosis.alternatives import apart
+from gimbal_pin.diagnosis.alternatives import CLOSE, apart, doubt, near
 from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.cable_spring import CableSpring
 from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.model import nominal
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -28,16 +30,28 @@ def figure(name: str, value: float) -> Parameter:
 
 @given(ANGLE, ANGLE, st.integers(-3, 3))
 def test_phases_differ_by_no_more_than_half_a_turn_however_they_are_counted(a: float, b: float, turns: int) -> None:
-    gap = apart(figure("phase", a), [[figure("phase", b)]])
+    gap = apart(figure("phase", a), figure("phase", b))
     assert 0 <= gap <= pi + 1e-9
-    assert apart(figure("phase", a), [[figure("phase", b + 2 * pi * turns)]]) == pytest.approx(gap, abs=1e-9)
+    assert apart(figure("phase", a), figure("phase", b + 2 * pi * turns)) == pytest.approx(gap, abs=1e-9)
 
 
 @given(st.floats(-9, 9), st.lists(st.floats(-9, 9), max_size=4))
 def test_every_other_form_can_only_add_doubt(value: float, others: list[float]) -> None:
     said = [[figure("amplitude", x), figure("other", 99.0)] for x in others]
-    gaps = [apart(figure("amplitude", value), said[:k]) for k in range(len(said) + 1)]
+    gaps = [doubt(figure("amplitude", value), said[:k]) for k in range(len(said) + 1)]
     assert gaps == sorted(gaps) and gaps[0] == 0.0
+
+
+def test_a_form_that_runs_out_of_a_figures_bounds_says_no_more_than_the_bound() -> None:
+    stiffness = Parameter("stiffness", 2.0, "N m/rad", 0.0, inf)
+    assert apart(stiffness, Parameter("stiffness", -50.0, "N m/rad")) == 2.0
+
+
+def test_of_forms_that_fit_as_well_one_with_more_parameters_adds_no_doubt() -> None:
+    linear, stiffening = CableSpring("pan"), CableSpring("pan", stiffening=True)
+    assert near(stiffening, linear, 1.0) and not near(linear, stiffening, 1.0)
+    assert near(Stribeck("pan", 0.1, 1), Stribeck("pan", 0.2, 2), 1.0)
+    assert not near(Stribeck("pan", 0.1, 1), Stribeck("pan", 0.2, 2), 2 * CLOSE)
 
 
 def test_what_was_planted_lies_within_the_deviation() -> None:

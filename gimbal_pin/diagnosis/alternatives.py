@@ -4,41 +4,67 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import hypot, pi
+from math import hypot, inf, isfinite, pi
 
+import numpy as np
+
+from gimbal_pin.diagnosis.fit import norms, project
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import variants
+from gimbal_pin.diagnosis.shapes import form, free, measure, same, shape_names
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.diagnosis.verdict import APART, versus
 from gimbal_pin.effects import Cause, Effect, RigEffect
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 STRONGEST = 3
 """Harmonics whose neighbours are tried."""
+CLOSE = 5.0
+"""Log-likelihood under which a form still has support: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
 SYSTEMATIC = 0.0025
 """Share of a figure that clocks, filters and the grid of samples may shift it by, whatever the noise."""
 
 
 def widened(state: State, cause: Cause, shown: Sequence[Parameter], shelf: Library) -> tuple[Parameter, ...]:
-    """``std² + (largest difference to what another form says)² + (SYSTEMATIC value)²``, wherever there is a std."""
+    """``std² + (largest difference to what another form says)² + (SYSTEMATIC value)²``, wherever there is a std.
+
+    The variance that does not presume the form (Burnham and Anderson, Model Selection and Multimodel Inference, 2002,
+    eq. 4.9), at its largest over the forms rather than at their mean: which is true is what the log does not say.
+    """
     others = [told(state, cause, other) for other in alternatives(state, cause, shelf)]
-    return tuple(replace(p, std=hypot(p.std, apart(p, others), SYSTEMATIC * p.value)) for p in shown)
+    others += pinned(state, cause, shelf)
+    return tuple(replace(p, std=hypot(p.std, doubt(p, others), SYSTEMATIC * p.value)) for p in shown)
 
 
-def apart(figure: Parameter, others: Sequence[Sequence[Parameter]]) -> float:
-    """Largest difference of a figure to that of the same name among others; phases round the circle."""
-    gaps = [abs(p.value - figure.value) for told_ in others for p in told_ if p.name == figure.name]
-    if figure.name.startswith("phase"):
-        gaps = [abs((gap + pi) % (2 * pi) - pi) for gap in gaps]
-    return max(gaps, default=0.0)
+def doubt(figure: Parameter, others: Sequence[Sequence[Parameter]]) -> float:
+    """Largest difference of a figure to that of the same name among others."""
+    return max((apart(figure, p) for told_ in others for p in told_ if p.name == figure.name), default=0.0)
+
+
+def apart(figure: Parameter, other: Parameter) -> float:
+    """Difference of two figures within the first one's bounds; phases round the circle."""
+    gap = abs(min(max(other.value, figure.lower), figure.upper) - figure.value)
+    return abs((gap + pi) % (2 * pi) - pi) if figure.name.startswith("phase") else gap
 
 
 def alternatives(state: State, cause: Cause, shelf: Library) -> list[Cause]:
-    """Other forms of a chosen cause that explain the blocks of time as well (Vuong's test)."""
+    """Other forms of a chosen cause that explain the blocks of time as well (Vuong's test), or nearly as much.
+
+    The second is for forms that hardly differ here: what little one gains over the other it may gain in every block. A
+    form with more parameters does not count by it: that it is near says only that those tell nothing (Arnold, J.
+    Wildlife Management 74, 2010).
+    """
     base = without(state, cause)
     forms = neighbours(state, cause) if isinstance(cause, Harmonic) else other_forms(base, cause, shelf)
-    return [form for form in forms if versus(base, cause, form).z < APART]
+    rivals = ((other, versus(base, cause, other)) for other in forms)
+    return [other for other, rival in rivals if rival.z < APART or near(cause, other, rival.delta)]
+
+
+def near(cause: Cause, other: Cause, delta: float) -> bool:
+    """Whether another form with no more parameters has hardly less support; `delta`: in log-likelihood."""
+    return delta < CLOSE and free(other) <= free(cause)
 
 
 def other_forms(base: State, cause: Cause, shelf: Library) -> Iterator[Cause]:
@@ -62,3 +88,32 @@ def told(state: State, cause: Cause, other: Cause) -> Sequence[Parameter]:
     causes = tuple(other if one is cause else one for one in state.causes)
     new = solved(state.problem, causes, state, keep=True)
     return other.shown(new.coefficients(other).tolist()) if isinstance(other, Effect) else other.shown()
+
+
+def pinned(state: State, cause: Cause, shelf: Library) -> list[Sequence[Parameter]]:
+    """What forms say that leave their bounds where they are free, held within them, and explain nearly as much so."""
+    others = [c for c in shelf.causes if same(c, cause) and form(c) != form(cause) and bounded(c)]
+    if not others:
+        return []
+    base = without(state, cause)
+    least = measure(base, cause).gain - 2 * CLOSE
+    rows = ((other, *held(base, other, shelf)) for other in others if isinstance(other, Effect))
+    return [other.shown(values.tolist()) for other, values, gain in rows if gain > least]
+
+
+def bounded(cause: Cause) -> bool:
+    """Whether a cause is linear in several coefficients of which some are bounded."""
+    terms = cause.coefficients if isinstance(cause, Effect) and not shape_names(cause) else ()
+    return len(terms) > 1 and any(isfinite(c.lower) or isfinite(c.upper) for c in terms)
+
+
+def held(base: State, other: Effect, shelf: Library) -> tuple[Array, float]:
+    """Coefficients within their bounds, (c,), and what they gain; no gain where they are free to be what they are."""
+    from scipy.optimize import lsq_linear
+
+    columns = shelf.of(other, base)
+    rest = project(base.fit, columns)
+    unit = np.maximum(norms(rest), 1e-300)
+    found = lsq_linear(rest / unit, base.fit.residual, (columns.lower * unit, columns.upper * unit), method="bvls")
+    gain = base.fit.cost - 2 * float(found.cost)
+    return found.x / unit, gain if np.any(found.active_mask) else -inf

@@ -1,4 +1,4 @@
-"""How sure the figures of a finding are: sandwich covariance over blocks, shape parameters included."""
+"""How sure the figures of a finding are: over blocks of time and bins of the state, shape parameters included."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.diagnosis import clusters
 from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, without
@@ -15,13 +16,20 @@ from gimbal_pin.parameter import Parameter
 
 NUDGE = 0.02
 """Relative change of a shape parameter for its slope."""
+ROUNDING = 1e-9
+"""Change of a column, as a share of it, up to which that shape parameter changes nothing."""
+HELD = 1e-5
+"""Size of a direction of the projected slopes, over the largest, from which the log holds it."""
+FREE = 0.1
+"""Share of a direction that is not held from which a parameter is not either."""
 
 
 def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
     """The cause's parameters as a person reads them, with standard deviations.
 
-    ``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹``, with the columns of the cause's coefficients and the slopes of its shape
-    parameters; whatever else the model holds is projected out.
+    The covariance is `clusters.covariance`'s, with the columns of the cause's coefficients and the slopes of its shape
+    parameters; the base columns are refitted with them. What the log does not hold, as of two shape parameters of which
+    only the product matters, has none.
     """
     final = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
     spread = covariance(state, cause)
@@ -40,8 +48,22 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
 
 
 def covariance(state: State, cause: Cause) -> Array:
-    """Covariance of a cause's coefficients, then of its shape parameters."""
+    """Covariance of a cause's coefficients, then of its shape parameters; nan for what the log does not hold."""
     base = without(state, cause)
+    stacked = base.fit.stacked(slopes(state, base, cause))
+    rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)
+    unit = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
+    own, sizes, turned = np.linalg.svd(rest / unit, full_matrices=False)
+    held = sizes > HELD * sizes[0]
+    basis = np.hstack([own[:, held], base.fit.basis])
+    spread = clusters.covariance(basis, state.fit.residual, clusters.clusters(state.problem.evidence), int(held.sum()))
+    back = turned[held].T / sizes[held] / unit[:, None]
+    free = np.any(np.abs(turned[~held]) > FREE, axis=0)
+    return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)
+
+
+def slopes(state: State, base: State, cause: Cause) -> Array:
+    """Whitened slopes of the torque by a cause's coefficients, then by its shape parameters, (rows, n, c)."""
     # What a signal changes is the torque before it.
     at = base if isinstance(cause, Signal) else state
     now = at.columns(cause).values
@@ -53,13 +75,6 @@ def covariance(state: State, cause: Cause) -> Array:
         shape = next(s for s in cause.shapes if s.name == name)
         other = replace(cause, **{name: value + step if value + step <= shape.upper else value - step})
         slope = at.columns(other).values - now
+        slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))
-    stacked = base.fit.stacked(np.concatenate(columns, axis=2))
-    rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)
-    unit = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
-    rest = rest / unit
-    bread = np.linalg.pinv(rest.T @ rest, rcond=1e-10)
-    scores = state.fit.by_block(rest * state.fit.residual[:, None])
-    blocks, width = scores.shape
-    meat = scores.T @ scores * blocks / max(blocks - width, 1)
-    return bread @ meat @ bread / np.outer(unit, unit)
+    return np.concatenate(columns, axis=2)

@@ -15,6 +15,7 @@ class Reading(NamedTuple):
 
 PARTS: dict[tuple[str, str, str], Reading | None] = {
     ("position-dependent-friction", "two-harmonics", "amplitude"): Reading("amplitude", 1.25),
+    ("torque-ripple", "two", "depth"): Reading("amplitude", 1.25),
     ("cogging", "several", "amplitude"): None,
 }
 """(cause, form, parameter) → the same for one form alone; None where the two do not compare."""
