@@ -56,12 +56,11 @@ def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = Non
     On a platform that moves, G and C v hold what its specific force and its turning ask of the joints.
     """
     model, states = posed(rig, q, v, a, platform)
-    data, base = model.createData(), model.nv - rig.n
-    out = np.empty((len(q), rig.n))
-    compute = pin.rnea
-    for row, angles, rates, accelerations in zip(out, *states):
-        row[...] = compute(model, data, angles, rates, accelerations)[base:]
-    return out
+    torque = np.empty((len(q), model.nv))
+    # Pinocchio's own loop takes a third of the time of one in Python; it wants a sample a column.
+    samples = (np.ascontiguousarray(x, dtype=float).T for x in states)
+    pin.rneaInParallel(1, pin.ModelPool(model, 1), *samples, torque.T)
+    return torque[:, model.nv - rig.n :]
 
 
 def posed(

@@ -17,6 +17,7 @@ from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt
 from gimbal_pin.diagnosis.searched import searched
 from gimbal_pin.diagnosis.state import Problem
+from gimbal_pin.diagnosis.threads import one_thread
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
@@ -34,6 +35,7 @@ MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
 
 
+@one_thread()
 def diagnose(
     rig: Rig,
     logs: Sequence[Log],

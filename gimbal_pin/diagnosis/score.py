@@ -6,13 +6,13 @@ blocks, not with a white noise's, and with what random signs of the blocks make 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import fft
 from scipy.ndimage import uniform_filter1d
-from scipy.special import fdtrc
+from scipy.special import fdtrc, fdtri
 
 from gimbal_pin.diagnosis.fit import Fit, Placed, project
 from gimbal_pin.log import Array
@@ -95,25 +95,59 @@ class Gained(NamedTuple):
 
 
 def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
-    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal.
+    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
+    return gained_alike(now, [columns], fixed)[0]
 
-    ``R = S - B Bᵀ S`` is what the fitted columns B leave of the candidate's S. As the residual is free of B, its
+
+def all_gained(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
+    """As `gained`, of many candidates."""
+    alike: dict[tuple[int | None, int], list[int]] = {}
+    for i, columns in enumerate(candidates):
+        alike.setdefault((columns.joint, columns.own.shape[-1]), []).append(i)
+    found: dict[int, Gained] = {}
+    for group in alike.values():
+        for batch in (group[first : first + BATCH] for first in range(0, len(group), BATCH)):
+            found |= zip(batch, gained_alike(now, [candidates[i] for i in batch], fixed))
+    return [found[i] for i in range(len(candidates))]
+
+
+def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
+    """Fit each of some candidates of one joint and width c to the residual.
+
+    ``R = S - B Bᵀ S`` is what the fitted columns B leave of a candidate's S. As the residual is free of B, its
     products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
     """
-    S, rows = now.weighted(columns), now.rows(columns.joint)
-    whole = S.T @ S
-    gram, s = whole - inside(now, S, columns.joint), S.T @ now.residual[rows]
+    joint = candidates[0].joint
+    rows = now.rows(joint)
+    target, residual = now.target[rows], now.residual[rows]
+    S = np.stack([now.weighted(columns) for columns in candidates])
+    whole = turned(S) @ S
+    along = now.along(S, joint)
+    gram, s = whole - turned(along) @ along, residual @ S
     visible = share(gram, whole)
-    nothing = Gained(0.0, np.zeros(0), np.zeros(0), visible)
-    if visible < HIDDEN:
-        return nothing
-    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0] if len(s) > 1 else s / gram[0]
-    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now.target[rows], S @ own):
-        return nothing
-    beta = np.ones(1) if fixed else own
-    gain = float(2 * s @ beta - beta @ gram @ beta)
-    quiet = fixed and silences(now.target[rows], now.residual[rows], S[:, 0], gain)
-    return nothing if quiet else Gained(gain, beta, own, visible)
+    own = fitting(gram, s)
+    torque = (S @ own[..., None])[..., 0]
+    lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
+    wrong = np.any((own < lower) | (own > upper), axis=1) | overdone(target, torque) | (visible < HIDDEN)
+    beta = np.ones_like(own) if fixed else own
+    gain = 2 * np.sum(s * beta, axis=1) - np.sum(beta * (gram @ beta[..., None])[..., 0], axis=1)
+    if fixed:
+        wrong |= [silences(target, residual, x[:, 0], y) for x, y in zip(S, gain.tolist())]
+    every = map(Gained, gain.tolist(), beta, own, visible.tolist())
+    nothing = np.zeros(0)
+    return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
+
+
+def turned(matrices: Array) -> Array:
+    """Each matrix transposed, (..., a, b) to (..., b, a)."""
+    return np.swapaxes(matrices, -1, -2)
+
+
+def fitting(gram: Array, s: Array) -> Array:
+    """``G⁺ s``, (k, c), of symmetric G, (k, c, c): what of G is not there asks for no coefficient."""
+    if s.shape[1] == 1:
+        return np.divide(s, gram[:, 0], out=np.zeros_like(s), where=gram[:, 0] > 0)
+    return np.asarray((np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ s[..., None])[..., 0])
 
 
 def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
@@ -127,25 +161,20 @@ def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
 def visibility(now: Fit, columns: Placed) -> float:
     """Share of a candidate's power that the fitted columns leave."""
     S = now.weighted(columns)
-    whole = S.T @ S
-    return share(whole - inside(now, S, columns.joint), whole)
+    whole, along = S.T @ S, now.along(S, columns.joint)
+    return float(share(whole - along.T @ along, whole))
 
 
-def inside(now: Fit, weighted: Array, joint: int | None) -> Array:
-    """``(BᵀS)ᵀ(BᵀS)``: what the fitted columns take of a candidate's products, (c, c)."""
-    along = now.along(weighted, joint)
-    return np.asarray(along.T @ along)
+def share(left: Array, whole: Array) -> Array:
+    """Trace of one matrix over that of another, (..., c, c); 0 where that is nothing."""
+    rest, size = (np.trace(x, axis1=-2, axis2=-1) for x in (left, whole))
+    return np.asarray(np.where(size > 0, rest, 0.0) / np.where(size > 0, size, 1.0))
 
 
-def share(left: Array, whole: Array) -> float:
-    """Trace of one matrix over that of another; 0 where that is nothing."""
-    size = float(np.trace(whole))
-    return float(np.trace(left)) / size if size > 0 else 0.0
-
-
-def overdone(target: Array, torque: Array) -> bool:
-    """Whether a cause takes far more torque than there is where it acts: it only works against the rigid model."""
-    return float(torque @ torque) > OVERDONE**2 * float(np.sum(target[torque != 0] ** 2))
+def overdone(target: Array, torque: Array) -> Array:
+    """Whether a cause takes far more torque, (..., rows), than there is where it acts, working against the model."""
+    there = (torque != 0) @ target**2
+    return np.asarray(np.sum(torque**2, axis=-1) > OVERDONE**2 * there)
 
 
 def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
@@ -215,31 +244,41 @@ def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator,
         if visibility(now, columns) > HIDDEN:
             by_width.setdefault(columns.own.shape[-1], []).append(columns)
     lowest = np.ones(flips)
-    for group in by_width.values():
+    for width, group in by_width.items():
         for first in range(0, len(group), BATCH):
-            rests = [project(now, columns) for columns in group[first : first + BATCH]]
-            lowest = np.minimum(lowest, flipped_chance(now, rests, signs))
+            for wald, blocks in flipped_alike(now, group[first : first + BATCH], signs):
+                lower(lowest, wald, width, blocks)
     return np.sort(lowest)
 
 
-def flipped_chance(now: Fit, rests: Sequence[Array], signs: Array) -> Array:
-    """Least p as in `score`, for each row of signs of the residual's blocks, (flips,).
+def lower(lowest: Array, wald: Array, width: int, blocks: float) -> None:
+    """Lower each of some chances to that of a `wald` that is less likely, (flips,).
+
+    Few are: the others cannot be, being under what has the largest of the chances.
+    """
+    freedom = max(blocks - width, 1.0)
+    least = fdtri(width, freedom, 1.0 - np.max(lowest)) * width * max(blocks - 1, 1.0) / freedom
+    far = np.flatnonzero(wald > least)
+    lowest[far] = np.minimum(lowest[far], chance(wald[far], width, blocks))
+
+
+def flipped_alike(now: Fit, candidates: Sequence[Candidate], signs: Array) -> Iterator[tuple[Array, float]]:
+    """Yield `wald` as in `score`, for each row of signs of the residual's blocks, (flips,), and its number of blocks.
 
     Args:
         now: The fit.
-        rests: Projected columns of candidates of one width c, each (rows n, c).
+        candidates: Of one width c.
         signs: Of each block, (flips, blocks).
     """
+    rests = [project(now, columns) for columns in candidates]
     scatter = np.stack([now.by_block(rest * now.residual[:, None]) for rest in rests])
     gram = np.stack([grams(now, rest) for rest in rests])
-    lowest, width = np.ones(len(signs)), scatter.shape[2]
     for row, rest, own, blocks in zip(flipped_wald(signs, scatter, gram), rests, scatter, acting(gram).tolist()):
         if blocks < FEW:
             s, V = signs @ own, stationary(now, rest, now.residual)
             row = np.minimum(row, np.sum(s * np.linalg.lstsq(V, s.T, rcond=1e-12)[0].T, axis=1))
             blocks = float(now.blocks)
-        lowest = np.minimum(lowest, chance(row, width, blocks))
-    return lowest
+        yield row, blocks
 
 
 def grams(now: Fit, rest: Array) -> Array:
