@@ -100,6 +100,25 @@ class Identified:
         mixing = over_phi(rig, self.reduction)
         return bodies(rig.links, self.given, self.consistent.phi, mixing, covariance, self.trust)
 
+    @property
+    def stated(self) -> Array:
+        """The URDF's value of every parameter, (k,); NaN for what a URDF does not state."""
+        rig, names = self.model.rig, [kind.name for kind in ALWAYS]
+        base = self.reduction.mixing @ self.given[columns(rig)[1]]
+        others = np.full(len(self.names) - len(base), np.nan)
+        at = 0
+        for term in self.model.terms:
+            if term.effect.name in names:
+                others[at] = rig.friction[rig.joint_index(term.effect.joint), names.index(term.effect.name)]
+            at += len(term.values)
+        return np.concatenate([base, others])
+
+    @property
+    def moved(self) -> Array:
+        """``(value - stated) / std``, (k,): by how many of its deviations each differs from the URDF; NaN without."""
+        std = self.estimate.std
+        return (self.estimate.theta - self.stated) / np.where(std > 0, std, np.nan)
+
     def to_urdf(self) -> str:
         """Return the rig's URDF with the nearest physical inertias and the identified friction; other tags are kept."""
         model = self.model
@@ -110,7 +129,8 @@ class Identified:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `identify`)."""
-        rows = zip(self.names, self.estimate.theta.tolist(), self.estimate.std.tolist(), self.units)
+        told = (self.estimate.theta, self.estimate.std, self.stated, self.moved)
+        rows = zip(self.names, self.units, *(x.tolist() for x in told))
         return {
             "schema": 1,
             "rig": self.model.rig.name,
@@ -129,13 +149,21 @@ class Identified:
             "notes": list(self.notes),
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
-            "base_parameters": [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows],
+            "base_parameters": [
+                {"name": name, "value": x, "std": s, "unit": unit, "urdf": number(given), "deviations": number(z)}
+                for name, unit, x, s, given, z in rows
+            ],
             "trust": self.trust,
             "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
             "least_squares": None if self.bias is None else self.bias.to_dict(),
         }
+
+
+def number(value: float) -> float | None:
+    """Return a number as JSON holds it: null where there is none."""
+    return value if np.isfinite(value) else None
 
 
 def identify(
@@ -179,7 +207,7 @@ def identify(
     tested = kept(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
-    judged = suspicion(blocks, examined)
+    judged = suspicion(blocks, examined, estimate.method)
     return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged)
 
 

@@ -21,6 +21,8 @@ Asked = Literal["never", "noisy", "always"]
 
 NOISY = 0.03
 """Noise of the acceleration, as a share of it, from which the test is worth its time: bias goes with its square."""
+UNBIASED = ("instrumental", "output-error")
+"""Estimators that noise in the motion does not bias."""
 LEAST = 0.1
 """Least share of what the rates show that is taken for motion, where nearly all of it is noise."""
 BEYOND = 10.0
@@ -37,11 +39,13 @@ class Suspicion:
         noise: Noise of the filtered acceleration over its rms, in the worst joint of the first log.
         test: Durbin, Wu and Hausman's; None where it was not run.
         why: Why it was not run, or could not be.
+        method: The estimator that was used.
     """
 
     noise: float
     test: Hausman | None
     why: str = ""
+    method: str = ""
 
     @property
     def by_noise(self) -> bool:
@@ -53,6 +57,8 @@ class Suspicion:
         """What is known, and what to use instead."""
         if self.test is None:
             return self.why
+        if self.test.biased and self.by_noise and self.method in UNBIASED:
+            return f"{self.test.finding}: {self.method}, which was used, is not"
         if not self.test.biased or self.by_noise:
             return self.test.sentence
         shift, little = f"{100 * self.test.change:.2g} % of the torque", f"{100 * self.noise:.2g} % of the acceleration"
@@ -68,10 +74,15 @@ class Suspicion:
         return {"noise_share": self.noise, **said, "by_noise": self.by_noise, "sentence": self.sentence}
 
 
-def suspicion(blocks: Regression, asked: Asked) -> Suspicion | None:
+def suspicion(blocks: Regression, asked: Asked, method: str = "") -> Suspicion | None:
     """Test least squares if asked to; None for "never".
 
     The instruments are simulated with bodies fitted to the same rows.
+
+    Args:
+        blocks: Rows.
+        asked: When to test.
+        method: The estimator that was used: one without bias is not advised to those who took it.
     """
     if asked == "never":
         return None
@@ -79,13 +90,13 @@ def suspicion(blocks: Regression, asked: Asked) -> Suspicion | None:
     noise = noise_share(first, rows.filtering, blocks)
     if asked == "noisy" and noise < NOISY:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
-        return Suspicion(noise, None, f"{little} least squares (--bias tests it all the same)")
+        return Suspicion(noise, None, f"{little} least squares (--bias tests it all the same)", method)
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
     judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else kept(replace(rows, logs=(some,)))
     try:
-        return Suspicion(noise, hausman(judged, instruments(judged, physical(judged))))
+        return Suspicion(noise, hausman(judged, instruments(judged, physical(judged))), method=method)
     except DataError as error:
-        return Suspicion(noise, None, f"whether least squares is biased cannot be tested: {error}")
+        return Suspicion(noise, None, f"whether least squares is biased cannot be tested: {error}", method)
 
 
 def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> float:

@@ -127,12 +127,9 @@ def identified(found: Identified) -> str:
     """Parameters with uncertainty, accuracy, and how to balance the payload."""
     from gimbal_pin.balance import balance
 
-    std = found.estimate.std
-    rows = [
-        (name, number(value), number(1.96 * s, 2), number(100 * abs(1.96 * s / value), 2) if value else "", unit)
-        for name, value, s, unit in zip(found.names, found.estimate.theta, std, found.units)
-    ]
-    parts = [table("parameter", "value", "± 95 %", "± % of it", "unit", rows=rows), ""]
+    parts = [estimated(found), table(*HEADS, rows=[parameter(found, k) for k in range(len(found.names))])]
+    parts += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
+    parts.append("")
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
     parts += [f"note: {said}" for said in found.notes]
     parts += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
@@ -144,6 +141,25 @@ def identified(found: Identified) -> str:
     balanced = balance(found)
     parts += [] if balanced is None else balanced.sentences
     return "\n".join(parts)
+
+
+HEADS = ("parameter", "value", "± 95 %", "± % of it", "unit", "URDF", "off by, std")
+
+
+def estimated(found: Identified) -> str:
+    """By what the parameters were estimated, and what their deviations stand on."""
+    method = found.estimate.method
+    held = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
+    return f"{len(found.names)} parameters by {method}{held}; deviations by {found.estimate.uncertainty}"
+
+
+def parameter(found: Identified, k: int) -> tuple[str, ...]:
+    """A parameter's row: its interval, and how far it is from what the URDF states."""
+    value, std = float(found.estimate.theta[k]), float(found.estimate.std[k])
+    share = number(100 * abs(1.96 * std / value), 2) if value and std else ""
+    interval = number(1.96 * std, 2) if std else "–"  # nothing was estimated: it was taken as it was known
+    stated = (number(float(found.stated[k])), f"{found.moved[k]:+.1f}" if found.moved[k] == found.moved[k] else "–")
+    return (found.names[k], number(value), interval, share, found.units[k], *stated)
 
 
 def physique(found: Identified) -> list[str]:

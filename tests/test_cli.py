@@ -68,11 +68,23 @@ def test_base_is_the_thesis_table(run: Run) -> None:
     assert {"name": "spine.Iyy + fork.Izz", "terms": {"spine.Iyy": 1.0, "fork.Izz": 1.0}} in found["base"]
 
 
+def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
+    """What least squares is biased on; every other column is there."""
+    motion, log = tmp_path / "motion.csv", tmp_path / "log.csv"
+    write_log(prescribed(nominal(Rig.load("turret")), seconds=1.0), motion)
+    for option, rates in (("--no-rates", False), ("--rates", True)):
+        assert run("simulate", "turret", "--reference", motion, "-o", log, option)[0] == 0
+        found = read_log(log, Rig.load("turret"))
+        assert (found.v is not None) is rates and found.tau is not None and found.q_ref is not None
+
+
 def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:
     model, urdf = tmp_path / "model.yaml", tmp_path / "out.urdf"
     found = result(run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0")
     assert found["estimator"] == "weighted" and found["held_out"]["how"] == "last third" and found["physical"] is True
-    assert {"name", "value", "std", "unit"} <= set(found["base_parameters"][0])
+    for row in found["base_parameters"]:
+        assert {"name", "value", "std", "unit"} <= set(row)
+        assert row["deviations"] == pytest.approx((row["value"] - row["urdf"]) / row["std"]) and abs(row["urdf"]) > 0
     assert min(found["held_out"]["fit_percent"].values()) > 99
     assert Rig.load(urdf).joints == ("pan", "tilt")
     tuned = result(run, "tune", "turret", model, "-o", tmp_path / "c.yaml", "--plot", tmp_path / "c.svg")

@@ -98,7 +98,9 @@ def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
     """Bias goes with the square of the noise's share: the same difference at a tenth of the noise has another cause."""
     test = Hausman(900.0, 12, 0.0, 0.04)
     noisy, quiet = Suspicion(0.2, test), Suspicion(0.02, test)
-    assert noisy.by_noise and "output-error" in noisy.sentence
+    assert noisy.by_noise and "use --estimator output-error" in noisy.sentence
+    used = Suspicion(0.2, test, method="output-error").sentence
+    assert "biased" in used and "use --estimator" not in used
     assert not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
 
 

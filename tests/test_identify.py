@@ -51,6 +51,7 @@ def test_a_log_without_noise_gives_the_parameters_back(name: str) -> None:
     found = identify(rig, [prescribed(nominal(rig), seconds=30.0)], filtering=EXACT)
     scale = np.abs(planted(rig)).max()
     assert np.abs(found.estimate.theta - planted(rig)).max() < 1e-6 * scale
+    np.testing.assert_allclose(found.stated, planted(rig), atol=1e-9 * scale)
     assert min(found.held_out.fit_percent.values()) > 99.8
     assert found.physical
 

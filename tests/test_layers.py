@@ -28,7 +28,7 @@ ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 SHARED = {
     "effects": {"cause", "base", "signal", "rig_effect", "functions", "harmonic", "seen"},
     # Some estimates start from simpler ones: the robust from the weighted, those that simulate from the physical.
-    "estimators": {"base", "colour", "weighted", "physical", "instrumental"},
+    "estimators": {"base", "colour", "components", "weighted", "physical", "instrumental"},
 }
 """Files in a folder of plug-ins that the others there may import."""
 READERS = {"__init__", "parse", "plain", "resistance"}

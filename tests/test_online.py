@@ -234,6 +234,18 @@ def test_a_swap_of_a_light_camera_on_a_large_rig() -> None:
     assert np.sqrt(np.mean(((estimate.theta - new) / estimate.std) ** 2)) < 2.0
 
 
+@pytest.mark.parametrize("other", [None, "mirrorless"])
+def test_a_swap_after_ten_seconds_is_announced_as_soon_as_a_late_one(other: str | None) -> None:
+    """Seventy rows have come then, half of them still in the window; on the same noise without a swap none is told."""
+    rigs = [Rig.load("thesis", payload) for payload in ("cinema", other or "cinema")]
+    logs = [renoised(prescribed(nominal(one), seconds=16.0), 4) for one in rigs]
+    tau = np.where(logs[0].t[:, None] < 10.0, logs[0].tau, logs[1].tau)
+    online = Online.of(rigs[0], filtering=Filtering(alignment=0.0))
+    events = online.advance(online.start(), replace(logs[0], tau=tau)).events
+    changes = [event.t for event in events if event.what == "changed"]
+    assert len(changes) == (other is not None) and all(10.0 < t < 13.0 for t in changes)
+
+
 def test_what_is_no_payload_raises_no_alarm() -> None:
     """A push, friction that grows by a tenth, dry friction that falls with the rate: none is announced as a payload."""
     rig = Rig.load("turret")

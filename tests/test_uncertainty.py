@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from gimbal_pin.bodies import bodies, deviations, figures, slopes
@@ -16,6 +17,7 @@ from gimbal_pin.consistency import nearest, spread
 from gimbal_pin.control.uncertainty import bounds
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Bootstrap, Estimate, ols, physical, weighted
+from gimbal_pin.estimators.components import autocovariances, pieces, powers, told
 from gimbal_pin.identification import Identified, identify
 from gimbal_pin.inertia import pseudo_inertia
 from gimbal_pin.log import Array
@@ -170,3 +172,62 @@ def test_slow_noise_makes_the_controllers_bound_larger_than_fast_noise_of_its_si
         loud = replace(log, tau=np.asarray(log.tau) + 0.02 * noise[5000:])
         told.append(bounds(identify(rig, [loud], filtering=EXACT).model, np.random.default_rng(0)))
     assert told[1].phi > 3 * told[0].phi and told[1].alpha > 2 * told[0].alpha
+
+
+# --- few rows ---------------------------------------------------------------------------------------------------------
+
+
+def short(rng: np.random.Generator, rows: int, power: Array) -> Block:
+    """Rows of two joints that share six parameters of 1, 2 ... and have noise of mixed spectra, partly masked."""
+    t = 0.125 * np.arange(rows)
+    A = np.stack([np.sin(rate * t[:, None] + [0.0, 1.0]) for rate in (0.0, 0.3, 0.7, 1.6, 3.1, 6.0)], axis=2)
+    share = np.clip(1.5 + np.sin(0.5 * t[:, None] + [0.0, 2.0]), 0.0, 1.0)
+    noise = [lower(mixed, rows) @ rng.standard_normal(rows) for mixed in power @ autocovariances(rows)]
+    b = A @ np.arange(1.0, 7.0) + np.transpose(noise)
+    return Block(t, A * share[:, :, None], b * share, np.ones_like(b), share)
+
+
+def lower(row: Array, rows: int) -> Array:
+    return np.asarray(np.linalg.cholesky(toeplitz(row) + 1e-9 * np.eye(rows)))
+
+
+@pytest.mark.parametrize("power", [[[1.0, 0, 0, 0], [0, 0, 3.0, 0]], [[0, 0.5, 0, 0.5], [4.0, 0, 1.0, 0]]])
+def test_intervals_hold_on_sixty_rows_whatever_the_noise(power: list[list[float]]) -> None:
+    """300 intervals of 95 %, from rows so few that the noise is known to a fifth; to three binomial deviations."""
+    rng, spectra = np.random.default_rng(0), np.array(power)
+    found = [weighted([short(rng, 60, spectra)]) for _ in range(50)]
+    z = np.array([(each.theta - np.arange(1.0, 7.0)) / each.std for each in found])
+    assert abs(np.mean(np.abs(z) < 1.96) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / z.size)
+
+
+def test_powers_of_a_mixture_are_those_that_were_planted_and_most_likely() -> None:
+    rng, planted = np.random.default_rng(1), np.array([[2.0, 0.0, 0.5, 0.0], [0.0, 0.0, 3.0, 0.0]])
+    blocks = [short(rng, 300, planted) for _ in range(2)]
+    parts = pieces(blocks, [block.A for block in blocks], np.zeros(6), 100)
+    found = powers(parts, 2)
+    here = told(parts, found)
+    sure = np.sqrt(np.diag(np.linalg.inv(here.information)).reshape(2, 4))
+    assert np.all(np.abs(found - planted) < 4 * sure)
+    for j, k in np.ndindex(2, 4):
+        for factor in (0.8, 1.25):
+            other = found.copy()
+            other[j, k] *= factor
+            assert told(parts, other).likelihood <= here.likelihood + 1e-3
+
+
+def test_slope_of_the_likelihood_is_its_derivative() -> None:
+    rng, power = np.random.default_rng(2), np.array([[1.0, 0.3, 0.5, 0.2], [0.4, 0.1, 2.0, 0.3]])
+    block = short(rng, 50, power)
+    parts = pieces([block], [block.A], np.zeros(6), 30)
+    slope = told(parts, power).slope.reshape(2, 4)
+    for j, k in np.ndindex(2, 4):
+        step = np.zeros((2, 4))
+        step[j, k] = 1e-5
+        above, below = (told(parts, power + way * step).likelihood for way in (1, -1))
+        assert (above - below) / 2e-5 == pytest.approx(slope[j, k], rel=1e-4, abs=1e-5)
+
+
+def test_torque_without_any_noise_leaves_nothing_uncertain() -> None:
+    block = short(np.random.default_rng(3), 60, np.zeros((2, 4)))
+    found = weighted([block._replace(b=block.A @ np.ones(6))])
+    assert np.all(found.std < 1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -48,6 +49,7 @@ def simulate(
     ] = None,
     platform_size: Annotated[float, arg(help="profile S times this")] = 1.0,
     map: Map = (),
+    rates: Annotated[bool, arg(help="record joint rates (dq_); without them they are differentiated angles")] = True,
     imus: Annotated[bool, arg(help="record every IMU of the rig's YAML, not the platform's alone")] = False,
     live: Annotated[bool, arg(help="show it in a browser")] = False,
     seed: Seed = 0,
@@ -86,6 +88,8 @@ def simulate(
         platform=carrier,
         imus=loaded.config.imus if imus else (),
     )
+    if not rates:
+        log = replace(log, v=None)
     if output is not None:
         write_log(log, output)
         print(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")

@@ -25,7 +25,9 @@ class Estimate:
 
     Attributes:
         theta: Parameters, SI units, (k,).
-        covariance: Their covariance, (k, k); infinite variances where the data show nothing.
+        covariance: Their covariance, (k, k); infinite variances where the data show nothing. From few rows it is wider
+            than that, by Student's t over the normal quantile, so that ± 1.96 `std` hold 95 times in 100 there, too:
+            see `components.widened`.
         residual_std: Root mean square of each joint's residual, N m, (n,).
         condition_number: Of the factor with columns scaled to unit norm.
         rows: Rows per joint.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
+from gimbal_pin.estimators import components
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
 
@@ -105,7 +106,12 @@ def lending(blocks: Sequence[Block], columns: Sequence[Array]) -> list[Array]:
 
 
 def coloured(blocks: Sequence[Block], columns: Sequence[Array], theta: Array, gain: Array, weight: Array) -> Array:
-    """Covariance of ``theta = gain Σ zᵀW b`` under residuals of each joint's own colour, (k, k); see `colours`."""
+    """Covariance of ``theta = gain Σ zᵀW b`` under residuals of each joint's own colour, (k, k); see `colours`.
+
+    Few rows tell no process of a dozen coefficients: theirs is a mixture of a few spectra, see `components.widened`.
+    """
+    if sum(len(block.t) for block in blocks) <= components.MOST:
+        return components.widened(series(blocks), lending(blocks, columns), theta, gain, weight)
     joints = colours(blocks, columns, theta, gain, weight)
     return np.asarray(gain @ score(lending(blocks, columns), joints, weight) @ gain.T)
 

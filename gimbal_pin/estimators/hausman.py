@@ -43,16 +43,19 @@ class Hausman:
         return self.p_value < LEVEL
 
     @property
-    def sentence(self) -> str:
-        """What it says, and what to use instead."""
+    def finding(self) -> str:
+        """What it says."""
         chance = f"p = {self.p_value:.2g}" if self.p_value > 1e-12 else "p < 1e-12"
         if not self.biased:
             return f"least squares shows no bias on this log ({chance})"
         shift = f"{100 * self.change:.2g} % of the torque"
-        return (
-            f"least squares is biased on this log by noise in the motion ({chance}, {shift}): "
-            "use --estimator output-error or instrumental, or a lower cutoff"
-        )
+        return f"least squares is biased on this log by noise in the motion ({chance}, {shift})"
+
+    @property
+    def sentence(self) -> str:
+        """What it says, and what to use instead."""
+        mend = ": use --estimator output-error or instrumental, or a lower cutoff" if self.biased else ""
+        return self.finding + mend
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""

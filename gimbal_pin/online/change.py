@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from gimbal_pin.log import Array
 from gimbal_pin.online.recursive import LAGS, Known, tapered
@@ -18,6 +19,10 @@ LONGER = 7
 passage near standstill that the model does not describe, over six or so."""
 CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
+EARLY = 1e-4
+"""The same while the noise itself is known from few rows only: then a score has heavier tails than any that counts."""
+ALIKE = 2.5
+"""Rows, half a period of the cutoff apart, that tell as much of slow noise's power as one would of white noise's."""
 SEEN = 0.5
 """Share of a row's samples that must not be masked out for it to count."""
 OFF = 5.0
@@ -39,9 +44,19 @@ class Score(NamedTuple):
         """T over its expectation."""
         return self.value / max(self.freedom, 1)
 
-    def alarms(self, dispersion: float) -> bool:
-        """Whether T is beyond chance, for noise whose T has come out `dispersion` times its expectation so far."""
-        return self.freedom > 0 and self.value > dispersion * float(chdtri(self.freedom, CHANCE))
+    def alarms(self, dispersion: float, squares: float = inf) -> bool:
+        """Whether T is beyond chance, for noise whose T has come out `dispersion` times its expectation so far.
+
+        Args:
+            dispersion: As above.
+            squares: From how many squares the noise's power is known; T over its freedom then has Fisher's F
+                distribution in the place of chi-square's.
+        """
+        if self.freedom == 0:
+            return False
+        if squares == inf:
+            return self.value > dispersion * float(chdtri(self.freedom, CHANCE))
+        return squares > 0 and self.mean > dispersion * float(fdtri(self.freedom, squares, 1 - EARLY))
 
 
 class Watch(NamedTuple):

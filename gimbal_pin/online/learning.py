@@ -11,7 +11,7 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import unseen
 from gimbal_pin.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import LONGER, WINDOWS, Score, Watch, onset, scores
+from gimbal_pin.online.change import ALIKE, LONGER, WINDOWS, Score, Watch, onset, scores
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
 WINDOW = 2 * max(WINDOWS) + LONGER
@@ -21,7 +21,7 @@ DOUBT = 0.2
 REFRESHED = 8
 """Rows after which the reference of the innovations is solved anew."""
 TRIED = 64
-"""Rows (8 s at 4 Hz) after which the estimate is tried enough to raise an alarm by."""
+"""Rows (8 s at 4 Hz) after which the noise is known; an alarm before takes a score that few rows' noise cannot make."""
 REMEMBERED = 480.0
 """Looks over which the dispersion of the score is averaged."""
 
@@ -131,16 +131,25 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
         return known
     known = taken(task, predicted(known, row), row)
     reference, watch = known.reference, known.watch
-    if reference is None or watch is None or known.settled.rows < TRIED:
+    if reference is None or watch is None:
         return announced(task, known, now)
     rows = values(known.window[-max(WINDOWS) :])
     found = scores(rows, watch)
-    alarms = [one.alarms(known.dispersion) for one in found]
+    alarms = [one.alarms(known.dispersion, squares(task, known)) for one in found]
     beyond = tuple(counted(*three) for three in zip(known.beyond, found, alarms))
     known = replace(known, beyond=beyond)
     if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
         return changed(task, known, reference, watch, now)
-    return announced(task, known if any(alarms) else watched(known, found[-1]), now)
+    tried = known.settled.rows >= TRIED and not any(alarms)
+    return announced(task, watched(known, found[-1]) if tried else known, now)
+
+
+def squares(task: Task, known: Learned) -> float:
+    """From how many squares the noise is known of the joint that tells least; enough of them count as no end."""
+    if known.settled.rows >= TRIED:
+        return inf
+    count = known.settled.count
+    return float((count.min() - len(task.names) / len(count)) / ALIKE)
 
 
 def counted(before: int, found: Score, alarm: bool) -> int:
