@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees, floor, inf, log10
+from math import degrees, floor, inf, isnan, log10
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -390,7 +390,11 @@ def asking(found: Verified) -> list[str]:
     weak = ", ".join(f"{j} for up to {number(demand.peak[j], 3)} N m of its {limits[j]:g}" for j in demand.weak)
     when = ", ".join(f"{first:.1f}" for first, _ in demand.moments)
     rest = ", ".join(f"{name} {degrees(size):.4f}°" for name, size in demand.apart(found.contests[-1]).items())
-    return ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
+    told = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
+    if isnan(demand.least["unforeseen"]):
+        return told
+    blind, seeing = (f"{degrees(demand.least[name]):.4f}°" for name in ("unforeseen", "foreseen"))
+    return [*told, f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"]
 
 
 def budget(found: Verified) -> list[str]:

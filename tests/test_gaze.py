@@ -147,7 +147,7 @@ def test_the_page_says_what_was_run() -> None:
 
 def test_a_motion_that_asks_for_more_than_a_motor_has_is_told_beside_that_motion() -> None:
     tau = np.array([[4.6, -1.0, 0.5], [0.0, 0.2, -0.7]])
-    demand = Demand(rig().joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]))
+    demand = Demand(rig().joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]), np.ones((2, 3)))
     rows = tuple(replace(row, runs=(replace(row.runs[0], platform="log"),)) for row in contest().rows)
     said = asked_for(replace(verified(), contest=replace(contest(), rows=rows), demand=demand))
     assert "4.60 N m of yaw, which has 3.60:" in said and "of roll" not in said

@@ -212,6 +212,27 @@ def test_without_error_the_law_is_the_models_inverse() -> None:
     np.testing.assert_allclose(bare, rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
 
 
+def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
+    """What is cut off one sample is given in the next: the mean stays, but for what is forgotten within a sample."""
+    model, zero = nominal(rig_of("handheld")), np.zeros(3)
+    limit, law = float(model.tau_max[0]), CarriedTorque(nominal(rig_of("handheld")), (PID,) * 3, DT, terms=False)
+    weight = float(rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
+    memory, given_by_yaw = law.start(), []
+    for part in [1.2, 0.6] * 20:
+        a = np.array([part * limit / weight, 0.0, 0.0])
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        tau, memory = law.torque(0.0, zero, zero, aim, memory)
+        given_by_yaw.append(tau[0] / limit)
+    assert max(given_by_yaw) <= 1.0
+    assert np.mean(given_by_yaw) == pytest.approx((1.0 + 0.6 + 0.2 * law.lasting) / 2, abs=0.005)
+    # A joint that was long beyond its limit leaves it at once, with what one more sample at the limit would give.
+    for part in [9.0] * 500 + [0.0] * 3:
+        a = np.array([part * limit / weight, 0.0, 0.0])
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        tau, memory = law.torque(0.0, zero, zero, aim, memory)
+    assert abs(tau[0]) < 0.01 * limit
+
+
 @given(st.floats(-1, 1), st.floats(-1, 1))
 def test_dry_friction_counts_by_its_mean_over_a_hold(rate: float, change: float) -> None:
     steps = np.sign(rate + abs(change) * np.linspace(-1, 1, 2001))

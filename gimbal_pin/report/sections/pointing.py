@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import degrees
+from math import degrees, isnan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,7 +99,13 @@ def asked_for(found: Verified) -> str:
         return ""
     limits = dict(zip(demand.joints, demand.tau_max.tolist()))
     weak = listed(f"{figures(demand.peak[j])} N m of {j}, which has {figures(limits[j])}" for j in demand.weak)
-    return f"At its worst the motion asks for {weak}: there no controller holds the camera."
+    said = f"At its worst the motion asks for {weak}: there no controller holds the camera."
+    blind, seeing = demand.least["unforeseen"], demand.least["foreseen"]
+    if isnan(blind):
+        return said
+    return (
+        f"{said} These limits alone leave any of them {angle(blind)} rms, or {angle(seeing)} if it foresees the motion."
+    )
 
 
 def numbers(found: Verified) -> list[Card]:
