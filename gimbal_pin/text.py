@@ -333,13 +333,15 @@ def verified(found: Verified) -> str:
 
 def circumstances(found: Verified) -> str:
     """What was run, with which margins."""
+    from gimbal_pin.pointing.roster import TUNED
+
     contest, margins = found.contest, found.margins
     ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
     motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
-    made = ""
+    made = "; tuned has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
     if found.steps is not None:
         sizes = ", ".join(f"{joint} {number(degrees(step), 3)}°" for joint, step in found.steps.steps.items())
-        made = f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
+        made += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
     return (
         f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
         f"is at least {number(margins.disk_margin, 3)}, the PID crosses at {number(margins.crossover_hz, 3)} Hz "
