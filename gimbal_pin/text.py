@@ -323,7 +323,7 @@ def verified(found: Verified) -> str:
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
     parts = [circumstances(found), controllers(found), ""]
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
-    parts += [*asking(found), *budget(found)]
+    parts += [*asking(found), *swept(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
     parts += [
         f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
@@ -397,6 +397,11 @@ def asking(found: Verified) -> list[str]:
         return told
     blind, seeing = (f"{degrees(demand.least[name]):.4f}°" for name in ("unforeseen", "foreseen"))
     return [*told, f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"]
+
+
+def swept(found: Verified) -> list[str]:
+    """How wrong the model may be."""
+    return [] if found.sweep is None else ["", found.sweep.sentence]
 
 
 def budget(found: Verified) -> list[str]:

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import ComputedTorque, JointPid
+from gimbal_pin.control.uncertainty import base_columns
+from gimbal_pin.experiment import bench_run
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.model import nominal
 from gimbal_pin.platform import Platform
@@ -21,7 +24,10 @@ from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, STANDING, Followed, laws, step_targets
+from gimbal_pin.pointing.sweep import Sweep, heavier
+from gimbal_pin.pointing.trust import along, doubtful
 from gimbal_pin.pointing.verify import Asked, grounds
+from gimbal_pin.profile import profile_s
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
 
@@ -133,6 +139,38 @@ def test_no_controller_gets_below_the_least_error_of_a_weak_motor() -> None:
     assert demand.least == counted.least == {"unforeseen": 0.0, "foreseen": 0.0}
     assert longer.least["unforeseen"] == pytest.approx(np.sqrt(np.sum(blind**2) / 650), rel=0.02)
     assert longer.least["foreseen"] < 0.5 * longer.least["unforeseen"]
+
+
+def test_where_a_pid_becomes_safer() -> None:
+    """Between two errors by the chord; at a loop that diverges; nowhere if never worse."""
+    sizes = {-0.2: 3e-4, -0.1: 1e-4, 0.0: 1e-4, 0.1: 1.5e-4, 0.2: np.inf}
+    found = Sweep(sizes, {}, 2e-4, 3.0)
+    assert found.safer == (pytest.approx(-0.15), pytest.approx(0.2))
+    assert "-15 % or +20 %" in found.sentence and found.to_dict()["scaled"][-1] == [0.2, None]
+    assert replace(found, pid=1e-5).safer == (0.0, 0.0)
+    calm = replace(found, scaled={-0.2: 1e-4, 0.0: 1e-4, 0.2: 1e-4})
+    assert calm.safer == (None, None) and "up to 20 % wrong" in calm.sentence
+
+
+def test_models_that_are_wrong_on_purpose() -> None:
+    """Heavier: as much more torque. Of all changes of one standard deviation the least certain changes most torque."""
+    rig, rng = Rig.load("turret"), np.random.default_rng(0)
+    model, t = nominal(rig), 0.01 * np.arange(300)
+    zero = np.zeros((4, rig.n))
+    bare = replace(model, terms=())
+    np.testing.assert_allclose(
+        heavier(bare, 0.2).inverse(zero, zero, zero + 1.0), 1.2 * bare.inverse(zero, zero, zero + 1.0), rtol=1e-12
+    )
+    assert doubtful(model, WANTED, Platform.still(t)) is None and heavier(model, 0.2).terms == model.terms
+    log = bench_run(model, rng=rng, seconds=6.0)
+    known, moves = identify(rig, [log], holdout="none").model, profile_s(t, rng)
+    way, deviation = doubtful(known, WANTED, moves), known.estimated.covariance
+    assert way @ np.linalg.solve(deviation, way) == pytest.approx(1.0, rel=1e-6)
+    Y = along(known, base_columns(known, known.estimated), WANTED, moves)[2]
+    most = np.mean((Y @ way) ** 2)
+    for other in rng.standard_normal((50, len(way))):
+        other = np.linalg.cholesky(deviation) @ (other / np.linalg.norm(other))
+        assert np.mean((Y @ other) ** 2) <= most * (1 + 1e-9)
 
 
 def test_profile_and_recorded_motion_may_both_be_asked_for() -> None:

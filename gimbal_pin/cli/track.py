@@ -130,6 +130,7 @@ def track(
             seconds=seconds,
             jobs=jobs,
             delay=delay_samples,
+            sweep=report is not None,
         )
         verified = verify(loaded, asked)
         if plot is not None:

@@ -27,6 +27,7 @@ from gimbal_pin.pointing.roster import NAMES, TUNED
 from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
+from gimbal_pin.pointing.sweep import Sweep, sweep
 from gimbal_pin.pointing.targets import Target, targets
 from gimbal_pin.pointing.trust import drawn
 from gimbal_pin.rig import Rig
@@ -55,6 +56,7 @@ class Asked:
         jobs: Processes.
         delay: Samples from measurement to torque.
         law: A law whose gains hold the camera as "tuned", beside those of equal margins; None: none.
+        sweep: True also holds it with models that are wrong on purpose.
     """
 
     plant: Model | None = None
@@ -72,6 +74,7 @@ class Asked:
     jobs: int = 1
     delay: int = 1
     law: Law | None = None
+    sweep: bool = False
 
     @property
     def whom(self) -> tuple[str, ...]:
@@ -101,6 +104,7 @@ class Verified:
         recorded: The runs on a recorded motion, where there are some on profile S as well.
         demand: What the recorded motion asks of the motors, where it asks for more than they have.
         steps: How the thesis's steps were followed, where that was asked for.
+        sweep: Jitter against the model's error, where that was asked for.
     """
 
     contest: Contest
@@ -111,6 +115,7 @@ class Verified:
     recorded: Contest | None = None
     demand: Demand | None = None
     steps: Tracking | None = None
+    sweep: Sweep | None = None
 
     @property
     def contests(self) -> tuple[Contest, ...]:
@@ -122,6 +127,8 @@ class Verified:
         more: dict[str, Any] = {} if self.steps is None else {"experiments": self.steps.to_dict()["experiments"]}
         if self.demand is not None:
             more["pointing_demand"] = self.demand.to_dict(self.contests[-1])
+        if self.sweep is not None:
+            more["pointing_sweep"] = self.sweep.to_dict()
         return {
             "rig": self.contest.rig,
             "payload": self.contest.payload,
@@ -167,7 +174,8 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         steps = stepped(replace(plant, drive=(*plant.drive, *drive)), lesson.model, roster.dt, asked.delay)
         judged += step_targets(steps)
     demand = demanded(courses[-1], roster.wanted)
-    more = (found[1] if len(found) > 1 else None, demand, steps)
+    swept = sweep(courses[0], roster) if asked.sweep else None
+    more = (found[1] if len(found) > 1 else None, demand, steps, swept)
     return Verified(found[0], tuple(judged), roster.equal.margins, causes, roster.leads, *more)
 
 
