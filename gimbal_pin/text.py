@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees, floor, inf, log10
+from math import degrees, floor, inf, isnan, log10
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -339,7 +339,7 @@ def verified(found: Verified) -> str:
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
     parts = [circumstances(found), controllers(found), ""]
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
-    parts += [*asking(found), *budget(found)]
+    parts += [*asking(found), *swept(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
     parts += [
         f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
@@ -349,13 +349,15 @@ def verified(found: Verified) -> str:
 
 def circumstances(found: Verified) -> str:
     """What was run, with which margins."""
+    from gimbal_pin.pointing.roster import TUNED
+
     contest, margins = found.contest, found.margins
     ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
     motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
-    made = ""
+    made = "; tuned has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
     if found.steps is not None:
         sizes = ", ".join(f"{joint} {number(degrees(step), 3)}°" for joint, step in found.steps.steps.items())
-        made = f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
+        made += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
     return (
         f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
         f"is at least {number(margins.disk_margin, 3)}, the PID crosses at {number(margins.crossover_hz, 3)} Hz "
@@ -406,7 +408,16 @@ def asking(found: Verified) -> list[str]:
     weak = ", ".join(f"{j} for up to {number(demand.peak[j], 3)} N m of its {limits[j]:g}" for j in demand.weak)
     when = ", ".join(f"{first:.1f}" for first, _ in demand.moments)
     rest = ", ".join(f"{name} {degrees(size):.4f}°" for name, size in demand.apart(found.contests[-1]).items())
-    return ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
+    told = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
+    if isnan(demand.least["unforeseen"]):
+        return told
+    blind, seeing = (f"{degrees(demand.least[name]):.4f}°" for name in ("unforeseen", "foreseen"))
+    return [*told, f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"]
+
+
+def swept(found: Verified) -> list[str]:
+    """How wrong the model may be."""
+    return [] if found.sweep is None else ["", found.sweep.sentence]
 
 
 def budget(found: Verified) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gimbal_pin import report, view
 from gimbal_pin.balance import reported
+from gimbal_pin.control.aim import Law
 from gimbal_pin.control.design import Wish
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.effects import RigEffect, Signal, Term
@@ -41,7 +42,7 @@ COGGING, TEETH = 0.01, 12
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 EXTENDED_PLANT = "the extended model"
 DRAWN_PLANT = "a rig that the model's covariance leaves possible"
-HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "switch", "oracle"), 4.5
+HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "tuned", "switch", "oracle"), 4.5
 """Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
 
 
@@ -134,7 +135,7 @@ def auto(
     tracking = track(plant or model, {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}, rng=rng)
     law = next(iter(tunings.values())).controller
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro")
-    held, why = carried(rig, logs[0], model, plant)
+    held, why = carried(rig, logs[0], model, law, plant)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, output_folder(folder), wrong, held)
     found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why)
@@ -164,15 +165,16 @@ def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: s
     return planned(found, rng=rng)
 
 
-def carried(rig: Rig, log: Log, model: Model, plant: Model | None) -> tuple[Verified | None, str]:
+def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None) -> tuple[Verified | None, str]:
     """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
 
-    Without a plant it is one that the model's covariance leaves possible.
+    By the tuned controller first of all, and beside it by those of equal margins. Without a plant it is one that the
+    model's covariance leaves possible.
     """
     if reason := unable(rig, WANTED):
         return None, reason
     try:
-        asked = Asked(plant=plant, known=model, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR)
+        asked = Asked(plant=plant, known=model, law=law, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR)
         return replace(verify(rig, asked), targets=()), ""  # the targets are meant for a longer run
     except UsageError as error:
         return None, str(error)

@@ -24,6 +24,7 @@ from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.outlook import liveliest, outlook
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import pointing, render
 from gimbal_pin.report.numbers import CONTROLLERS, figures
@@ -145,9 +146,16 @@ def test_the_page_says_what_was_run() -> None:
     assert tree.xpath("//script") == [] and len(tree.xpath("//iframe")) == 1
 
 
+def test_the_page_says_how_wrong_the_model_may_be() -> None:
+    found = replace(verified(), sweep=Sweep({-0.3: 5e-4, 0.0: 1e-4, 0.3: 2e-4}, {-3.0: 1e-4, 3.0: 1e-4}, 3e-4, 3.0))
+    tree = parsed(render("Camera", [pointing(found)]))
+    assert "A PID is safer with masses and inertias more than -15 % wrong." in tree.text_content()
+    assert any("model's error" in (drawing.get("aria-label") or "") for drawing in tree.iter("svg"))
+
+
 def test_a_motion_that_asks_for_more_than_a_motor_has_is_told_beside_that_motion() -> None:
     tau = np.array([[4.6, -1.0, 0.5], [0.0, 0.2, -0.7]])
-    demand = Demand(rig().joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]))
+    demand = Demand(rig().joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]), np.ones((2, 3)))
     rows = tuple(replace(row, runs=(replace(row.runs[0], platform="log"),)) for row in contest().rows)
     said = asked_for(replace(verified(), contest=replace(contest(), rows=rows), demand=demand))
     assert "4.60 N m of yaw, which has 3.60:" in said and "of roll" not in said

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.config import Noise
-from gimbal_pin.control import Pid
+from gimbal_pin.control import JointPid, Pid
 from gimbal_pin.control.aim import Ahead, Aim, Carried
 from gimbal_pin.control.carried import CarriedTorque, share
 from gimbal_pin.control.equal import Equal
@@ -45,6 +45,7 @@ from gimbal_pin.pointing.trust import holding, trusted
 from gimbal_pin.profile import profile_s
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
+from gimbal_pin.tuning import tune
 
 DT = 1e-3
 NOISE = Noise(GYRO, ACCELEROMETER)
@@ -210,6 +211,43 @@ def test_without_error_the_law_is_the_models_inverse() -> None:
     np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9)
     bare, _ = replace(law, terms=False).torque(0.0, q, v, aim, law.start())
     np.testing.assert_allclose(bare, rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["computed-torque", "pid"])
+def test_the_tuned_controller_has_the_gains_of_tune(kind: str) -> None:
+    """Whatever their margins: the others' are equal, and there is no such controller where no law is given."""
+    model = nominal(rig_of("handheld"))
+    law = tune(model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid").controller
+    spectrum = Spectrum.assumed(DT, GYRO, ACCELEROMETER)
+    roster = Roster(model, WANTED, spectrum, Noise(GYRO, ACCELEROMETER), 0.0, law=law)
+    pointer = roster.pointer("tuned")
+    assert pointer.law.gains == law.gains != roster.pointer("switch").law.gains
+    assert isinstance(pointer.law, JointPid if kind == "pid" else CarriedTorque)
+    assert kind == "pid" or (pointer.law.robust == law.robust is not None and pointer.navigator.fusion is not None)
+    assert pointer.navigator.accelerates == (kind != "pid")
+    with pytest.raises(UsageError, match="'tuned' is unknown"):
+        replace(roster, law=None).pointer("tuned")
+
+
+def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
+    """What is cut off one sample is given in the next: the mean stays, but for what is forgotten within a sample."""
+    model, zero = nominal(rig_of("handheld")), np.zeros(3)
+    limit, law = float(model.tau_max[0]), CarriedTorque(nominal(rig_of("handheld")), (PID,) * 3, DT, terms=False)
+    weight = float(rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
+    memory, given_by_yaw = law.start(), []
+    for part in [1.2, 0.6] * 20:
+        a = np.array([part * limit / weight, 0.0, 0.0])
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        tau, memory = law.torque(0.0, zero, zero, aim, memory)
+        given_by_yaw.append(tau[0] / limit)
+    assert max(given_by_yaw) <= 1.0
+    assert np.mean(given_by_yaw) == pytest.approx((1.0 + 0.6 + 0.2 * law.lasting) / 2, abs=0.005)
+    # A joint that was long beyond its limit leaves it at once, with what one more sample at the limit would give.
+    for part in [9.0] * 500 + [0.0] * 3:
+        a = np.array([part * limit / weight, 0.0, 0.0])
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        tau, memory = law.torque(0.0, zero, zero, aim, memory)
+    assert abs(tau[0]) < 0.01 * limit
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1))

@@ -9,18 +9,25 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import ComputedTorque, JointPid
+from gimbal_pin.control.uncertainty import base_columns
+from gimbal_pin.experiment import bench_run
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.model import nominal
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.bench import WANTED, unbalanced
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.demand import AFTER, BEFORE, Demand
+from gimbal_pin.pointing.least import least
 from gimbal_pin.pointing.measures import jitter
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, STANDING, Followed, laws, step_targets
+from gimbal_pin.pointing.sweep import Sweep, heavier
+from gimbal_pin.pointing.trust import along, doubtful
 from gimbal_pin.pointing.verify import Asked, grounds
+from gimbal_pin.profile import profile_s
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
 
@@ -89,7 +96,7 @@ def test_jitter_apart_from_the_moments_at_which_a_motor_is_too_weak() -> None:
     """A run that shakes four times as much around two such moments has, apart from them, the jitter of its rest."""
     t, times = DT * np.arange(20000), 0.01 * np.arange(2000)
     beyond = (np.abs(times - 8.0) < 0.055) | (np.abs(times - 8.4) < 0.025) | (np.abs(times - 14.0) < 0.005)
-    demand = Demand(("yaw",), times, np.where(beyond, -2.0, 0.5)[:, None], np.ones(1))
+    demand = Demand(("yaw",), times, np.where(beyond, -2.0, 0.5)[:, None], np.ones(1), np.ones((2000, 1)))
     assert np.allclose(demand.moments, [(7.95, 8.42), (14.0, 14.0)])
     fine = demand.within(t)
     assert (~fine).sum() == pytest.approx((2 * (BEFORE + AFTER) + 0.47) / DT, abs=4)
@@ -104,6 +111,66 @@ def test_jitter_apart_from_the_moments_at_which_a_motor_is_too_weak() -> None:
     assert told["peak"] == {"yaw": 2.0} and told["jitter_rms_deg_within"]["switch"] == pytest.approx(4.05e-4, rel=0.03)
     never = replace(demand, tau=np.full((2000, 1), 2.0))
     assert np.isnan(never.jitter(run)) and never.to_dict(contest)["jitter_rms_deg_within"] == {"switch": None}
+
+
+def test_no_controller_gets_below_the_least_error_of_a_weak_motor() -> None:
+    """Unforeseen, the motor can but push: e = ½ b d t². Foreseen, it is less; twice the torque, twice the error."""
+    dt, limit, excess, answer = 0.004, 3.0, 1.5, 2.0
+    t = dt * np.arange(150)
+    asked = np.where((t >= 0.2) & (t < 0.26), limit + excess, 0.5)
+    blind, seeing = (least(dt, asked, limit, np.full(150, answer), first) for first in (50, 0))
+    assert np.abs(blind[:50]).max() < 1e-7
+    pushed = (t >= 0.2) & (t < 0.26)
+    np.testing.assert_allclose(blind[pushed], -answer * excess * (t[pushed] - 0.2 + dt) ** 2 / 2, rtol=1e-4)
+    # By then it is e = -5.4 mrad and ė = -0.18 rad/s; a push of 2.5 · 2 rad/s² needs ė²/2a = 3.24 mrad more to stop it.
+    assert np.abs(blind).max() == pytest.approx(5.4e-3 + 0.18**2 / 2 / (answer * 2.5), rel=0.02)
+    assert 0 < np.sum(seeing**2) < 0.2 * np.sum(blind**2)
+    twice = least(dt, 2 * asked, 2 * limit, np.full(150, answer), 50)
+    np.testing.assert_allclose(twice, 2 * blind, atol=1e-3 * np.abs(blind).max())
+    demand = Demand(("yaw",), t, asked[:, None], np.array([limit]), np.full((150, 1), answer))
+    counted = replace(demand, t=t + 10.0)
+    longer = Demand(
+        ("yaw",),
+        dt * np.arange(1150),
+        np.append(np.full(1000, 0.5), asked)[:, None],
+        np.array([limit]),
+        np.full((1150, 1), 2.0),
+    )
+    assert demand.least == counted.least == {"unforeseen": 0.0, "foreseen": 0.0}
+    assert longer.least["unforeseen"] == pytest.approx(np.sqrt(np.sum(blind**2) / 650), rel=0.02)
+    assert longer.least["foreseen"] < 0.5 * longer.least["unforeseen"]
+
+
+def test_where_a_pid_becomes_safer() -> None:
+    """Between two errors by the chord; at a loop that diverges; nowhere if never worse."""
+    sizes = {-0.2: 3e-4, -0.1: 1e-4, 0.0: 1e-4, 0.1: 1.5e-4, 0.2: np.inf}
+    found = Sweep(sizes, {}, 2e-4, 3.0)
+    assert found.safer == (pytest.approx(-0.15), pytest.approx(0.2))
+    assert "-15 % or +20 %" in found.sentence and found.to_dict()["scaled"][-1] == [0.2, None]
+    assert replace(found, pid=1e-5).safer == (0.0, 0.0)
+    calm = replace(found, scaled={-0.2: 1e-4, 0.0: 1e-4, 0.2: 1e-4})
+    assert calm.safer == (None, None) and "up to 20 % wrong" in calm.sentence
+
+
+def test_models_that_are_wrong_on_purpose() -> None:
+    """Heavier: as much more torque. Of all changes of one standard deviation the least certain changes most torque."""
+    rig, rng = Rig.load("turret"), np.random.default_rng(0)
+    model, t = nominal(rig), 0.01 * np.arange(300)
+    zero = np.zeros((4, rig.n))
+    bare = replace(model, terms=())
+    np.testing.assert_allclose(
+        heavier(bare, 0.2).inverse(zero, zero, zero + 1.0), 1.2 * bare.inverse(zero, zero, zero + 1.0), rtol=1e-12
+    )
+    assert doubtful(model, WANTED, Platform.still(t)) is None and heavier(model, 0.2).terms == model.terms
+    log = bench_run(model, rng=rng, seconds=6.0)
+    known, moves = identify(rig, [log], holdout="none").model, profile_s(t, rng)
+    way, deviation = doubtful(known, WANTED, moves), known.estimated.covariance
+    assert way @ np.linalg.solve(deviation, way) == pytest.approx(1.0, rel=1e-6)
+    Y = along(known, base_columns(known, known.estimated), WANTED, moves)[2]
+    most = np.mean((Y @ way) ** 2)
+    for other in rng.standard_normal((50, len(way))):
+        other = np.linalg.cholesky(deviation) @ (other / np.linalg.norm(other))
+        assert np.mean((Y @ other) ** 2) <= most * (1 + 1e-9)
 
 
 def test_profile_and_recorded_motion_may_both_be_asked_for() -> None:

@@ -25,7 +25,10 @@ def track(
     rig: RigName,
     controller: Annotated[
         Positional[str | None],
-        arg(metavar="CONTROLLER", help="a controller's YAML, from tune; on a platform its model is what is known"),
+        arg(
+            metavar="CONTROLLER",
+            help="a controller's YAML, from tune; on a platform its model is what is known, its gains are 'tuned''s",
+        ),
     ] = None,
     *,
     payload: Payload = None,
@@ -114,6 +117,7 @@ def track(
         asked = Asked(
             plant=None if model is None else plant_of(model, loaded),
             known=None if controller is None else known_by(controller, loaded),
+            law=None if controller is None else read_controller(controller, loaded),
             recorded=carrier,
             profile=platform == "S",
             steps=steps,
@@ -126,6 +130,7 @@ def track(
             seconds=seconds,
             jobs=jobs,
             delay=delay_samples,
+            sweep=report is not None,
         )
         verified = verify(loaded, asked)
         if plot is not None:

@@ -12,13 +12,13 @@ from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import cumulative, split
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS
+from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS, TUNED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = {BASELINE: "#8d98a7", OURS: "#1a75f2", ORACLE: "#14a05a"}
+COLOURS = {BASELINE: "#8d98a7", OURS: "#1a75f2", TUNED: "#d98200", ORACLE: "#14a05a"}
 OTHERS = ("#d98200", "#8a4fd0", "#0b96a8")
 """For controllers that stand in for one of those."""
 PARTS = ("#e23b2f", "#8a4fd0", "#d98200", "#1a75f2", "#0b96a8", "#d23f8d", "#14a05a")

@@ -14,6 +14,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.budget import Budget
+from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS, Roster
 from gimbal_pin.pointing.run import point
@@ -155,9 +156,13 @@ class Course:
 
     def run(self, roster: Roster, name: str, seed: int) -> Pointing:
         """Run one controller with one seed."""
+        return self.held(roster.pointer(name), seed, name)
+
+    def held(self, pointer: Pointer, seed: int, name: str = "pointing") -> Pointing:
+        """Run a controller that is there already."""
         return point(
             self.plant,
-            roster.pointer(name),
+            pointer,
             self.ground(seed),
             rng=np.random.default_rng([seed, 1]),
             seconds=self.seconds,

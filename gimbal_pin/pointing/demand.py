@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from math import degrees, isnan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gimbal_pin.control.uncertainty import inertia
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.contest import Contest
-from gimbal_pin.pointing.measures import split
+from gimbal_pin.pointing.least import LONGEST, least
+from gimbal_pin.pointing.measures import SETTLING, split
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.trust import holding
 
 BEFORE, AFTER = 0.1, 0.6
 """Around a moment at which a motor is too weak, what is not counted either, s: the loop has to find back."""
+READY = 0.3
+"""How long before such a moment a controller that foresees it may begin to make ready, s."""
 RATE = 250.0
 """Samples of a motion that are looked at, Hz."""
 
@@ -34,20 +39,26 @@ class Demand:
         t: Time, s, (N,).
         tau: Torque, N m, (N, n).
         tau_max: Largest torque of each motor, N m, (n,).
+        answer: Angular acceleration of the line of sight per torque of each joint, 1/(kg m²), (N, n).
     """
 
     joints: tuple[str, ...]
     t: Array
     tau: Array
     tau_max: Array
+    answer: Array
 
     @staticmethod
     def of(plant: Model, wanted: Array, platform: Platform) -> Demand:
         """Return it for a plant whose camera looks as wanted, (3, 3): inverse dynamics of the exact motion."""
         step = max(1, round(1 / RATE / float(platform.t[1] - platform.t[0])))
         part, rig = platform.part(slice(None, None, step)), plant.rig
-        held = holding(Sight(rig), wanted, part)
-        return Demand(rig.joints, part.t, plant.inverse(held.q, held.v, held.a, platform=part), rig.tau_max)
+        sight = Sight(rig)
+        held = holding(sight, wanted, part)
+        across = np.array([np.linalg.norm(sight.view(q).J[-2:], axis=0) for q in held.q])
+        own = np.diagonal(inertia(plant, held.q), axis1=1, axis2=2)
+        tau = plant.inverse(held.q, held.v, held.a, platform=part)
+        return Demand(rig.joints, part.t, tau, rig.tau_max, across / own)
 
     @property
     def peak(self) -> Mapping[str, float]:
@@ -66,6 +77,35 @@ class Demand:
         times = self.t[(np.abs(self.tau) > self.tau_max).any(axis=1)]
         parts = np.split(times, np.flatnonzero(np.diff(times) > AFTER) + 1) if len(times) else []
         return tuple((float(part[0]), float(part[-1])) for part in parts)
+
+    @cached_property
+    def least(self) -> Mapping[str, float]:
+        """Jitter that the torque limits alone leave, rad rms, "unforeseen" and "foreseen"; nan where it takes too long.
+
+        A controller that does not foresee the motion does nothing before a moment begins; one that does makes ready.
+        """
+        counts = self.t >= self.t[0] + SETTLING
+        out = {}
+        for name in ("unforeseen", "foreseen"):
+            parts = [self.left(rows, j, name == "foreseen") for rows, j in self.stretches]
+            power = sum([float(np.sum(part[counts[rows]] ** 2)) for part, (rows, _) in zip(parts, self.stretches)])
+            out[name] = float(np.sqrt(power / max(1, int(counts.sum()))))
+        return out
+
+    @property
+    def stretches(self) -> list[tuple[slice, int]]:
+        """Samples around every moment, and the joint whose motor is too weak in it."""
+        edges = [(np.searchsorted(self.t, [first - READY, last + AFTER])).tolist() for first, last in self.moments]
+        beyond = np.abs(self.tau) > self.tau_max
+        return [(slice(a, b), j) for a, b in edges for j in np.flatnonzero(beyond[a:b].any(axis=0)).tolist()]
+
+    def left(self, rows: slice, j: int, foreseen: bool) -> Array:
+        """Least error of the line of sight over some samples by a joint's weak motor, rad."""
+        asked, limit = self.tau[rows, j], float(self.tau_max[j])
+        if len(asked) > LONGEST:
+            return np.full(len(asked), np.nan)
+        known = 0 if foreseen else int(np.argmax(np.abs(asked) > limit))
+        return least(float(self.t[1] - self.t[0]), asked, limit, self.answer[rows, j], known)
 
     def within(self, t: Array) -> NDArray[np.bool_]:
         """Whether the motors are strong enough at each of the times t, s, and were so just before."""
@@ -94,4 +134,5 @@ class Demand:
             "tau_max": dict(zip(self.joints, self.tau_max.tolist())),
             "beyond": [list(moment) for moment in self.moments],
             "jitter_rms_deg_within": {name: None if isnan(x) else degrees(x) for name, x in still.items()},
+            "least_jitter_rms_deg": {name: None if isnan(x) else degrees(x) for name, x in self.least.items()},
         }

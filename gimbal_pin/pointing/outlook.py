@@ -11,7 +11,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import split
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, OURS
+from gimbal_pin.pointing.roster import BASELINE, OURS, TUNED
 from gimbal_pin.pointing.seen import rotations
 
 SECONDS, RATE = 6.0, 60.0
@@ -74,8 +74,9 @@ def outlook(found: Contest, wanted: Array, seconds: float = SECONDS, rate: float
 def shown(found: Contest) -> tuple[Row, ...]:
     """Return the baseline's row and ours, or the first and the last where one did not run."""
     by_name = {row.controller: row for row in found.rows}
-    if BASELINE in by_name and OURS in by_name:
-        return by_name[BASELINE], by_name[OURS]
+    ours = next((by_name[name] for name in (TUNED, OURS) if name in by_name), None)
+    if BASELINE in by_name and ours is not None:
+        return by_name[BASELINE], ours
     return (found.rows[0], found.rows[-1]) if len(found.rows) > 1 else found.rows
 
 

@@ -47,6 +47,8 @@ NAMES = (
 FALLEN = 0.5
 """Share of the bandwidth of the PID that is fallen back to."""
 OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
+TUNED = "tuned"
+"""The controller with the gains that somebody asked for: it has its own margins, not those of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,7 @@ class Roster:
         trusted: Joints at which the model is worth more than its uncertainty.
         dt: Sampling interval, s.
         delay: Samples from measurement to torque, the drives' own not counted.
+        law: Whose gains "tuned" has; None: there is no such controller.
     """
 
     model: Model
@@ -72,6 +75,7 @@ class Roster:
     trusted: tuple[bool, ...] = ()
     dt: float = 0.001
     delay: int = 1
+    law: Law | None = None
 
     @cached_property
     def sight(self) -> Sight:
@@ -109,6 +113,8 @@ class Roster:
         Raises:
             UsageError: There is none of that name.
         """
+        if name == TUNED and isinstance(self.law, (JointPid, ComputedTorque)):
+            return self.tuned(self.law)
         if name not in NAMES:
             raise UsageError("controller", f"'{name}' is unknown", f"there are {', '.join(NAMES)}")
         if name in NAMES[:3]:
@@ -139,6 +145,16 @@ class Roster:
             return self.guarded(replace(navigator, accelerates=False), law)
         source: ErrorFrom = "platform" if name == "pid-joint" else "camera"
         return self.guarded(replace(navigator, source=source, accelerates=False), self.pid(self.equal.pid))
+
+    def tuned(self, law: JointPid | ComputedTorque) -> Pointer:
+        """Return ours with the gains and the redesign of a given law; with those of a PID, a world-frame PID."""
+        slowest = min(law.gains, key=lambda gains: gains.kp)
+        if isinstance(law, JointPid):
+            return self.guarded(replace(self.navigator(slowest), accelerates=False), replace(law, dt=self.dt))
+        carried = CarriedTorque(
+            self.model, law.gains, self.dt, robust=law.robust, trusted=self.loop(OURS)[1].get("trusted", ())
+        )
+        return self.guarded(self.navigator(slowest, predicts=True, fuses=True), carried)
 
     def guarded(self, navigator: Navigator, law: Law) -> Pointer:
         """Return a controller with its guard, and a PID at half the bandwidth to fall back to."""

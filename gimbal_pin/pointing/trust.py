@@ -32,12 +32,33 @@ def trusted(model: Model, wanted: Array, platform: Platform) -> tuple[bool, ...]
     places = None if known is None else base_columns(model, known)
     if known is None or places is None:
         return (True,) * model.rig.n
-    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
-    held = holding(Sight(model.rig), wanted, part)
-    Y = columns(model, places, held.q, held.v, held.a, part)
+    part, held, Y = along(model, places, wanted, platform)
     variance = np.einsum("njk,kl,njl->nj", Y, known.covariance, Y)
     torque = model.inverse(held.q, held.v, held.a, platform=part)
     return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())
+
+
+def along(model: Model, places: Array, wanted: Array, platform: Platform) -> tuple[Platform, Motion, Array]:
+    """Return moments of a platform's motion, what holds the camera there, and torque per unit parameter, (N, n, k)."""
+    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
+    held = holding(Sight(model.rig), wanted, part)
+    return part, held, columns(model, places, held.q, held.v, held.a, part)
+
+
+def doubtful(model: Model, wanted: Array, platform: Platform) -> Array | None:
+    """Return the change of parameters, one standard deviation long, that changes the torque most along a motion.
+
+    ``P = L Lᵀ``: L times the eigenvector of ``Lᵀ mean(Yᵀ Y) L`` with the largest eigenvalue. None without covariance.
+    """
+    known = model.estimated
+    places = None if known is None else base_columns(model, known)
+    if known is None or places is None:
+        return None
+    Y = along(model, places, wanted, platform)[2]
+    power, size = np.linalg.eigh(known.covariance)
+    L = size * np.sqrt(np.maximum(power, 0.0))
+    seen = L.T @ np.einsum("njk,njl->kl", Y, Y) @ L / len(Y)
+    return np.asarray(L @ np.linalg.eigh(seen)[1][:, -1])
 
 
 def drawn(model: Model, rng: np.random.Generator) -> Model:
@@ -46,7 +67,14 @@ def drawn(model: Model, rng: np.random.Generator) -> Model:
     places = None if known is None else base_columns(model, known)
     if known is None or places is None:
         return replace(model, estimated=None)
-    change = rng.multivariate_normal(np.zeros(len(known.theta)), known.covariance, method="eigh")
+    return changed(model, rng.multivariate_normal(np.zeros(len(known.theta)), known.covariance, method="eigh"))
+
+
+def changed(model: Model, change: Array) -> Model:
+    """Return a model with its estimated parameters changed, (k,): base parameters, then the terms'."""
+    places = None if model.estimated is None else base_columns(model, model.estimated)
+    if places is None:
+        return replace(model, estimated=None)
     phi, at, terms = model.rig.phi.copy(), len(places), []
     phi[places] += change[:at]
     for term in model.terms:

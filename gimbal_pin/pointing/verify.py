@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from gimbal_pin.control.aim import Law
 from gimbal_pin.control.loop import Margins
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.effects.parse import parse_effect
@@ -22,10 +23,11 @@ from gimbal_pin.pointing.bench import LEARNED, Recorded, Shaken, entered, learne
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import NAMES
+from gimbal_pin.pointing.roster import NAMES, TUNED
 from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
+from gimbal_pin.pointing.sweep import Sweep, sweep
 from gimbal_pin.pointing.targets import Target, targets
 from gimbal_pin.pointing.trust import drawn
 from gimbal_pin.rig import Rig
@@ -53,6 +55,8 @@ class Asked:
         seconds: Length of a run, s; a recorded motion may end it sooner.
         jobs: Processes.
         delay: Samples from measurement to torque.
+        law: A law whose gains hold the camera as "tuned", beside those of equal margins; None: none.
+        sweep: True also holds it with models that are wrong on purpose.
     """
 
     plant: Model | None = None
@@ -69,6 +73,22 @@ class Asked:
     seconds: float = 30.0
     jobs: int = 1
     delay: int = 1
+    law: Law | None = None
+    sweep: bool = False
+
+    @property
+    def whom(self) -> tuple[str, ...]:
+        """Names of the controllers.
+
+        Raises:
+            UsageError: One is unknown.
+        """
+        every = NAMES if self.law is None else (*NAMES, TUNED)
+        names = every if self.names is None else self.names
+        for name in names:
+            if name not in every:
+                raise UsageError("--controllers", f"knows no '{name}'", f"there are {', '.join(every)}")
+        return names
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +104,7 @@ class Verified:
         recorded: The runs on a recorded motion, where there are some on profile S as well.
         demand: What the recorded motion asks of the motors, where it asks for more than they have.
         steps: How the thesis's steps were followed, where that was asked for.
+        sweep: Jitter against the model's error, where that was asked for.
     """
 
     contest: Contest
@@ -94,6 +115,7 @@ class Verified:
     recorded: Contest | None = None
     demand: Demand | None = None
     steps: Tracking | None = None
+    sweep: Sweep | None = None
 
     @property
     def contests(self) -> tuple[Contest, ...]:
@@ -105,6 +127,8 @@ class Verified:
         more: dict[str, Any] = {} if self.steps is None else {"experiments": self.steps.to_dict()["experiments"]}
         if self.demand is not None:
             more["pointing_demand"] = self.demand.to_dict(self.contests[-1])
+        if self.sweep is not None:
+            more["pointing_sweep"] = self.sweep.to_dict()
         return {
             "rig": self.contest.rig,
             "payload": self.contest.payload,
@@ -126,10 +150,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     Raises:
         UsageError: A controller that is unknown, a motion that is too short, a loop that diverges.
     """
-    names = NAMES if asked.names is None else asked.names
-    for name in names:
-        if name not in NAMES:
-            raise UsageError("--controllers", f"knows no '{name}'", f"there are {', '.join(NAMES)}")
+    names = asked.whom
     if asked.log is not None and asked.plant is None:
         model, causes = modelled(rig, asked.log, asked)
         known = model or identify(rig, [asked.log], holdout="none").model
@@ -144,7 +165,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     lesson = learned(rig, log, model=model)
     station = Station.of(rig)
     courses = [Course(plant, *motion, station, drive, asked.delay) for motion in grounds(rig, asked)]
-    roster = entered(lesson, courses[0])
+    roster = replace(entered(lesson, courses[0]), law=asked.law)
     found = [shared(course, asked, names, roster) for course in courses]
     late = max(lesson.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
     judged = [target for contest in found for target in targets(contest, Sight(rig), late)]
@@ -153,7 +174,8 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         steps = stepped(replace(plant, drive=(*plant.drive, *drive)), lesson.model, roster.dt, asked.delay)
         judged += step_targets(steps)
     demand = demanded(courses[-1], roster.wanted)
-    more = (found[1] if len(found) > 1 else None, demand, steps)
+    swept = sweep(courses[0], roster) if asked.sweep else None
+    more = (found[1] if len(found) > 1 else None, demand, steps, swept)
     return Verified(found[0], tuple(judged), roster.equal.margins, causes, roster.leads, *more)
 
 

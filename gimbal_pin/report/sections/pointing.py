@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import degrees
+from math import degrees, isfinite, isnan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,8 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.budget import BASELINE, Budget
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.outlook import outlook, shown
-from gimbal_pin.pointing.roster import ORACLE
+from gimbal_pin.pointing.roster import ORACLE, OURS
+from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
+OWN = chart.COLOURS[OURS]
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 
 
@@ -60,6 +62,7 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
         heading("What the camera sees"),
         gazes(outlook(contest, WANTED), WANTED),
         *diagrams(contest),
+        *([] if found.sweep is None else wrong_models(found.sweep)),
         heading("Every controller"),
         controllers(contest),
         *([targets(found)] if found.targets else []),
@@ -99,7 +102,13 @@ def asked_for(found: Verified) -> str:
         return ""
     limits = dict(zip(demand.joints, demand.tau_max.tolist()))
     weak = listed(f"{figures(demand.peak[j])} N m of {j}, which has {figures(limits[j])}" for j in demand.weak)
-    return f"At its worst the motion asks for {weak}: there no controller holds the camera."
+    said = f"At its worst the motion asks for {weak}: there no controller holds the camera."
+    blind, seeing = demand.least["unforeseen"], demand.least["foreseen"]
+    if isnan(blind):
+        return said
+    return (
+        f"{said} These limits alone leave any of them {angle(blind)} rms, or {angle(seeing)} if it foresees the motion."
+    )
 
 
 def numbers(found: Verified) -> list[Card]:
@@ -146,6 +155,34 @@ def diagrams(contest: Contest) -> list[Markup]:
         heading("The line of sight, and its price"),
         picture(plots.drawn(partial(curves, rows), alt), caption),
     ]
+
+
+def wrong_models(sweep: Sweep) -> list[Markup]:
+    """Return jitter against the model's error."""
+    said = f"{sweep.sentence[:1].upper()}{sweep.sentence[1:]}."
+    caption = (
+        f"Jitter of {figures(sweep.seconds, 2)} s with models that are wrong on purpose: all masses, moments and "
+        "inertias by one share (left), and along what the log left least certain, in standard deviations (right). "
+        f"Dashed: the {controller_name(BASELINE)}, which takes nothing but inertias from the model."
+    )
+    picture_of = plots.drawn(partial(against_error, sweep), f"Jitter against the model's error. {said}")
+    return [heading("How wrong the model may be"), paragraph(said), picture(picture_of, caption)]
+
+
+def against_error(sweep: Sweep) -> Figure:
+    """Draw jitter against the model's error, per cent and standard deviations."""
+    figure, (panels,) = plots.panels(1, 2, 2.6, share=(False, True))
+    middle = sweep.scaled[0.0]
+    for axes, found, unit in zip(panels, (sweep.scaled, {**sweep.uncertain, 0.0: middle}), (100.0, 1.0)):
+        errors = [error for error in sorted(found) if isfinite(found[error])]
+        axes.plot(
+            [unit * error for error in errors], [degrees(found[error]) for error in errors], "o-", color=OWN, ms=3.5
+        )
+        axes.axhline(degrees(sweep.pid), color=chart.COLOURS[BASELINE], ls="--", lw=1.2)
+    panels[0].set(xlabel="error of masses and inertias, %", ylabel="jitter, ° rms", ylim=(0, None))
+    panels[1].set(xlabel="error along what is least certain, standard deviations")
+    plots.named(panels[0], [(controller_name(OURS), OWN), (controller_name(BASELINE), chart.COLOURS[BASELINE])])
+    return figure
 
 
 def stretch(row: Row) -> str:
