@@ -6,7 +6,7 @@ from math import inf, pi
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
@@ -14,6 +14,7 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.alternatives import CLOSE, apart, doubt, near
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.cable_spring import CableSpring
+from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.model import nominal
@@ -52,6 +53,15 @@ def test_of_forms_that_fit_as_well_one_with_more_parameters_adds_no_doubt() -> N
     assert near(stiffening, linear, 1.0) and not near(linear, stiffening, 1.0)
     assert near(Stribeck("pan", 0.1, 1), Stribeck("pan", 0.2, 2), 1.0)
     assert not near(Stribeck("pan", 0.1, 1), Stribeck("pan", 0.2, 2), 2 * CLOSE)
+
+
+@settings(max_examples=20)
+@given(st.floats(15, 30), st.floats(0.1, 0.3), st.floats(1.5, 3.0))
+def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(hertz: float, share: float, factor: float) -> None:
+    command = np.sin(2 * pi * 2.0 * np.arange(2000) / 1000) * np.hanning(2000)
+    other = factor * hertz, 1 / (1 + (1 / share - 1) * factor**2)  # the same (1/r - 1)/ω²
+    one, two = (command - JointFlexibility("pan", f, 0.05, r).acting(command, 1e-3) for f, r in ((hertz, share), other))
+    assert np.linalg.norm(one - two) < 0.05 * np.linalg.norm(one)
 
 
 def test_what_was_planted_lies_within_the_deviation() -> None:

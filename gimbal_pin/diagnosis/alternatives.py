@@ -11,10 +11,10 @@ import numpy as np
 from gimbal_pin.diagnosis.fit import norms, project
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import variants
-from gimbal_pin.diagnosis.shapes import form, free, measure, same, shape_names
+from gimbal_pin.diagnosis.shapes import form, free, measure, moved, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.diagnosis.verdict import APART, versus
-from gimbal_pin.effects import Cause, Effect, RigEffect
+from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -23,6 +23,8 @@ STRONGEST = 3
 """Harmonics whose neighbours are tried."""
 CLOSE = 5.0
 """Log-likelihood under which a form still has support: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
+FAR = 4.0
+"""Factor by which a shape parameter is moved to look for another place that does as well."""
 SYSTEMATIC = 0.0025
 """Share of a figure that clocks, filters and the grid of samples may shift it by, whatever the noise."""
 
@@ -71,6 +73,20 @@ def other_forms(base: State, cause: Cause, shelf: Library) -> Iterator[Cause]:
     """Yield a cause's other forms, refined; a change of the rig has none."""
     if not isinstance(cause, RigEffect):
         yield from (other for _, other in variants(base, cause, shelf))
+        yield from elsewhere(base, cause)
+
+
+def elsewhere(base: State, cause: Cause) -> Iterator[Cause]:
+    """Yield where a refinement ends that starts far off in the last of a filter's several shape parameters.
+
+    Within a band poles and zeros trade places: a resonance above it shows by ``(1/r - 1)/ω²`` alone, r the rotor's
+    share, and the others follow where that goes.
+    """
+    names = shape_names(cause) if isinstance(cause, Signal) and cause.linear else []
+    for factor in (FAR, 1 / FAR) if len(names) > 1 else ():
+        start = moved(cause, names[-1], factor)
+        if start is not None and worth(base, found := refined(base, start)) > 0:
+            yield found
 
 
 def neighbours(state: State, cause: Harmonic) -> Iterator[Cause]:
