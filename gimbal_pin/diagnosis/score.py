@@ -95,59 +95,25 @@ class Gained(NamedTuple):
 
 
 def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
-    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
-    return gained_alike(now, [columns], fixed)[0]
+    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal.
 
-
-def all_gained(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
-    """As `gained`, of many candidates."""
-    alike: dict[tuple[int | None, int], list[int]] = {}
-    for i, columns in enumerate(candidates):
-        alike.setdefault((columns.joint, columns.own.shape[-1]), []).append(i)
-    found: dict[int, Gained] = {}
-    for group in alike.values():
-        for batch in (group[first : first + BATCH] for first in range(0, len(group), BATCH)):
-            found |= zip(batch, gained_alike(now, [candidates[i] for i in batch], fixed))
-    return [found[i] for i in range(len(candidates))]
-
-
-def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
-    """Fit each of some candidates of one joint and width c to the residual.
-
-    ``R = S - B Bᵀ S`` is what the fitted columns B leave of a candidate's S. As the residual is free of B, its
+    ``R = S - B Bᵀ S`` is what the fitted columns B leave of the candidate's S. As the residual is free of B, its
     products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
     """
-    joint = candidates[0].joint
-    rows = now.rows(joint)
-    target, residual = now.target[rows], now.residual[rows]
-    S = np.stack([now.weighted(columns) for columns in candidates])
-    whole = turned(S) @ S
-    along = now.along(S, joint)
-    gram, s = whole - turned(along) @ along, residual @ S
+    S, rows = now.weighted(columns), now.rows(columns.joint)
+    whole = S.T @ S
+    gram, s = whole - inside(now, S, columns.joint), S.T @ now.residual[rows]
     visible = share(gram, whole)
-    own = fitting(gram, s)
-    torque = (S @ own[..., None])[..., 0]
-    lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
-    wrong = np.any((own < lower) | (own > upper), axis=1) | overdone(target, torque) | (visible < HIDDEN)
-    beta = np.ones_like(own) if fixed else own
-    gain = 2 * np.sum(s * beta, axis=1) - np.sum(beta * (gram @ beta[..., None])[..., 0], axis=1)
-    if fixed:
-        wrong |= [silences(target, residual, x[:, 0], y) for x, y in zip(S, gain.tolist())]
-    every = map(Gained, gain.tolist(), beta, own, visible.tolist())
-    nothing = np.zeros(0)
-    return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
-
-
-def turned(matrices: Array) -> Array:
-    """Each matrix transposed, (..., a, b) to (..., b, a)."""
-    return np.swapaxes(matrices, -1, -2)
-
-
-def fitting(gram: Array, s: Array) -> Array:
-    """``G⁺ s``, (k, c), of symmetric G, (k, c, c): what of G is not there asks for no coefficient."""
-    if s.shape[1] == 1:
-        return np.divide(s, gram[:, 0], out=np.zeros_like(s), where=gram[:, 0] > 0)
-    return np.asarray((np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ s[..., None])[..., 0])
+    nothing = Gained(0.0, np.zeros(0), np.zeros(0), visible)
+    if visible < HIDDEN:
+        return nothing
+    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0] if len(s) > 1 else s / gram[0]
+    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now.target[rows], S @ own):
+        return nothing
+    beta = np.ones(1) if fixed else own
+    gain = float(2 * s @ beta - beta @ gram @ beta)
+    quiet = fixed and silences(now.target[rows], now.residual[rows], S[:, 0], gain)
+    return nothing if quiet else Gained(gain, beta, own, visible)
 
 
 def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
@@ -161,20 +127,25 @@ def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
 def visibility(now: Fit, columns: Placed) -> float:
     """Share of a candidate's power that the fitted columns leave."""
     S = now.weighted(columns)
-    whole, along = S.T @ S, now.along(S, columns.joint)
-    return float(share(whole - along.T @ along, whole))
+    whole = S.T @ S
+    return share(whole - inside(now, S, columns.joint), whole)
 
 
-def share(left: Array, whole: Array) -> Array:
-    """Trace of one matrix over that of another, (..., c, c); 0 where that is nothing."""
-    rest, size = (np.trace(x, axis1=-2, axis2=-1) for x in (left, whole))
-    return np.asarray(np.where(size > 0, rest, 0.0) / np.where(size > 0, size, 1.0))
+def inside(now: Fit, weighted: Array, joint: int | None) -> Array:
+    """``(BᵀS)ᵀ(BᵀS)``: what the fitted columns take of a candidate's products, (c, c)."""
+    along = now.along(weighted, joint)
+    return np.asarray(along.T @ along)
 
 
-def overdone(target: Array, torque: Array) -> Array:
-    """Whether a cause takes far more torque, (..., rows), than there is where it acts, working against the model."""
-    there = (torque != 0) @ target**2
-    return np.asarray(np.sum(torque**2, axis=-1) > OVERDONE**2 * there)
+def share(left: Array, whole: Array) -> float:
+    """Trace of one matrix over that of another; 0 where that is nothing."""
+    size = float(np.trace(whole))
+    return float(np.trace(left)) / size if size > 0 else 0.0
+
+
+def overdone(target: Array, torque: Array) -> bool:
+    """Whether a cause takes far more torque than there is where it acts: it only works against the rigid model."""
+    return float(torque @ torque) > OVERDONE**2 * float(np.sum(target[torque != 0] ** 2))
 
 
 def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
