@@ -221,6 +221,28 @@ def identify(
     )
 
 
+def refitted(
+    rig: Rig,
+    logs: Sequence[Log],
+    effects: Sequence[Effect] = (),
+    *,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+    examined: Asked = "never",
+) -> Identified:
+    """Estimate from all data, what was held out included, with the held-out accuracy of a fit that had not seen it.
+
+    That accuracy is of fewer data than the result has, so it errs on the safe side. Arguments and errors as `identify`.
+    """
+    judged = identify(rig, logs, effects, estimator=estimator, holdout=holdout, filtering=filtering)
+    found = identify(rig, logs, effects, estimator=estimator, holdout="none", filtering=filtering, examined=examined)
+    if judged.held_out is None:
+        return found
+    note = f"the parameters are of all data; the accuracy on '{judged.held_out.how}' is that of a fit without it"
+    return replace(found, held_out=judged.held_out, notes=(*found.notes, note))
+
+
 def assembled(
     rows: Rows, blocks: Sequence[Block], estimate: Estimate, tested: Sequence[Block] | None, how: str
 ) -> Identified:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.halves import cut, score
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import Identified, identify, refitted
 from gimbal_pin.log import Array
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
@@ -65,3 +65,13 @@ def test_a_cut_loses_no_row(sizes: list[int]) -> None:
     first, second = cut(blocks)
     np.testing.assert_array_equal(np.concatenate([block.t for block in first + second]), np.arange(at))
     assert sum(len(block.t) for block in first) == at // 2
+
+
+def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:
+    rig, options = Rig.load("turret"), Filtering(alignment=0.0)
+    logs = [prescribed(nominal(rig), seed, 8.0, torque_noise=0.05) for seed in (1, 2)]
+    final, held = refitted(rig, logs, filtering=options), identify(rig, logs, filtering=options)
+    everything = identify(rig, logs, filtering=options, holdout="none")
+    np.testing.assert_array_equal(final.estimate.theta, everything.estimate.theta)
+    assert final.held_out == held.held_out and final.held_out is not None and "all data" in final.notes[-1]
+    assert np.median(final.estimate.std / held.estimate.std) < 0.9
