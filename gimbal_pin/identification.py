@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin import halves
 from gimbal_pin.bodies import TRUST, Body, bodies
 from gimbal_pin.calibration import Mounting, rectified
 from gimbal_pin.consistency import Consistent, nearest
@@ -65,6 +66,8 @@ class Identified:
         mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
         notes: What of the logs was not used, in sentences.
         bias: Whether least squares is biased on these logs; None where that was not asked.
+        parting: By how much the halves of the data differ, in shares of what chance allows, see `halves.apart`; above
+            one they are of two rigs; None where that was not asked.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
@@ -84,6 +87,7 @@ class Identified:
     mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     bias: Suspicion | None = None
+    parting: float | None = None
     trust: float = TRUST
     swapped: bool = False
 
@@ -157,6 +161,7 @@ class Identified:
             "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
+            "halves_apart": self.parting,
             "least_squares": None if self.bias is None else self.bias.to_dict(),
         }
 
@@ -189,7 +194,8 @@ def identify(
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults.
-        examined: Whether to test if least squares is biased on these logs, see `suspicion`.
+        examined: Whether to test if least squares is biased on these logs, see `suspicion`, and, unless "never", if
+            their halves are of one rig, see `halves.apart`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -208,7 +214,33 @@ def identify(
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
     judged = suspicion(blocks, examined, estimate.method)
-    return replace(found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged)
+    parting = None if examined == "never" else halves.apart([*blocks, *(tested or ())], halves.directions(blocks.rows))
+    notes += (halves.sentence(len(logs)),) if parting is not None and parting > 1 else ()
+    return replace(
+        found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged, parting=parting
+    )
+
+
+def refitted(
+    rig: Rig,
+    logs: Sequence[Log],
+    effects: Sequence[Effect] = (),
+    *,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+    examined: Asked = "never",
+) -> Identified:
+    """Estimate from all data, what was held out included, with the held-out accuracy of a fit that had not seen it.
+
+    That accuracy is of fewer data than the result has, so it errs on the safe side. Arguments and errors as `identify`.
+    """
+    judged = identify(rig, logs, effects, estimator=estimator, holdout=holdout, filtering=filtering)
+    found = identify(rig, logs, effects, estimator=estimator, holdout="none", filtering=filtering, examined=examined)
+    if judged.held_out is None:
+        return found
+    note = f"the parameters are of all data; the accuracy on '{judged.held_out.how}' is that of a fit without it"
+    return replace(found, held_out=judged.held_out, notes=(*found.notes, note))
 
 
 def assembled(

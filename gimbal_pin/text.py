@@ -111,7 +111,7 @@ def excitation(found: Excitation) -> str:
     if found.narrowed is not None:
         middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
         head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
-        head += f" (median of the parameters; {best:.2g} for the one that gains most)"
+        head += f" (median of the parameters; {best:.2g} for the one that gains most), by identify --refit"
     lines = [head, table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)]
     if found.clearance is not None:
         first, second = found.clearance.between

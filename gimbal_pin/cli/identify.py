@@ -12,7 +12,7 @@ from tyro.conf import OmitArgPrefixes, arg
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import cameras, tags_of
 from gimbal_pin.cli.following import WHOLE, Following, by_line, concluded, followed
-from gimbal_pin.cli.inputs import filtering, load_logs
+from gimbal_pin.cli.inputs import alone, filtering, load_logs
 from gimbal_pin.cli.options import (
     Alignment,
     Bootstrap,
@@ -50,6 +50,9 @@ def identify(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
+    refit: Annotated[
+        bool, arg(help="once the held-out error is known, estimate from all data: the newest log teaches, too")
+    ] = False,
     known: Annotated[
         str | None,
         arg(
@@ -69,10 +72,11 @@ def identify(
     from gimbal_pin.balance import reported
     from gimbal_pin.bodies import TRUST
     from gimbal_pin.identification import identify as run
+    from gimbal_pin.identification import refitted
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
     method = estimator_of(estimator, trusted, bootstrap, seed)
-    asked = {"--estimator": estimator != "weighted", "--holdout": holdout is not None, "--bias": bias}
+    asked = {"--estimator": estimator != "weighted", "--holdout": holdout is not None, "--bias": bias, "--refit": refit}
     online.check({**asked, "--trust": trust is not None, "--bootstrap": bootstrap > 0})
     if online.follow:
         start = online.start(rig, payload, logs, known, filters)
@@ -82,6 +86,7 @@ def identify(
         return
     options: Any = {"estimator": method, "holdout": holdout, "filtering": filters}
     if known is not None or len(tags_of(logs)) > 1:
+        alone("several cameras or --known", {"--refit": refit}, "give --holdout none instead")
         several = cameras(rig, payload, logs, map, known, options)
         if urdf is not None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
@@ -89,7 +94,8 @@ def identify(
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)
-    found = replace(run(loaded, read, **options, examined="always" if bias else "noisy"), trust=trusted)
+    options["examined"] = "always" if bias else "noisy"
+    found = replace((refitted if refit else run)(loaded, read, **options), trust=trusted)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError
@@ -13,7 +12,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction, scan, stacked
 from gimbal_pin.regressor import SCAN
 from gimbal_pin.rig import PHI, Rig
-from gimbal_pin.rows import over_phi
+from gimbal_pin.rows import camera_body, over_phi
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +32,7 @@ class Carried:
     @staticmethod
     def of(rig: Rig, reduction: Reduction) -> Carried:
         """Return what shows of the camera's body if all the others are known."""
-        body = carrier(rig)
+        body = camera_body(rig)
         matrix, names = stacked(rig)
         mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
         own = scan(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
@@ -43,12 +42,6 @@ class Carried:
     def shown(self, phi: Array) -> Array:
         """What of ten parameters shows, (r,)."""
         return np.asarray(self.reduction.mixing @ phi[[PHI.index(symbol) for symbol in SCAN]])
-
-
-def carrier(rig: Rig) -> int:
-    """Return the body (from 0) that carries the camera."""
-    link = rig.payload_link or rig.camera_frame
-    return int(rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint or rig.n) - 1
 
 
 def stated(rig: Rig) -> Array:

@@ -9,7 +9,7 @@ from gimbal_pin.rows.channels import Channels, Flags, smoothed
 from gimbal_pin.rows.filtering import Filtering, settling
 from gimbal_pin.rows.grid import Stretch, stretches
 from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, standstill
-from gimbal_pin.rows.places import columns_of, over_phi
+from gimbal_pin.rows.places import camera_body, columns_of, over_phi
 from gimbal_pin.rows.regression import Regression, kept, standing_for
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "Rows",
     "Stretch",
     "base_motion",
+    "camera_body",
     "carrying",
     "columns_of",
     "dilated",

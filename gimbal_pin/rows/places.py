@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
@@ -22,3 +23,9 @@ def over_phi(rig: Rig, reduction: Reduction) -> Array:
     out = np.zeros((len(reduction.independent), 10 * rig.n))
     out[:, columns(rig)[1]] = reduction.mixing
     return out
+
+
+def camera_body(rig: Rig) -> int:
+    """Return the body (from 0) that carries the camera."""
+    link = rig.payload_link or rig.camera_frame
+    return int(rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint or rig.n) - 1

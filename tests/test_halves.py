@@ -1,0 +1,77 @@
+"""Laws of two halves: of one rig they agree within chance, of two they do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin.halves import cut, score
+from gimbal_pin.identification import Identified, identify, refitted
+from gimbal_pin.log import Array
+from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Block, Filtering
+from tests.bench_logs import prescribed
+
+SECONDS = 12.0
+
+
+def mixed(rig: str, payloads: tuple[str, str]) -> Identified:
+    """Identify a log of one motion with sensors' noise, its payload swapped half-way."""
+    rigs, rng = [Rig.load(rig, payload) for payload in payloads], np.random.default_rng(0)
+    first, second = (prescribed(nominal(one), 1, SECONDS) for one in rigs)
+    tau = np.where(first.t[:, None] < SECONDS / 2, first.tau, second.tau)
+    tau = tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    v = np.asarray(first.v) + 1e-3 * rng.standard_normal(tau.shape)
+    log = replace(first, v=v, tau=tau)
+    return identify(rigs[0], [log], filtering=Filtering(alignment=0.0), examined="noisy")
+
+
+def test_a_swapped_payload_is_suspected_and_none_where_none_was() -> None:
+    same, swapped = (mixed("turret", ("cinema", second)) for second in ("cinema", "zoom-lens"))
+    assert same.parting is not None and 0.0 < same.parting < 0.5 and not same.notes
+    assert swapped.parting is not None and swapped.parting > 2.0 and "--follow" in swapped.notes[-1]
+    assert swapped.to_dict()["halves_apart"] == swapped.parting
+
+
+def test_only_what_a_payload_moves_counts() -> None:
+    """The score is the same in any unit and grows with the square of the difference; across D there is none."""
+    rng = np.random.default_rng(0)
+    root, D = rng.standard_normal((6, 6)), rng.standard_normal((6, 2))
+    P, d = root @ root.T + np.eye(6), D @ [1.0, -2.0]
+
+    def told(difference: Array, unit: Array) -> float:
+        halves = [(unit * x, 0.5 * P * np.outer(unit, unit)) for x in (difference, np.zeros(6))]
+        return score(halves, unit[:, None] * D)
+
+    once = told(d, np.ones(6))
+    assert told(d, 10.0 ** rng.uniform(-3, 3, 6)) == pytest.approx(once, rel=1e-5)
+    assert told(3 * d, np.ones(6)) == pytest.approx(9 * once)
+    across = P @ np.linalg.svd(D.T)[2][2]  # D' P^-1 across = 0
+    assert told(across, np.ones(6)) < 1e-12 and told(d + across, np.ones(6)) == pytest.approx(once)
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=5))
+def test_a_cut_loses_no_row(sizes: list[int]) -> None:
+    blocks, at = [], 0
+    for size in sizes:
+        t = np.arange(at, at + size, dtype=float)
+        blocks.append(Block(t, t[:, None, None], t[:, None], t[:, None], t[:, None]))
+        at += size
+    first, second = cut(blocks)
+    np.testing.assert_array_equal(np.concatenate([block.t for block in first + second]), np.arange(at))
+    assert sum(len(block.t) for block in first) == at // 2
+
+
+def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:
+    rig, options = Rig.load("turret"), Filtering(alignment=0.0)
+    logs = [prescribed(nominal(rig), seed, 8.0, torque_noise=0.05) for seed in (1, 2)]
+    final, held = refitted(rig, logs, filtering=options), identify(rig, logs, filtering=options)
+    everything = identify(rig, logs, filtering=options, holdout="none")
+    np.testing.assert_array_equal(final.estimate.theta, everything.estimate.theta)
+    assert final.held_out == held.held_out and final.held_out is not None and "all data" in final.notes[-1]
+    assert np.median(final.estimate.std / held.estimate.std) < 0.9
