@@ -87,7 +87,7 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     """Yield the real-time factors of a camera held still: navigation, forecast, fusion, guard and law on top.
 
     By the processor's time for the requirement, and by the clock, which other work on the machine lengthens. Real time
-    is asked for, not the four times of the loop above: the whole navigation of a flight controller runs here at 1 kHz in
+    is asked for, not the four times of the loop above: all navigation of a flight controller runs here at 1 kHz in
     Python, and no part of it takes more than a tenth. Floats for small arrays, views instead of new arrays, the guard's
     quick way and one Jacobian for all moments ahead are in it; what is left are some hundred calls of a microsecond.
     """
