@@ -40,6 +40,8 @@ class Carrier:
         self.data, self.still = self.pin.createData(), [0.0] * n
         self.start, self.step, self.last = float(platform.t[0]), float(platform.t[1] - platform.t[0]), len(platform) - 1
         self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
+        # The middle of a step is asked for twice, and its end again as the next one's start.
+        self.near, self.row = -1, self.samples[0].tolist()
         # One array holds configuration, rates and what drives them: one assignment fills what changes in them.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
@@ -65,8 +67,9 @@ class Carrier:
         place = (t - self.start) / self.step
         near = round(place)
         if -NODE < place - near < NODE and 0 <= near <= self.last:
-            row: list[float] = self.samples[near].tolist()
-            return row
+            if near != self.near:
+                self.near, self.row = near, self.samples[near].tolist()
+            return self.row
         middle = min(max(near, 1), self.last - 1)
         s, (before, here, after) = place - middle, self.samples[middle - 1 : middle + 2]
         curved: list[float] = (here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2)).tolist()

@@ -190,7 +190,7 @@ def simulate(
     if steps < 2 or not np.allclose(np.diff(reference.t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
     sense = sensors if sensors is not None else Sensors.of(plant.rig, dt)
-    q, v, tau, exact = np.empty((steps, n)), np.empty((steps, n)), np.empty((steps, n)), np.empty((2, steps, n))
+    q, v, tau, states = np.empty((steps, n)), np.empty((steps, n)), np.empty((steps, n)), list[State]()
     rate_noise = sense.rate_std * rng.standard_normal((steps, n))
     torque_noise = sense.torque_std * rng.standard_normal((steps, n))
     carried = None if platform is None else halved(platform, reference.t)
@@ -202,12 +202,13 @@ def simulate(
         if not isfinite(sum(state.q.tolist())):
             what = f"the closed loop diverged {times[k] - times[0]:.3g} s after its start"
             raise UsageError(name, what, "lower the controller's bandwidth or its delay")
-        exact[:, k] = state.q, state.v
+        states.append(state)
         q[k], v[k] = sense.angle(state.q), state.v + rate_noise[k]
         wanted, memory = controller.torque(times[k], q[k], v[k], Reference(*wished), memory)
         pending.append(wanted)
         tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
         state = system.step(times[k], state, motors.acting(tau[k]), dt)
+    exact = np.array([[state.q for state in states], [state.v for state in states]])
     return Log(
         name=name,
         joints=plant.rig.joints,

@@ -412,7 +412,8 @@ def asking(found: Verified) -> list[str]:
     if isnan(demand.least["unforeseen"]):
         return told
     blind, seeing = (f"{degrees(demand.least[name]):.4f}°" for name in ("unforeseen", "foreseen"))
-    return [*told, f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"]
+    bound = f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"
+    return [*told, f"{bound}, unless it rolls the camera instead"]
 
 
 def swept(found: Verified) -> list[str]:

@@ -91,13 +91,8 @@ def track(
     from gimbal_pin.tracking import track as run
 
     moving = platform != "none" or platform_log is not None
-    if controller is None and not moving:
-        mend = "name a controller's YAML, or a motion: --platform S, --platform-log FILE"
-        raise UsageError("CONTROLLER", "is missing", mend)
-    if animation is not None and not moving:
-        raise UsageError("--animation", "has no platform to show", "name a motion: --platform S, --platform-log FILE")
-    if steps and not moving:
-        raise UsageError("--steps", "goes with a motion; a controller's own steps are run anyway", "give --platform S")
+    if not moving:
+        standing(controller, animation, steps)
     loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
     told, result, found, verified = [], {}, None, None
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
@@ -107,8 +102,6 @@ def track(
         )
         told, result = [text.tracking(found, stood)], found.to_dict()
     if moving:
-        from gimbal_pin.io.files import replacing
-        from gimbal_pin.pointing.chart import chart
         from gimbal_pin.pointing.verify import Asked, verify
 
         for option, value in (("--seconds", seconds), ("--seeds", seeds), ("--jobs", jobs)):
@@ -133,24 +126,42 @@ def track(
             sweep=report is not None,
         )
         verified = verify(loaded, asked)
-        if plot is not None:
-            with replacing(plot) as temporary:
-                chart(verified.contest).savefig(temporary)
         whole = verified.to_dict()
         whole["experiments"] = [*result.get("experiments", ()), *whole.get("experiments", ())]
         told, result = [*told, text.verified(verified)], {**result, **whole}
-    pages(loaded, verified, found, stood, report, animation)
+    pages(loaded, verified, found, stood, plot, report, animation)
     present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
 
 
+def standing(controller: str | None, animation: Path | None, steps: bool) -> None:
+    """Refuse what makes no sense without a platform that moves."""
+    motions = "--platform S, --platform-log FILE"
+    if controller is None:
+        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
+    if animation is not None:
+        raise UsageError("--animation", "has no platform to show", f"name a motion: {motions}")
+    if steps:
+        raise UsageError("--steps", "goes with a motion; a controller's own steps are run anyway", "give --platform S")
+
+
 def pages(
-    rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, report: Path | None, animation: Path | None
+    rig: Rig,
+    held: Verified | None,
+    steps: Tracking | None,
+    plant: str,
+    plot: Path | None,
+    report: Path | None,
+    animation: Path | None,
 ) -> None:
-    """Write the pages that were asked for."""
-    from gimbal_pin.io.files import atomic_write
+    """Write the pictures and pages that were asked for."""
+    from gimbal_pin.io.files import atomic_write, replacing
+    from gimbal_pin.pointing.chart import chart
     from gimbal_pin.report.carried import carried as whole
     from gimbal_pin.report.carried import moving
 
+    if plot is not None and held is not None:
+        with replacing(plot) as temporary:
+            chart(held.contest).savefig(temporary)
     if report is not None:
         atomic_write(report, whole(rig, held, steps, plant))
     if animation is not None and held is not None:

@@ -134,8 +134,14 @@ class Term:
 
     def torque(self, at: Sample) -> float | Array:
         """``sum_k value_k basis_k``, N m."""
+        every = self.effect.basis(at)
+        # Most terms have one coefficient, a harmonic two, and the simulation asks for each at every stage.
+        if len(every) == 1:
+            return self.values[0] * every[0]
+        if len(every) == 2:
+            return self.values[0] * every[0] + self.values[1] * every[1]
         total: float | Array = 0.0
-        for value, basis in zip(self.values, self.effect.basis(at)):
+        for value, basis in zip(self.values, every):
             total = total + value * basis
         return total
 

@@ -59,6 +59,9 @@ class Harmonic(Effect):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """``carrier cos kq, carrier sin kq`` for every harmonic."""
         carrier = self.carrier(at)
+        if len(self.harmonic) == 1:
+            angle = self.harmonic[0] * at.q
+            return carrier * cos(angle), carrier * sin(angle)
         return tuple(carrier * part(k * at.q) for k in self.harmonic for part in (cos, sin))
 
     def merged(self, other: Harmonic) -> Harmonic:

@@ -39,7 +39,8 @@ class Resistance:
         self.dry_joints = [j for j, terms in enumerate(by_joint) if any(t.effect.dry for t in terms)]
         keeping = [(j, term) for j, terms in self.rest for term in terms if term.effect.start() is not None]
         self.keeping = keeping
-        self.slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
+        slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
+        self.torques = [(j, [(term.torque, slots.get(id(term))) for term in terms]) for j, terms in self.rest]
         self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
 
     def left(self, tau: Sequence[float], slide: Sequence[float]) -> list[float]:
@@ -65,15 +66,13 @@ class Resistance:
         memory: Memory,
     ) -> list[tuple[int, float]]:
         """Joint and torque, N m, of all that is not affine, given the memory at this stage."""
-        return [(j, self.other(terms, Sample(t, q[j], v[j], 0.0, slide[j], tau[j]), memory)) for j, terms in self.rest]
-
-    def other(self, terms: Sequence[Term], at: Sample, memory: Memory) -> float:
-        """Torque of some terms at one joint, N m."""
-        out = 0.0
-        for term in terms:
-            slot = self.slots.get(id(term))
-            out += float(term.torque(at if slot is None else at._replace(memory=memory[slot])))
-        return out
+        found = []
+        for j, torques in self.torques:
+            at, out = Sample(t, q[j], v[j], 0.0, slide[j], tau[j]), 0.0
+            for torque, slot in torques:
+                out += float(torque(at if slot is None else at._replace(memory=memory[slot])))
+            found.append((j, out))
+        return found
 
     def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""

@@ -13,7 +13,8 @@ LONGEST = 600
 def least(dt: float, asked: Array, limit: float, answer: Array, first: int) -> Array:
     """``min Σ e²`` over all torques within the limit, ``ë = b (τ - τ_d)``: a bounded least-squares problem.
 
-    No law of any kind gets below it with that motor, as every other joint is granted all the torque that it needs.
+    No law of any kind gets below it, unless other joints turn the camera in this one's stead, which tilts the horizon:
+    each of them is granted all the torque that it takes to stay.
 
     Args:
         dt: Sampling interval, s.

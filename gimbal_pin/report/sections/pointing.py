@@ -106,9 +106,8 @@ def asked_for(found: Verified) -> str:
     blind, seeing = demand.least["unforeseen"], demand.least["foreseen"]
     if isnan(blind):
         return said
-    return (
-        f"{said} These limits alone leave any of them {angle(blind)} rms, or {angle(seeing)} if it foresees the motion."
-    )
+    bound = f"These limits alone leave any of them {angle(blind)} rms, or {angle(seeing)} if it foresees the motion"
+    return f"{said} {bound}, unless it rolls the camera instead."
 
 
 def numbers(found: Verified) -> list[Card]:
