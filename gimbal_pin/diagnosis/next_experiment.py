@@ -15,6 +15,7 @@ from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding
 from gimbal_pin.diagnosis.parting import IDENTICAL, Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.state import Problem, State
+from gimbal_pin.diagnosis.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause, Signal
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns
@@ -123,6 +124,7 @@ class Bench:
         return limits.series.motion(limits.coefficients(x), t)
 
 
+@one_thread()
 def next_experiment(
     found: Diagnosis,
     causes: Mapping[str, type[Cause]] = CAUSES,
