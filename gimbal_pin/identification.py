@@ -25,6 +25,7 @@ from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, over_phi, settling
 from gimbal_pin.suspicion import Asked, Suspicion, suspicion
+from gimbal_pin.threads import one_thread
 from gimbal_pin.urdf import with_friction
 
 
@@ -171,6 +172,7 @@ def number(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+@one_thread()
 def identify(
     rig: Rig,
     logs: Sequence[Log],

@@ -19,6 +19,7 @@ from gimbal_pin.control.reasons import about_inertia, about_layer, about_loops, 
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.model import Model, model_from, plain_model
 from gimbal_pin.rig import Rig
+from gimbal_pin.threads import one_thread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,6 +112,7 @@ class Tuning:
         }
 
 
+@one_thread()
 def tune(
     model: Model,
     *,

@@ -17,7 +17,6 @@ from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt
 from gimbal_pin.diagnosis.searched import searched
 from gimbal_pin.diagnosis.state import Problem
-from gimbal_pin.diagnosis.threads import one_thread
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
@@ -26,6 +25,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
+from gimbal_pin.threads import one_thread
 
 BAND = Filtering(cutoff=12.0, smoothing=2.5)
 """Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""

@@ -15,7 +15,6 @@ from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding
 from gimbal_pin.diagnosis.parting import IDENTICAL, Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.state import Problem, State
-from gimbal_pin.diagnosis.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause, Signal
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns
@@ -26,6 +25,7 @@ from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.excitation.problem import Problem as Limits
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
+from gimbal_pin.threads import one_thread
 
 SECONDS = 20.0
 """Length of the next experiment, s."""

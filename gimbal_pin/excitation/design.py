@@ -22,6 +22,7 @@ from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.rig import Rig
+from gimbal_pin.threads import one_thread
 
 TOLERANCE = 3e-4
 """Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""
@@ -106,6 +107,7 @@ class Excitation:
         }
 
 
+@one_thread()
 def excite(
     rig: Rig,
     *,
