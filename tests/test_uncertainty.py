@@ -178,20 +178,23 @@ def test_slow_noise_makes_the_controllers_bound_larger_than_fast_noise_of_its_si
 
 
 def short(rng: np.random.Generator, rows: int, power: Array) -> Block:
-    """Rows of two joints that share six parameters of 1, 2 ... and have noise of mixed spectra, partly masked."""
+    """Rows of two joints that share six parameters of 1, 2 ...; noise of mixed spectra and, last, of what is masked."""
     t = 0.125 * np.arange(rows)
     A = np.stack([np.sin(rate * t[:, None] + [0.0, 1.0]) for rate in (0.0, 0.3, 0.7, 1.6, 3.1, 6.0)], axis=2)
     share = np.clip(1.5 + np.sin(0.5 * t[:, None] + [0.0, 2.0]), 0.0, 1.0)
-    noise = [lower(mixed, rows) @ rng.standard_normal(rows) for mixed in power @ autocovariances(rows)]
+    noise = [lower(mixed, rows) @ rng.standard_normal(rows) for mixed in power[:, :4] @ autocovariances(rows)]
+    late = np.sqrt(power[:, 4] * share * (1 - share)) * rng.standard_normal(share.shape)
     b = A @ np.arange(1.0, 7.0) + np.transpose(noise)
-    return Block(t, A * share[:, :, None], b * share, np.ones_like(b), share)
+    return Block(t, A * share[:, :, None], b * share + late, np.ones_like(b), share)
 
 
 def lower(row: Array, rows: int) -> Array:
     return np.asarray(np.linalg.cholesky(toeplitz(row) + 1e-9 * np.eye(rows)))
 
 
-@pytest.mark.parametrize("power", [[[1.0, 0, 0, 0], [0, 0, 3.0, 0]], [[0, 0.5, 0, 0.5], [4.0, 0, 1.0, 0]]])
+@pytest.mark.parametrize(
+    "power", [[[1.0, 0, 0, 0, 0], [0, 0, 3.0, 0, 9.0]], [[0, 0.5, 0, 0.5, 0], [4.0, 0, 1.0, 0, 0]]]
+)
 def test_intervals_hold_on_sixty_rows_whatever_the_noise(power: list[list[float]]) -> None:
     """300 intervals of 95 %, from rows so few that the noise is known to a fifth; to three binomial deviations."""
     rng, spectra = np.random.default_rng(0), np.array(power)
@@ -201,14 +204,14 @@ def test_intervals_hold_on_sixty_rows_whatever_the_noise(power: list[list[float]
 
 
 def test_powers_of_a_mixture_are_those_that_were_planted_and_most_likely() -> None:
-    rng, planted = np.random.default_rng(1), np.array([[2.0, 0.0, 0.5, 0.0], [0.0, 0.0, 3.0, 0.0]])
+    rng, planted = np.random.default_rng(1), np.array([[2.0, 0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 3.0, 0.0, 20.0]])
     blocks = [short(rng, 300, planted) for _ in range(2)]
     parts = pieces(blocks, [block.A for block in blocks], np.zeros(6), 100)
     found = powers(parts, 2)
     here = told(parts, found)
-    sure = np.sqrt(np.diag(np.linalg.inv(here.information)).reshape(2, 4))
+    sure = np.sqrt(np.diag(np.linalg.inv(here.information)).reshape(2, 5))
     assert np.all(np.abs(found - planted) < 4 * sure)
-    for j, k in np.ndindex(2, 4):
+    for j, k in np.ndindex(2, 5):
         for factor in (0.8, 1.25):
             other = found.copy()
             other[j, k] *= factor
@@ -216,18 +219,18 @@ def test_powers_of_a_mixture_are_those_that_were_planted_and_most_likely() -> No
 
 
 def test_slope_of_the_likelihood_is_its_derivative() -> None:
-    rng, power = np.random.default_rng(2), np.array([[1.0, 0.3, 0.5, 0.2], [0.4, 0.1, 2.0, 0.3]])
+    rng, power = np.random.default_rng(2), np.array([[1.0, 0.3, 0.5, 0.2, 0.6], [0.4, 0.1, 2.0, 0.3, 5.0]])
     block = short(rng, 50, power)
     parts = pieces([block], [block.A], np.zeros(6), 30)
-    slope = told(parts, power).slope.reshape(2, 4)
-    for j, k in np.ndindex(2, 4):
-        step = np.zeros((2, 4))
+    slope = told(parts, power).slope.reshape(2, 5)
+    for j, k in np.ndindex(2, 5):
+        step = np.zeros((2, 5))
         step[j, k] = 1e-5
         above, below = (told(parts, power + way * step).likelihood for way in (1, -1))
         assert (above - below) / 2e-5 == pytest.approx(slope[j, k], rel=1e-4, abs=1e-5)
 
 
 def test_torque_without_any_noise_leaves_nothing_uncertain() -> None:
-    block = short(np.random.default_rng(3), 60, np.zeros((2, 4)))
+    block = short(np.random.default_rng(3), 60, np.zeros((2, 5)))
     found = weighted([block._replace(b=block.A @ np.ones(6))])
     assert np.all(found.std < 1e-9)

@@ -126,12 +126,12 @@ def unexplained(A: Array, b: Array) -> float:
 
 
 def contest(state: State, cause: Cause, rival: str, kinds: Mapping[str, type[Cause]]) -> Contest | None:
-    """Return a cause's contest with the causes of another name; None where that one has no form on these logs."""
+    """Return a cause's contest with the causes of another name; None where that one has no form here, or is no kind."""
     base = without(state, cause)
     found = measure(base, cause).beta
     beta = found if len(found) else np.ones(base.columns(cause).width)
     mine = project(base.fit, base.columns(cause)) @ beta
-    forms = tried(base, cause, kinds[rival])
+    forms = tried(base, cause, kinds[rival]) if rival in kinds else []
     gaps = [unexplained(project(base.fit, base.columns(form)), mine) for form in forms]
     nearest = [forms[i] for i in np.argsort(gaps, kind="stable")[:FORMS]]
     return Contest(cause, beta, base, rival, tuple(nearest)) if nearest else None

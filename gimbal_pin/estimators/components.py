@@ -18,6 +18,8 @@ LONGEST = 100
 """Rows that are inverted at once, for time; between such pieces the noise is taken to have forgotten."""
 SLOW = (1 / 12, 1 / 3)
 """Corners of the noises that are white through a first-order low-pass, in cutoffs."""
+STARTS = ((0.25, 0.25, 0.25, 0.25, 0.01), (0.01, 0.01, 0.3, 0.3, 1.0))
+"""Shares of a joint's power from which the most likely ones are looked for: of every spectrum, and of the mask's."""
 TOLD = 0.1
 """A row is looked at where at least this share of its samples was not masked out."""
 PASSES, HALVINGS = 30, 8
@@ -43,7 +45,7 @@ class Piece(NamedTuple):
         joint: Which.
         X: What the fit can take out of them, (m, k).
         y: Residual, N m, (m,).
-        kernels: Covariance of every spectrum at unit power, (q, m, m).
+        kernels: Covariance of every spectrum, and of what the mask does, at unit power, (q, m, m).
     """
 
     joint: int
@@ -81,6 +83,9 @@ def autocovariances(lags: int) -> Array:
 def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longest: int = MOST) -> list[Piece]:
     """Return the rows of every joint that are not masked out, apart by stretch, of at most so many rows each.
 
+    Beside the spectra, in proportion to what of a row counts, there is an error of its own in every row that is masked
+    in part: noisy rates mask it a little early or late.
+
     Args:
         whole: Stretches, as `colour.series` joins them.
         columns: Per stretch what the fit's equations were multiplied by, (m, n, k).
@@ -95,7 +100,8 @@ def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longe
             rows = np.flatnonzero(share > TOLD)
             for part in np.array_split(rows, -(-len(rows) // longest) or 1):
                 size = np.outer(share[part], share[part])
-                kernels = np.array([covariance[np.ix_(part, part)] * size for covariance in covariances])
+                edges = np.diag(share[part] * (1.0 - share[part]))
+                kernels = np.array([*(covariance[np.ix_(part, part)] * size for covariance in covariances), edges])
                 out.append(Piece(j, z[part, j], error[part, j], kernels))
     return [piece for piece in out if piece.y.any()]
 
@@ -144,14 +150,19 @@ def root(normal: Array) -> tuple[Array, float]:
 def powers(parts: Sequence[Piece], n: int) -> Array:
     """Return the most likely power of every spectrum at each joint, (N m)², (n, q); zero where there is no residual.
 
-    Fisher's scoring with powers that are not negative; a step that makes them less likely is halved.
+    Fisher's scoring with powers that are not negative; a step that makes them less likely is halved. It may end beside
+    the top of another hill, so it starts from slow noise and from fast.
     """
-    q = parts[0].kernels.shape[0]
     size, rows = np.zeros(n), np.zeros(n)
     for p in parts:
         size[p.joint] += p.y @ p.y
         rows[p.joint] += len(p.y)
-    now = np.repeat((size / np.maximum(rows, 1.0) / q)[:, None], q, axis=1)
+    found = [climbed(parts, np.outer(size / np.maximum(rows, 1.0), start)) for start in STARTS]
+    return max(found, key=lambda power: told(parts, power).likelihood)
+
+
+def climbed(parts: Sequence[Piece], now: Array) -> Array:
+    """Return the most likely powers that are reached from some, (n, q)."""
     here = told(parts, now)
     for _ in range(PASSES):
         step, total = scoring(here, now), np.maximum(now.sum(axis=1, keepdims=True), 1e-300)
