@@ -70,11 +70,12 @@ class Balance:
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
         std = 1e3 * max(float(self.std.max()), 1e-5)
         saved = f"gravity then takes {self.after[joint]:.2g} instead of {self.before[joint]:.2g} N m at {joint}"
-        way = f"{slide(*(-clear * factor))} (± {std * factor:.1g} {unit}"
+        forward, left, up = (-clear * factor).tolist()
+        way = f"{slide(forward, left, up, unit=unit)} (± {std * factor:.1g} {unit}"
         stands = (
             f" at its {1e3 * self.mass:.4g} g)"
             if self.named
-            else ", to be divided by its mass in kg, which nobody told)"
+            else "), each divided by its mass in kg, which nobody told"
         )
         return f"to balance the {who}, slide it {way}{stands}: {saved}"
 

@@ -217,7 +217,9 @@ def identify(
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
     judged = suspicion(blocks, examined, estimate.method)
     parting = None if examined == "never" else halves.apart([*blocks, *(tested or ())], halves.directions(blocks.rows))
-    notes += (halves.sentence(len(logs)),) if parting is not None and parting > 1 else ()
+    # Noise in the angles biases either half in its own way: that is said already, and is no second rig.
+    noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
+    notes += (halves.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
     return replace(
         found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged, parting=parting
     )

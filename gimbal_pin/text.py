@@ -255,7 +255,9 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         figures = [
             f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
         ]
-        lines.append(f"  {', '.join(figures)}" if figures else "")
+        loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters)
+        unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
+        lines.append(f"  {', '.join(figures) or unsized}".rstrip())
     lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     rows = [
         (

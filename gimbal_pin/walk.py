@@ -131,11 +131,13 @@ def auto(
     wrong = examined(rig, logs, rng, holdout)
     extended = wrong is not None and bool(wrong.findings)
     model = wrong.after.model if wrong is not None and extended else identified.model
-    tunings = tuned(model, wish or Wish())
-    tracking = track(plant or model, {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}, rng=rng)
+    asked = wish or Wish()
+    tunings, late = tuned(model, asked), asked.samples
+    laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
+    tracking = track(plant or model, laws, rng=rng, delay=late)
     law = next(iter(tunings.values())).controller
-    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro")
-    held, why = carried(rig, logs[0], model, law, plant)
+    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro", delay=late)
+    held, why = carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, output_folder(folder), wrong, held)
     found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why)
@@ -165,7 +167,7 @@ def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: s
     return planned(found, rng=rng)
 
 
-def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None) -> tuple[Verified | None, str]:
+def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, late: int) -> tuple[Verified | None, str]:
     """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
 
     By the tuned controller first of all, and beside it by those of equal margins. Without a plant it is one that the
@@ -174,7 +176,7 @@ def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None) -> 
     if reason := unable(rig, WANTED):
         return None, reason
     try:
-        asked = Asked(plant=plant, known=model, law=law, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR)
+        asked = Asked(plant=plant, known=model, law=law, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR, delay=late)
         return replace(verify(rig, asked), targets=()), ""  # the targets are meant for a longer run
     except UsageError as error:
         return None, str(error)

@@ -266,7 +266,7 @@ def test_logs_of_different_payloads_are_a_fault_of_the_data(rig: Rig, payloads: 
     found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0))
     assert found.verdict == "data" and not found.findings
     assert [fault.cause for fault in found.spoiling] == ["logs-disagree"]
-    assert "tag each with its payload" in found.spoiling[0].next_experiment
+    assert "one at a time" in found.spoiling[0].next_experiment
 
 
 @pytest.mark.parametrize(

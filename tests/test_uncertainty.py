@@ -17,7 +17,7 @@ from gimbal_pin.consistency import nearest, spread
 from gimbal_pin.control.uncertainty import bounds
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Bootstrap, Estimate, ols, physical, weighted
-from gimbal_pin.estimators.components import autocovariances, pieces, powers, told
+from gimbal_pin.estimators.components import Told, autocovariances, pieces, powers, scoring, told
 from gimbal_pin.identification import Identified, identify
 from gimbal_pin.inertia import pseudo_inertia
 from gimbal_pin.log import Array
@@ -228,6 +228,13 @@ def test_slope_of_the_likelihood_is_its_derivative() -> None:
         step[j, k] = 1e-5
         above, below = (told(parts, power + way * step).likelihood for way in (1, -1))
         assert (above - below) / 2e-5 == pytest.approx(slope[j, k], rel=1e-4, abs=1e-5)
+
+
+def test_a_step_is_finite_where_rounding_makes_a_curvature_negative() -> None:
+    """Pure noise for angles, rates and torque: a spectrum without power, and an information that is no more definite."""
+    curvature = np.diag([1.0, 1e-3, -1e-12, 0.0, 2.0])
+    now = np.array([[1.0, 0.2, 0.0, 0.0, 0.3]])
+    assert np.all(np.isfinite(scoring(Told(0.0, np.array([0.1, -0.2, 0.0, 0.0, 0.3]), curvature), now)))
 
 
 def test_torque_without_any_noise_leaves_nothing_uncertain() -> None:

@@ -41,7 +41,11 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     tags = sorted({tag for _, tag in (split_payload(log) for log in logs) if tag is not None})
     if len(tags) > 1 or (tags and payload is None and any(split_payload(log)[1] is None for log in logs)):
         what = f"are of several payloads ({', '.join(tags)}{' and one not named' if len(tags) == 1 else ''})"
-        raise UsageError("logs", what, "identify each payload's logs apart, or tag all of them alike: LOG@PAYLOAD")
+        raise UsageError(
+            "logs",
+            what,
+            "one payload at a time: give each payload's logs apart; only 'identify' takes several together",
+        )
     loaded = load_rig(rig, payload or (tags[0] if tags else None))
     read = [read_log(log, loaded, mapping) for log in logs]
     for event in (event for log in read for event in log.events):

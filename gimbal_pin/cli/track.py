@@ -33,7 +33,13 @@ def track(
     *,
     payload: Payload = None,
     model: ModelFile = None,
-    delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    delay_samples: Annotated[
+        int | None,
+        arg(
+            help="samples between measurement and torque",
+            help_behavior_hint="(default: what the controller was tuned for, else 1)",
+        ),
+    ] = None,
     platform: Annotated[
         Literal["none", "S"], arg(help="hold the camera still on a platform that moves along profile S")
     ] = "none",
@@ -95,11 +101,10 @@ def track(
         standing(controller, animation, steps)
     loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
     told, result, found, verified = [], {}, None, None
+    late = delay_samples if delay_samples is not None else 1 if controller is None else lateness(controller)
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     if controller is not None:
-        found = run(
-            plant_of(model, loaded), rivals(controller, loaded), rng=np.random.default_rng(seed), delay=delay_samples
-        )
+        found = run(plant_of(model, loaded), rivals(controller, loaded), rng=np.random.default_rng(seed), delay=late)
         told, result = [text.tracking(found, stood)], found.to_dict()
     if moving:
         from gimbal_pin.pointing.verify import Asked, verify
@@ -122,7 +127,7 @@ def track(
             seeds=seeds,
             seconds=seconds,
             jobs=jobs,
-            delay=delay_samples,
+            delay=late,
             sweep=report is not None,
         )
         verified = verify(loaded, asked)
@@ -175,6 +180,18 @@ def known_by(name: str, rig: Rig) -> Model:
 
     read_controller(name, rig)
     return model_from(read_yaml(name)["model"], rig)
+
+
+def lateness(name: str) -> int:
+    """Return the samples from measurement to torque that a controller's YAML was tuned for."""
+    from gimbal_pin.control.design import Wish
+    from gimbal_pin.errors import ModelError
+    from gimbal_pin.reading import read_yaml
+
+    wish = read_yaml(name, ModelError).get("wish")
+    if wish is None:
+        raise ModelError(name, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
+    return Wish(delay=wish["delay"], dt=wish["dt"]).samples
 
 
 def rivals(name: str, rig: Rig) -> dict[str, Law]:

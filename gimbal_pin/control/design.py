@@ -56,6 +56,11 @@ class Wish:
     disk_margin: float | None = None
     robust: bool = False
 
+    @property
+    def samples(self) -> int:
+        """Samples from measurement to torque that `delay` is, at least one."""
+        return max(1, round(self.delay / self.dt))
+
     def __post_init__(self) -> None:
         """Refuse what no loop can be made of."""
         if self.kind not in KINDS:

@@ -150,5 +150,5 @@ def told(rig: Rig, rows: Sequence[Apart], limit: Array) -> Fault:
         f"the logs are not of one rig: what fits each of them apart differs by {worst.torque[j]:.2g} N m rms at "
         f"{rig.joints[j]} in log {worst.log}, {worst.excess[j]:.2g} times what the fits leave"
     )
-    mend = "diagnose them one at a time, or tag each with its payload: LOG@PAYLOAD"
+    mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
     return Fault(NAME, rig.joints[j], sentence, figures, float(worst.excess[j]), True, mend)

@@ -113,10 +113,13 @@ def facing(rig: Rig) -> Array:
     return np.array(data.oMi[frame.parentJoint].rotation.T)
 
 
-def slide(forward: float, left: float, up: float, digits: int = 3) -> str:
-    """``4.2 mm back, 1 mm left``: how to undo a shift of so many metres forward, left and up."""
+def slide(forward: float, left: float, up: float, digits: int = 3, unit: str = "mm") -> str:
+    """``4.2 mm back, 1 mm left``: how to undo a shift of so many metres forward, left and up.
+
+    Given mass times way, kg m, the unit is "mm kg".
+    """
     ways = zip((forward, left, up), (("back", "forward"), ("right", "left"), ("down", "up")))
-    return ", ".join(f"{1e3 * abs(d):.{digits}g} mm {names[0] if d > 0 else names[1]}" for d, names in ways if d)
+    return ", ".join(f"{1e3 * abs(d):.{digits}g} {unit} {names[0] if d > 0 else names[1]}" for d, names in ways if d)
 
 
 def with_added(rig: Rig, body: int, phi: Array, owner: str) -> Rig:

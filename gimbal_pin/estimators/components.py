@@ -24,7 +24,7 @@ TOLD = 0.1
 """A row is looked at where at least this share of its samples was not masked out."""
 PASSES, HALVINGS = 30, 8
 RIDGE = 1e-9
-"""Share of its trace that is added to an information: a joint without a row has none."""
+"""Least curvature in any direction, as a share of the largest: a joint without a row has none."""
 SETTLED = 1e-3
 """Change of every share of the power at which the passes stop."""
 NUGGET = 1e-6
@@ -185,10 +185,13 @@ def scoring(here: Told, now: Array) -> Array:
     from scipy.optimize import nnls
 
     unit = np.repeat(np.maximum(now.sum(axis=1), 1e-300), now.shape[1])
-    curved = here.information * np.outer(unit, unit)
-    upper = np.linalg.cholesky(curved + RIDGE * np.trace(curved) * np.eye(len(curved))).T
-    aim = curved @ (now.ravel() / unit) + here.slope * unit
-    return np.reshape(nnls(upper, np.linalg.solve(upper.T, aim))[0] * unit, now.shape) - now
+    curved, slope = here.information * np.outer(unit, unit), here.slope * unit
+    values, turned = np.linalg.eigh(curved)
+    # Rounding makes what is as good as zero negative, where a spectrum has no power.
+    values = np.maximum(values, RIDGE * max(float(values[-1]), 1e-300))
+    upper = np.sqrt(values)[:, None] * turned.T
+    aim = upper @ (now.ravel() / unit) + turned.T @ slope / np.sqrt(values)
+    return np.reshape(nnls(upper, aim)[0] * unit, now.shape) - now
 
 
 def widened(whole: Sequence[Block], columns: Sequence[Array], theta: Array, gain: Array, weight: Array) -> Array:

@@ -40,11 +40,13 @@ class Harm(NamedTuple):
 def harm(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> Harm:
     """Compare the residuals of a log and of its mended version under the model that the mended one gives.
 
-    A part of the log that only one of the two has makes no error. Where the mended log is too short to be fitted, any
-    error is too much: `error` is infinite.
+    A part of the log that only one of the two has makes no error. Where the mended log is too short to be fitted, or
+    where only one of the two says that the base moves, any error is too much: `error` is infinite.
     """
     good, bad = (rows_at(probe(rig, one, filtering), filtering.cutoff) for one in (mended, log))
     if not good or sum(block.b.size for block in good) < 3 * good[0].A.shape[2]:
+        return Harm(np.full(rig.n, np.inf), np.zeros(rig.n))
+    if bad and bad[0].A.shape[2] != good[0].A.shape[2]:
         return Harm(np.full(rig.n, np.inf), np.zeros(rig.n))
     theta = weighted(good).theta
     left = np.concatenate([residuals(block, theta) for block in good])

@@ -15,7 +15,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.budget import BASELINE, Budget
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.outlook import outlook, shown
-from gimbal_pin.pointing.roster import ORACLE, OURS
+from gimbal_pin.pointing.roster import ORACLE, OURS, TUNED
 from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import plots
@@ -159,9 +159,10 @@ def diagrams(contest: Contest) -> list[Markup]:
 def wrong_models(sweep: Sweep) -> list[Markup]:
     """Return jitter against the model's error."""
     said = f"{sweep.sentence[:1].upper()}{sweep.sentence[1:]}."
+    sides = " (left), and along what the log left least certain, in standard deviations (right)"
     caption = (
         f"Jitter of {figures(sweep.seconds, 2)} s with models that are wrong on purpose: all masses, moments and "
-        "inertias by one share (left), and along what the log left least certain, in standard deviations (right). "
+        f"inertias by one share{sides if sweep.uncertain else ''}. "
         f"Dashed: the {controller_name(BASELINE)}, which takes nothing but inertias from the model."
     )
     picture_of = plots.drawn(partial(against_error, sweep), f"Jitter against the model's error. {said}")
@@ -169,17 +170,19 @@ def wrong_models(sweep: Sweep) -> list[Markup]:
 
 
 def against_error(sweep: Sweep) -> Figure:
-    """Draw jitter against the model's error, per cent and standard deviations."""
-    figure, (panels,) = plots.panels(1, 2, 2.6, share=(False, True))
-    middle = sweep.scaled[0.0]
-    for axes, found, unit in zip(panels, (sweep.scaled, {**sweep.uncertain, 0.0: middle}), (100.0, 1.0)):
+    """Draw jitter against the model's error, per cent and, where the model has a covariance, standard deviations."""
+    swept = [(sweep.scaled, 100.0), ({**sweep.uncertain, 0.0: sweep.scaled[0.0]}, 1.0)]
+    swept = swept if sweep.uncertain else swept[:1]
+    figure, (panels,) = plots.panels(1, len(swept), 2.6, share=(False, True))
+    for axes, (found, unit) in zip(panels, swept):
         errors = [error for error in sorted(found) if isfinite(found[error])]
         axes.plot(
             [unit * error for error in errors], [degrees(found[error]) for error in errors], "o-", color=OWN, ms=3.5
         )
         axes.axhline(degrees(sweep.pid), color=chart.COLOURS[BASELINE], ls="--", lw=1.2)
     panels[0].set(xlabel="error of masses and inertias, %", ylabel="jitter, ° rms", ylim=(0, None))
-    panels[1].set(xlabel="error along what is least certain, standard deviations")
+    for axes in panels[1:]:
+        axes.set(xlabel="error along what is least certain, standard deviations")
     plots.named(panels[0], [(controller_name(OURS), OWN), (controller_name(BASELINE), chart.COLOURS[BASELINE])])
     return figure
 
@@ -277,6 +280,8 @@ def margins(found: Verified) -> list[Markup]:
     ]
     head: list[Content] = ["Loop", "Crossover", "Phase margin", "Gain margin", "Disk margin", "Delay margin"]
     said = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
+    if any(row.controller == TUNED for row in found.contest.rows):
+        said += f" Apart from {controller_name(TUNED)}, whose margins stand where it was tuned."
     return [heading("Margins"), table(head, [row], label="Margins of the loop"), paragraph(said, "side")]
 
 

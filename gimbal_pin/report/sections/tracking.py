@@ -28,6 +28,11 @@ if TYPE_CHECKING:
 LEAST = 1e-3 / DEGREE
 """Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
 
+BESIDE = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
+"""Colours of the controllers that stand beside the one in the joint's colour."""
+CROWDED = 3
+"""Controllers from which their names do not fit above one column."""
+
 
 class Column(NamedTuple):
     """A figure of the table; the smaller is the better, if it differs by more than `least` and a twentieth."""
@@ -105,8 +110,7 @@ def responses(rig: Rig, experiments: Sequence[Experiment]) -> list[Markup]:
 
 def shade(k: int, count: int, joint: Joint) -> tuple[str, float]:
     """Return colour and width of the k-th of several controllers: the last has the joint's colour."""
-    greys = (plots.PLAIN, plots.MUTED)
-    return (joint.colour, 1.6) if k == count - 1 else (greys[k % 2], 2.2)
+    return (joint.colour, 1.6) if k == count - 1 else (BESIDE[k % len(BESIDE)], 2.2)
 
 
 def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> Figure:
@@ -147,4 +151,8 @@ def column_labels(panels: Array, rig: Rig, j: int, joint: Joint, experiments: Se
     panels[2].set_ylabel("torque, % of limit" if limited else "torque, N m")
     panels[2].set(xlabel="time, s", xlim=(log.t[0], log.t[-1]))
     shades = [shade(k, count, joint)[0] for k in range(count)]
-    plots.named(panels[1], list(zip((controller_name(experiment.controller) for experiment in experiments), shades)))
+    names = [controller_name(experiment.controller) for experiment in experiments]
+    if count < CROWDED:
+        plots.named(panels[1], list(zip(names, shades)))
+    elif panels[0].get_subplotspec().is_first_col():  # one legend for all columns: each has its own colour for the last
+        plots.named(panels[1], list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
