@@ -231,7 +231,7 @@ def test_slope_of_the_likelihood_is_its_derivative() -> None:
 
 
 def test_a_step_is_finite_where_rounding_makes_a_curvature_negative() -> None:
-    """Pure noise for angles, rates and torque: a spectrum without power, and an information that is no more definite."""
+    """Pure noise for angles, rates and torque: a spectrum without power, an information that is no more definite."""
     curvature = np.diag([1.0, 1e-3, -1e-12, 0.0, 2.0])
     now = np.array([[1.0, 0.2, 0.0, 0.0, 0.3]])
     assert np.all(np.isfinite(scoring(Told(0.0, np.array([0.1, -0.2, 0.0, 0.0, 0.3]), curvature), now)))
