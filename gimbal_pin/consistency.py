@@ -10,6 +10,7 @@ infinity wherever the best bodies lie on the edge, and any pull that keeps them 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +21,9 @@ from gimbal_pin.log import Array
 
 WEIGHTS = tuple(10.0 ** (0.5 * k) for k in range(2, -17, -1))
 """μ from stage to stage, in units of half a squared deviation; the last decides how near the edge it ends."""
+LEANT = WEIGHTS[:5]
+"""Stages that end at μ = 0.1: it costs an estimate a share of a deviation, and bodies that a log hardly tells apart are
+not sent to where one of them weighs twenty times the URDF's, for less."""
 STEPS = 50
 """Most Newton steps per stage; three or four do."""
 SETTLED = 1e-4
@@ -85,29 +89,35 @@ def symmetric() -> Array:
 SYMMETRIC = symmetric()
 
 
-def nearest(start: Array, mixing: Array, beta: Array, covariance: Array) -> Consistent:
+def nearest(
+    start: Array, mixing: Array, beta: Array, covariance: Array, weights: Sequence[float] = WEIGHTS
+) -> Consistent:
     """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ; nearest to `start` (least D) where K shows nothing.
+
+    With stages that end at a larger μ (`LEANT`) also where K shows little.
 
     Args:
         start: Parameters to start from and to stay near, physical or on the edge of it (a flat plate), (10 n,).
         mixing: K: base parameters per entry of φ, (b, 10 n).
         beta: Estimated base parameters, (b,).
         covariance: P, their covariance, (b, b).
+        weights: μ from stage to stage.
     """
     # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
     std = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
     whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
-    return fitted(start, whiten @ mixing, whiten @ beta)
+    return fitted(start, whiten @ mixing, whiten @ beta, weights)
 
 
-def fitted(start: Array, rows: Array, target: Array) -> Consistent:
+def fitted(start: Array, rows: Array, target: Array, weights: Sequence[float] = WEIGHTS) -> Consistent:
     """``argmin ‖rows φ - target‖`` over physical φ, least D from `start` where the rows show nothing.
 
     Args:
         start: Parameters to start from, (10 n,).
         rows: F K: whitened rows per entry of φ, (r, 10 n).
         target: y, (r,).
+        weights: μ from stage to stage.
 
     Returns:
         The bodies; their distance is how much longer the residual is than without the constraint, in quadrature.
@@ -117,7 +127,7 @@ def fitted(start: Array, rows: Array, target: Array) -> Consistent:
     margin = MARGIN * np.concatenate([fattened(body) for body in bodies])
     left = target - rows @ margin
     now = [placed(np.linalg.cholesky(pseudo_inertia(body)), inverse) for body, inverse in zip(bodies, inverses)]
-    for weight in WEIGHTS:
+    for weight in weights:
         now = settled(now, rows, left, inverses, weight)
     phi = np.concatenate([body.phi for body in now]) + margin
     free = np.linalg.lstsq(rows, target, rcond=None)[0]

@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin import halves
 from gimbal_pin.bodies import TRUST, Body, bodies
 from gimbal_pin.calibration import Mounting, rectified
-from gimbal_pin.consistency import Consistent, nearest
+from gimbal_pin.consistency import LEANT, Consistent, nearest
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimate, Estimator, weighted
@@ -386,7 +386,7 @@ def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]
     width = len(rows.reduction.independent)
     if estimate.phi is not None:
         return Consistent(estimate.phi, 0.0), np.zeros(width)
-    found = nearest(rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width])
+    found = nearest(rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width], LEANT)
     return found, rows.mixing @ found.phi - estimate.theta[:width]
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.consistency import BASIS, Consistent, fitted, nearest
+from gimbal_pin.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
 from gimbal_pin.estimators import physical as physical_fit
 from gimbal_pin.estimators import weighted
 from gimbal_pin.estimators.base import effective_rows, factor, residual_power
@@ -154,3 +154,15 @@ def test_what_is_written_loads_everywhere() -> None:
     assert to_pinocchio(text, "written").nv == rig.n and np.allclose(found.model.rig.phi, found.consistent.phi)
     assert mujoco.MjModel.from_xml_string(text).nv == rig.n
     assert yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False, build_scene_graph=False).robot.links
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bodies_that_are_hardly_told_apart_stay_near_the_urdf(seed: int) -> None:
+    """An estimate one deviation off: no body is another one by more than it could be told, and that for a deviation."""
+    rig = Rig.load("handheld", "mirrorless")
+    mixing, rng = mixing_of(rig), np.random.default_rng(seed)
+    std = 1e-2 * np.abs(mixing) @ np.abs(rig.phi) + 1e-5
+    off = std * rng.standard_normal(len(std))
+    exact, leant = (nearest(rig.phi, mixing, mixing @ rig.phi + off, np.diag(std**2), one) for one in (WEIGHTS, LEANT))
+    assert leant.distance < exact.distance + 1.0
+    assert np.all(np.abs(np.log(leant.phi[::10] / rig.phi[::10])) < np.log(2.0))
