@@ -225,26 +225,19 @@ def identify(
     )
 
 
-def refitted(
-    rig: Rig,
-    logs: Sequence[Log],
-    effects: Sequence[Effect] = (),
-    *,
-    estimator: Estimator = weighted,
-    holdout: str | None = None,
-    filtering: Filtering | None = None,
-    examined: Asked = "never",
-) -> Identified:
-    """Estimate from all data, what was held out included, with the held-out accuracy of a fit that had not seen it.
+def refitted(judged: Identified, whole: Identified) -> Identified:
+    """Return an estimate from all data with the held-out accuracy of one that had not seen what was held out.
 
-    That accuracy is of fewer data than the result has, so it errs on the safe side. Arguments and errors as `identify`.
+    That accuracy is of fewer data than the result has, so it errs on the safe side.
+
+    Args:
+        judged: Estimated with something held out.
+        whole: The same with nothing held out.
     """
-    judged = identify(rig, logs, effects, estimator=estimator, holdout=holdout, filtering=filtering)
-    found = identify(rig, logs, effects, estimator=estimator, holdout="none", filtering=filtering, examined=examined)
     if judged.held_out is None:
-        return found
+        return whole
     note = f"the parameters are of all data; the accuracy on '{judged.held_out.how}' is that of a fit without it"
-    return replace(found, held_out=judged.held_out, notes=(*found.notes, note))
+    return replace(whole, held_out=judged.held_out, notes=(*whole.notes, note))
 
 
 def assembled(

@@ -10,8 +10,7 @@ from contextlib import contextmanager
 def one_thread() -> Iterator[None]:
     """Let linear algebra use one thread: matrices here are small and many, and threads would wait for each other.
 
-    On four processors OpenBLAS takes four; an identification then costs twice the processor's time, a diagnosis four
-    times.
+    Left alone, OpenBLAS takes every processor that there is.
     """
     from threadpoolctl import threadpool_limits
 

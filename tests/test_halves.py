@@ -70,8 +70,8 @@ def test_a_cut_loses_no_row(sizes: list[int]) -> None:
 def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:
     rig, options = Rig.load("turret"), Filtering(alignment=0.0)
     logs = [prescribed(nominal(rig), seed, 8.0, torque_noise=0.05) for seed in (1, 2)]
-    final, held = refitted(rig, logs, filtering=options), identify(rig, logs, filtering=options)
-    everything = identify(rig, logs, filtering=options, holdout="none")
+    held, everything = (identify(rig, logs, filtering=options, holdout=how) for how in (None, "none"))
+    final = refitted(held, everything)
     np.testing.assert_array_equal(final.estimate.theta, everything.estimate.theta)
     assert final.held_out == held.held_out and final.held_out is not None and "all data" in final.notes[-1]
     assert np.median(final.estimate.std / held.estimate.std) < 0.9

@@ -95,7 +95,10 @@ def identify(
         return
     loaded, read = load_logs(rig, payload, logs, map)
     options["examined"] = "always" if bias else "noisy"
-    found = replace((refitted if refit else run)(loaded, read, **options), trust=trusted)
+    found = run(loaded, read, **options)
+    if refit:
+        found = refitted(found, run(loaded, read, **{**options, "holdout": "none"}))
+    found = replace(found, trust=trusted)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
 

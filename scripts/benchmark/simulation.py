@@ -88,8 +88,8 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
 
     By the processor's time for the requirement, and by the clock, which other work on the machine lengthens. Real time
     is asked for, not the four times of the loop above: all navigation of a flight controller runs here at 1 kHz in
-    Python, and no part of it takes more than a tenth. Floats for small arrays, views instead of new arrays, the guard's
-    quick way and one Jacobian for all moments ahead are in it; what is left are some hundred calls of a microsecond.
+    Python. Floats for small arrays, views instead of new arrays, the guard's quick way and one Jacobian for all moments
+    ahead are in it already.
     """
     rig, seconds = model.rig, 2.0
     course = Course(plant, Shaken(Sight(rig).centre, seconds), "S", seconds, Station.of(rig), drive)
