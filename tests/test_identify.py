@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Channels, Filtering, Rows, blocks, kept, mask, smoothed, stretches
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
 EXACT = Filtering(alignment=0.0)
 
 
@@ -223,22 +221,3 @@ def test_holding_out(clean: Log) -> None:
     for wrong in ("log:4", "log:0", "half"):
         with pytest.raises(UsageError):
             split([clean] * 3, wrong, EXACT)
-
-
-def test_real_double_pendulum() -> None:
-    """As good as what plain least squares reaches on this log with viscous and Coulomb friction."""
-    folder = DATA / "dfki_double_pendulum"
-    if not folder.is_dir():
-        pytest.skip("../shared/data/dfki_double_pendulum is not there")
-    from gimbal_pin.io import read_log
-
-    rig = Rig.load(folder / "double_pendulum.urdf")
-    mapping = ["t=time"] + [
-        f"{ours}_{joint}={theirs}{k}"
-        for k, joint in enumerate(rig.joints, start=1)
-        for ours, theirs in (("q", "pos"), ("dq", "vel"), ("tau", "tau"))
-    ]
-    log = read_log(folder / "20220812-061157-PM_measured.csv", rig, mapping)
-    found = identify(rig, [log], filtering=Filtering(cutoff=15.0))
-    assert found.held_out.torque_rmse["shoulder"] <= 0.195
-    assert found.held_out.torque_rmse["elbow"] <= 0.122
