@@ -21,6 +21,7 @@ from gimbal_pin.model import nominal
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
+from gimbal_pin.tuning import tune
 
 ANGLE = st.floats(-pi, pi)
 
@@ -67,7 +68,8 @@ def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(hertz: float, 
 def test_what_was_planted_lies_within_the_deviation() -> None:
     rig = Rig.load("turret")
     plant = plant_with(nominal(rig), [parse_effect("cogging:pan:amplitude=0.05,harmonic=6", rig)]).plant
-    log = bench_run(plant, rng=np.random.default_rng(4), seconds=12)
+    law = tune(plant, bandwidth_hz=4.0, dt=0.004).controller
+    log = bench_run(plant, law, rng=np.random.default_rng(4), seconds=12)
     found = diagnose(rig, [log], {"cogging": CAUSES["cogging"]}, rng=np.random.default_rng(0))
     told = {p.name: p for p in found.findings[0].parameters}
     assert told["harmonic"].value == 6.0

@@ -18,7 +18,7 @@ from tests.blind.effects import CATALOGUE
 from tests.blind.judge import Judged, false_alarm, judge, near
 
 SEED = 2026
-SECONDS = 20.0
+SECONDS = 15.0
 STRATA = {"clean": 2, "single": 2, "pair": 1, "outside": 1}
 
 

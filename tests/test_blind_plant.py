@@ -228,7 +228,7 @@ def test_without_an_effect_nothing_is_left_over() -> None:
 
 @pytest.mark.parametrize(("cause", "form"), FORMS)
 def test_every_form_leaves_a_mark_that_grows_with_its_strength(cause: str, form: str) -> None:
-    scene = scene_of(7, 2, "mixture", 1.5)
+    scene = scene_of(7, 2, "mixture", 1.0)
     effect = effect_of(scene, cause, form)
     sizes = []
     for k in (0.25, 1.0):

@@ -132,7 +132,7 @@ def test_nothing_is_found_where_nothing_is(nothing: Diagnosis) -> None:
 
 
 DRIVE = ("actuator-lag", "delay", "joint-flexibility", "backlash", "armature", "torque-gain", "saturation")
-FRICTION = tuple(name for name in CAUSES if "friction" in name) + ("stribeck", "presliding", "torque-bias")
+FRICTION = (*(name for name in CAUSES if "friction" in name), "stribeck", "presliding", "torque-bias")
 PLANTED: list[tuple[tuple[str, ...], Iterable[str]]] = [
     (("cogging:pan:amplitude=0.02,harmonic=14", "stribeck:tilt:extra=0.03,speed=0.2"), CAUSES),
     (("position-dependent-friction:pan:amplitude=0.02,harmonic=3", "dead-zone:tilt:width=0.02"), CAUSES),

@@ -143,11 +143,10 @@ def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
 # what a design promises
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("name", RIGS)
-def test_limits_hold_between_the_samples(name: str, seed: int) -> None:
+def test_limits_hold_between_the_samples(name: str) -> None:
     rig = Rig.load(name)
-    found = designed(name, seed)
+    found = designed(name, 0)
     assert_within(rig, nominal(rig), found, margin=0.05)
     assert max(max(used.values()) for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
 

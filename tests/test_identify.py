@@ -86,7 +86,7 @@ def test_the_factor_is_that_of_the_stack_however_it_is_cut(seed: int, parts: int
         assert np.allclose(R.T @ R, rows[:, j].T @ rows[:, j], atol=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-2, 1e2))
 def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> None:
     """Torque of one joint in another unit: the weights undo it, plain least squares does not."""
@@ -96,9 +96,10 @@ def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> N
     assert np.allclose(weighted([made]).theta, weighted([scaled]).theta, rtol=1e-3, atol=1e-4)
 
 
-def test_estimators_agree_without_noise(clean: Log, turret: Rig) -> None:
+def test_estimators_agree_without_noise(turret: Rig) -> None:
     """Output error integrates a torque whose jumps lie between its samples, and so sees them a sample off."""
-    found = {name: identify(turret, [clean], estimator=each, filtering=EXACT) for name, each in ESTIMATORS.items()}
+    log = prescribed(nominal(turret), seconds=12.0)
+    found = {name: identify(turret, [log], estimator=each, filtering=EXACT) for name, each in ESTIMATORS.items()}
     first = found["ols"].estimate.theta
     for name, other in found.items():
         near = 1e-3 if name == "output-error" else 1e-4
@@ -174,10 +175,9 @@ def test_deviations_are_honest(turret: Rig) -> None:
     assert np.abs(z).max() < 4.5
 
 
-@pytest.mark.parametrize(("name", "payload"), [("thesis", "zoom-lens"), ("turret", "none")])
-def test_sensor_noise_costs_little(name: str, payload: str) -> None:
+def test_sensor_noise_costs_little() -> None:
     """1 % torque noise, 16-bit encoders, the rig's gyros; `scripts/accuracy` does this for all rigs and 20 seeds."""
-    rig = Rig.load(name, payload)
+    rig = Rig.load("thesis", "zoom-lens")
     log, tau = closed_loop(rig, seed=1, seconds=20.0)
     found = identify(rig, [log])
     error = np.abs(found.estimate.theta - planted(rig))

@@ -61,7 +61,7 @@ def said(rig: Rig, logs: list[Log], causes: Mapping[str, type[Cause]]) -> Diagno
     return diagnose(rig, logs, causes, rng=np.random.default_rng(1), holdout="last-third", filtering=band)
 
 
-def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 24) -> NextExperiment:
+def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 10) -> NextExperiment:
     plan = next_experiment(found, causes, rng=np.random.default_rng(3), seconds=SECONDS, tries=tries, dt=DT)
     assert plan is not None
     return plan
