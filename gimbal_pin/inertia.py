@@ -40,25 +40,6 @@ def strictly(phi: Array) -> Array:
     return out
 
 
-def log_cholesky(phi: Array) -> Array:
-    """``(α, d1, d2, d3, s12, s23, s13, t1, t2, t3)`` of one physical body: the inverse of Pinocchio's mapping.
-
-    The pseudo-inertia is ``e^{2α} U Uᵀ`` with U upper triangular, diagonal (e^{d1}, e^{d2}, e^{d3}, 1).
-    """
-    flipped = np.linalg.cholesky(pseudo_inertia(phi)[::-1, ::-1])
-    upper = flipped[::-1, ::-1]
-    scale = upper[3, 3]
-    U = upper / scale
-    d = np.log(np.diag(U)[:3])
-    return np.array([np.log(scale), *d, U[0, 1], U[1, 2], U[0, 2], *U[:3, 3]])
-
-
-def from_log_cholesky(theta: Array) -> tuple[Array, Array]:
-    """Ten inertial parameters of one body, and their Jacobian (10, 10)."""
-    parameters = pin.LogCholeskyParameters(np.asarray(theta))
-    return np.array(parameters.toDynamicParameters()), np.array(parameters.calculateJacobian())
-
-
 def to_urdf(rig: Rig, phi: Array) -> str:
     """Return the rig's URDF, payload included, with inertials that lump to `phi`; every other tag is kept.
 

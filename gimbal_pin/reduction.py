@@ -94,13 +94,6 @@ def regrouping(matrix: Array, independent: list[int]) -> Array:
     return mixing
 
 
-def subspace(matrix: Array) -> Array:
-    """Orthonormal basis of the identifiable combinations by SVD (Gautier 1991), (p, rank)."""
-    scale = np.linalg.norm(matrix, axis=0).max() or 1.0
-    _, values, right = np.linalg.svd(matrix / scale, full_matrices=False)
-    return np.asarray(right[values > TOLERANCE * values[0]].T, dtype=np.float64)
-
-
 def samples(rig: Rig, count: int = SAMPLES) -> tuple[Array, Array, Array]:
     """Poses and motions that fill the rig's state space evenly and always alike, (count, n) each.
 

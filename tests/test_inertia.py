@@ -14,7 +14,7 @@ from gimbal_pin import urdf
 from gimbal_pin.consistency import nearest
 from gimbal_pin.errors import ModelError
 from gimbal_pin.experiment import perturbed
-from gimbal_pin.inertia import from_log_cholesky, log_cholesky, physical, strictly, to_urdf
+from gimbal_pin.inertia import physical, strictly, to_urdf
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
@@ -33,18 +33,6 @@ def mixing_of(rig: Rig) -> np.ndarray:
     mixing = np.zeros((len(reduction.independent), 10 * rig.n))
     mixing[:, columns(rig)[1]] = reduction.mixing
     return mixing
-
-
-@given(st.integers(0, 10**6))
-def test_log_cholesky_parameters_reach_every_body_and_come_back(seed: int) -> None:
-    phi = body(seed)
-    back, _ = from_log_cholesky(log_cholesky(phi))
-    assert np.allclose(back, phi, rtol=1e-10, atol=1e-12)
-
-
-@given(st.lists(st.floats(-2, 2), min_size=10, max_size=10))
-def test_every_log_cholesky_vector_is_a_body(theta: list[float]) -> None:
-    assert physical(from_log_cholesky(np.array(theta))[0])
 
 
 @given(st.integers(0, 10**6))

@@ -20,10 +20,11 @@ from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.platform import Platform, integrated, rotations
 from gimbal_pin.profile import ACCELERATION, ATTITUDE, profile_s
-from gimbal_pin.reduction import columns, reduce, scan, stacked, subspace
+from gimbal_pin.reduction import columns, reduce, scan, stacked
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import GRAVITY, Rig, bundled_payloads, bundled_rigs
 from tests.mujoco_peer import rigid_bodies
+from tests.test_reduction import subspace
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 UP = np.array([0.0, 0.0, GRAVITY])

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.model import friction_effects
-from gimbal_pin.reduction import Reduction, reduce, samples, scan, stacked, subspace
+from gimbal_pin.reduction import TOLERANCE, Reduction, reduce, samples, scan, stacked
 from gimbal_pin.regressor import columns, regressor, rnea
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
 
@@ -154,6 +154,13 @@ def fresh(rig: Rig, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States that no reduction has seen."""
     draw = np.random.default_rng(seed).uniform(-1, 1, (3, 40, rig.n))
     return np.pi * draw[0], 4 * draw[1], 30 * draw[2]
+
+
+def subspace(matrix: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the identifiable combinations by SVD (Gautier 1991), (p, rank)."""
+    scale = np.linalg.norm(matrix, axis=0).max() or 1.0
+    _, values, right = np.linalg.svd(matrix / scale, full_matrices=False)
+    return np.asarray(right[values > TOLERANCE * values[0]].T)
 
 
 def spans_agree(reduction: Reduction, matrix: np.ndarray) -> None:

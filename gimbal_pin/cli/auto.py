@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from tyro.conf import arg
+from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, play
 from gimbal_pin.cli.options import (
+    USUAL,
     Alignment,
-    Asked,
     Cutoff,
-    Damping,
-    Delay,
-    DiskMargin,
     EstimatorName,
     Folder,
+    Gains,
     Holdout,
     Json,
-    Kind,
     Logs,
     Map,
     Payload,
@@ -40,12 +37,7 @@ def auto(
     alignment: Alignment = None,
     estimator: EstimatorName = "weighted",
     holdout: Holdout = None,
-    kind: Kind = "computed-torque",
-    bandwidth_hz: Asked = None,
-    disk_margin: DiskMargin = None,
-    damping: Damping = 1.0,
-    delay: Delay = 0.001,
-    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
+    gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
     live: Annotated[bool, arg(help="show the result in a browser")] = False,
     seed: Seed = 0,
     json: Json = None,
@@ -53,7 +45,6 @@ def auto(
     """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
     import numpy as np
 
-    from gimbal_pin.control.design import Wish
     from gimbal_pin.estimators import ESTIMATORS
     from gimbal_pin.walk import auto as run
 
@@ -66,7 +57,7 @@ def auto(
         estimator=ESTIMATORS[estimator],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
-        wish=Wish(bandwidth_hz, damping, delay, kind=kind, disk_margin=disk_margin, robust=robust),
+        wish=gains.wish,
     )
     present(text.auto(found), found.to_dict(), json)
     if live:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
+
+if TYPE_CHECKING:
+    from gimbal_pin.control.design import Wish
 
 RigName = Annotated[Positional[str], arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")]
 Logs = Annotated[
@@ -71,12 +75,30 @@ Bootstrap = Annotated[
     int, arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour")
 ]
 Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
-Asked = Annotated[
-    float | None, arg(metavar="HZ", help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
-]
-DiskMargin = Annotated[
-    float | None, arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty")
-]
-Damping = Annotated[float, arg(help="damping of the tracking error")]
-Delay = Annotated[float, arg(help="time from measurement to torque, s, without the hold")]
-Kind = Literal["computed-torque", "pid"]
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What is asked of the controller (`Wish`)."""
+
+    kind: Literal["computed-torque", "pid"] = "computed-torque"
+    bandwidth_hz: Annotated[
+        float | None, arg(metavar="HZ", help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
+    ] = None
+    disk_margin: Annotated[
+        float | None,
+        arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty"),
+    ] = None
+    damping: Annotated[float, arg(help="damping of the tracking error")] = 1.0
+    delay: Annotated[float, arg(help="time from measurement to torque, s, without the hold")] = 0.001
+    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False
+
+    @property
+    def wish(self) -> Wish:
+        """What `tune` is asked for."""
+        from gimbal_pin.control.design import Wish
+
+        return Wish(**vars(self))
+
+
+USUAL = Gains()

@@ -6,23 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
-from gimbal_pin.cli.options import (
-    Asked,
-    Cutoff,
-    Damping,
-    Delay,
-    DiskMargin,
-    Json,
-    Kind,
-    Map,
-    MaybeOutput,
-    Payload,
-    RigName,
-)
+from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeOutput, Payload, RigName
 from gimbal_pin.cli.present import present
 
 if TYPE_CHECKING:
@@ -37,12 +25,7 @@ def tune(
     payload: Payload = None,
     map: Map = (),
     cutoff: Cutoff = None,
-    kind: Kind = "computed-torque",
-    bandwidth_hz: Asked = None,
-    disk_margin: DiskMargin = None,
-    damping: Damping = 1.0,
-    delay: Delay = 0.001,
-    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False,
+    gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
     plot: Annotated[Path | None, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
     json: Json = None,
 ) -> None:
@@ -51,15 +34,7 @@ def tune(
     from gimbal_pin.tuning import tune as run
 
     model = model_of(rig, payload, source, map, cutoff)
-    found = run(
-        model,
-        kind=kind,
-        bandwidth_hz=bandwidth_hz,
-        damping=damping,
-        delay=delay,
-        disk_margin=disk_margin,
-        robust=robust,
-    )
+    found = run(model, **vars(gains))
     if output is not None:
         write_yaml(found.to_dict(), output)
     if plot is not None:

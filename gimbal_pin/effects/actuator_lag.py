@@ -28,7 +28,6 @@ class ActuatorLag(Signal):
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", nan, "s", 1e-5, 1.0),)
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a lag loses torque with frequency, a delay does not"
-    lookalikes: ClassVar[tuple[str, ...]] = ("delay", "joint-flexibility", "stribeck")
     compensation: ClassVar[str] = "tune with the time constant added to the loop's delay; raise the current loop's gain"
 
     def start(self, level: float = 0.0) -> Memory:

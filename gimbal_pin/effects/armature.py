@@ -19,7 +19,6 @@ class Armature(Effect):
     name: ClassVar[str] = "armature"
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("inertia", nan, "kg m^2", 0.0, inf),)
     experiment: ClassVar[str] = "fast accelerations of all axes together, at poses that couple them"
-    lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "joint-flexibility", "off-diagonal-inertia")
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """The joint's acceleration."""

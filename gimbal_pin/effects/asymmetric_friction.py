@@ -24,7 +24,6 @@ class AsymmetricFriction(Effect):
     )
     dry: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same constant speeds both ways, and holds at rest in between"
-    lookalikes: ClassVar[tuple[str, ...]] = ("torque-bias", "cable-spring")
     compensation: ClassVar[str] = "friction feed-forward with its own figures for each direction"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

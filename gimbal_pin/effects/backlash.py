@@ -42,7 +42,6 @@ class Backlash(Signal):
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
-    lookalikes: ClassVar[tuple[str, ...]] = ("presliding", "dead-zone", "joint-flexibility")
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
 
     def start(self, level: float = 0.0) -> Memory:

@@ -38,7 +38,6 @@ class BaseTilt(RigEffect):
         Parameter("pitch", 0.0, "rad", -3.2, 3.2),
     )
     experiment: ClassVar[str] = "slow motion of all axes with the base turned by a quarter in between"
-    lookalikes: ClassVar[tuple[str, ...]] = ("payload-shift", "encoder-offset", "torque-bias")
     compensation: ClassVar[str] = "level the base, or let the controller use gravity in the base's frame"
 
     def apply(self, rig: Rig) -> Rig:

@@ -42,7 +42,6 @@ class CableSpring(Effect):
         Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
     )
     experiment: ClassVar[str] = "slow sweeps over the whole range, repeated with the other axes elsewhere"
-    lookalikes: ClassVar[tuple[str, ...]] = ("payload-shift", "cogging", "torque-bias")
     compensation: ClassVar[str] = "spring feed-forward by angle; or dress the cable so that it does not pull"
 
     @property

@@ -29,8 +29,6 @@ class Cause(ABC):
     """Shape parameters that a search takes from those of `tried` as they are, and does not refine."""
     experiment: ClassVar[str]
     """The excitation that shows it best."""
-    lookalikes: ClassVar[tuple[str, ...]] = ()
-    """Causes that many logs cannot tell from it."""
     compensation: ClassVar[str]
     """How a controller makes up for it."""
     of_joint: ClassVar[bool] = True

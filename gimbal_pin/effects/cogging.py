@@ -24,7 +24,6 @@ class Cogging(Harmonic):
     """An unbalance about a vertical axis is no part of the rigid model: of a base that leans it pulls once per turn."""
     highest: ClassVar[int] = 400
     experiment: ClassVar[str] = "slow sweeps both ways over as much of a turn as there is"
-    lookalikes: ClassVar[tuple[str, ...]] = ("torque-ripple", "position-dependent-friction", "cable-spring")
     compensation: ClassVar[str] = "cogging feed-forward by angle"
 
     def carrier(self, at: Sample) -> float | Array:

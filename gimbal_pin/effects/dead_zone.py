@@ -45,7 +45,6 @@ class DeadZone(Static):
         Parameter("sharpness", 0.0, "1", 0.0, 2000.0),
     )
     experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
-    lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "load-dependent-friction")
     compensation: ClassVar[str] = "what is lost is added to the command, in its direction"
 
     def command(self, torque: float) -> float:

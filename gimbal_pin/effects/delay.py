@@ -28,7 +28,6 @@ class Delay(Signal):
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time", nan, "s", 0.0, 0.2),)
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
-    lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "joint-flexibility", "stribeck")
     compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
 
     def start(self, level: float = 0.0) -> Memory:

@@ -35,7 +35,6 @@ class EncoderOffset(RigEffect):
     name: ClassVar[str] = "encoder-offset"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("offset", nan, "rad", -3.2, 3.2),)
     experiment: ClassVar[str] = "slow motion of all axes with the base held in several attitudes"
-    lookalikes: ClassVar[tuple[str, ...]] = ("payload-shift", "base-tilt", "off-diagonal-inertia")
     compensation: ClassVar[str] = "correct the encoder's zero by as much"
 
     def apply(self, rig: Rig) -> Rig:

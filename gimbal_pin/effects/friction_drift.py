@@ -41,7 +41,6 @@ class FrictionDrift(Effect):
     )
     dry: ClassVar[bool] = True
     experiment: ClassVar[str] = "a long run from cold, its first minute repeated as the last"
-    lookalikes: ClassVar[tuple[str, ...]] = ("load-dependent-friction", "quadratic-drag")
     compensation: ClassVar[str] = "friction feed-forward by the time since the start; identify again once warm"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

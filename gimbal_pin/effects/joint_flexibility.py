@@ -41,7 +41,6 @@ class JointFlexibility(Signal):
     )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
-    lookalikes: ClassVar[tuple[str, ...]] = ("actuator-lag", "delay", "armature")
     compensation: ClassVar[str] = "a notch at the resonance, or a bandwidth of at most a third of it"
 
     def blurred(self, seen: Seen) -> tuple[str, ...]:

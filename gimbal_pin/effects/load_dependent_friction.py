@@ -22,7 +22,6 @@ class LoadDependentFriction(Effect):
     dry: ClassVar[bool] = True
     loaded: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same motion with two payloads, or well out of balance and balanced"
-    lookalikes: ClassVar[tuple[str, ...]] = ("torque-ripple", "torque-gain", "position-dependent-friction")
     compensation: ClassVar[str] = "friction feed-forward in proportion to the model's torque"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

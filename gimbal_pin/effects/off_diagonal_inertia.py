@@ -37,7 +37,6 @@ class OffDiagonalInertia(RigEffect):
         Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0) for symbol in ("Ixy", "Ixz", "Iyz")
     )
     experiment: ClassVar[str] = "fast motion of all axes at once: products of inertia couple them"
-    lookalikes: ClassVar[tuple[str, ...]] = ("armature", "encoder-offset", "payload-shift")
     compensation: ClassVar[str] = "the controller uses the identified model with full inertias"
 
     def apply(self, rig: Rig) -> Rig:

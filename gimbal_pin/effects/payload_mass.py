@@ -47,7 +47,6 @@ class PayloadMass(RigEffect):
         *(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz"),
     )
     experiment: ClassVar[str] = "fast motion of all axes at once"
-    lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "payload-shift", "armature")
     compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"
 
     def apply(self, rig: Rig) -> Rig:

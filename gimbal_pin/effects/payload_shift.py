@@ -26,7 +26,6 @@ class PayloadShift(RigEffect):
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz")
     experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
-    lookalikes: ClassVar[tuple[str, ...]] = ("encoder-offset", "base-tilt", "torque-bias", "cable-spring")
     compensation: ClassVar[str] = "slide the payload back by as much, or let the controller use the identified model"
 
     def apply(self, rig: Rig) -> Rig:

@@ -23,7 +23,6 @@ class PositionDependentFriction(Harmonic):
     highest: ClassVar[int] = 12
     bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"
-    lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "load-dependent-friction")
     compensation: ClassVar[str] = "friction feed-forward by angle, in the direction of the reference"
 
     def carrier(self, at: Sample) -> float | Array:

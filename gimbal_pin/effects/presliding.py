@@ -31,7 +31,6 @@ class Presliding(Effect):
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("stroke", nan, "rad", 1e-4, 0.5),)
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("level", nan, "N m", 0.0, inf),)
     experiment: ClassVar[str] = "small reversals, from a tenth of the stroke to ten strokes"
-    lookalikes: ClassVar[tuple[str, ...]] = ("backlash", "stribeck", "delay")
     compensation: ClassVar[str] = "friction feed-forward after full sliding; small reversals are left to the feedback"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

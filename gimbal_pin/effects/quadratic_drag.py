@@ -34,7 +34,6 @@ class QuadraticDrag(Effect):
     chosen: ClassVar[tuple[str, ...]] = ("power",)
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", nan, "N m (s/rad)^power", 0.0, inf),)
     experiment: ClassVar[str] = "the highest speeds that the rig allows, next to slow ones"
-    lookalikes: ClassVar[tuple[str, ...]] = ("friction-drift", "asymmetric-friction")
     compensation: ClassVar[str] = "drag feed-forward at the reference's rate"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

@@ -30,7 +30,6 @@ class Saturation(Static):
     name: ClassVar[str] = "saturation"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("limit", nan, "N m", 1e-6, 1e6),)
     experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
-    lookalikes: ClassVar[tuple[str, ...]] = ("torque-gain", "quadratic-drag", "actuator-lag")
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
 
     @property

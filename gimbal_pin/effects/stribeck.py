@@ -35,7 +35,6 @@ class Stribeck(Effect):
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("extra", nan, "N m", 0.0, inf),)
     dry: ClassVar[bool] = True
     experiment: ClassVar[str] = "a staircase of slow constant speeds, both ways, down to a tenth of the Stribeck speed"
-    lookalikes: ClassVar[tuple[str, ...]] = ("presliding", "actuator-lag", "delay")
     compensation: ClassVar[str] = "friction feed-forward at the reference's rate, with the extra hold near standstill"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

@@ -20,7 +20,6 @@ class TorqueBias(Effect):
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("bias", nan, "N m", -inf, inf),)
     affine: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same motion both ways, and holds at rest approached from both sides"
-    lookalikes: ClassVar[tuple[str, ...]] = ("asymmetric-friction", "cable-spring", "payload-shift")
     compensation: ClassVar[str] = "a constant feed-forward; calibrate the current sensor's zero"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

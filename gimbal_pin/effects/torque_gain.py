@@ -34,7 +34,6 @@ class TorqueGain(Effect):
     gain: ClassVar[Parameter] = Parameter("gain", nan, "1", 0.05, 2.0)
     loaded: ClassVar[bool] = True
     experiment: ClassVar[str] = "all axes at once, with a known mass fixed at a known place"
-    lookalikes: ClassVar[tuple[str, ...]] = ("armature", "payload-mass", "torque-ripple")
     compensation: ClassVar[str] = "the command is divided by the gain; correct the torque constant"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

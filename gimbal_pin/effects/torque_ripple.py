@@ -25,7 +25,6 @@ class TorqueRipple(Harmonic):
     every: ClassVar[int] = 6
     """Six-step commutation of many poles: six times per electrical turn."""
     experiment: ClassVar[str] = "slow sweeps over the same angles under two different loads"
-    lookalikes: ClassVar[tuple[str, ...]] = ("cogging", "torque-gain", "load-dependent-friction")
     compensation: ClassVar[str] = "the command is divided by the torque constant at the angle"
 
     def carrier(self, at: Sample) -> float | Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,21 +53,6 @@ def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
     half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
     # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
     return iterated(middle, [(block.A, block.A) for block in middle], "instrumental", half)
-
-
-@dataclass(frozen=True, eq=False)
-class Instrumented:
-    """`instrumental` as an `Estimator`, for rows whose instruments are known beforehand.
-
-    Attributes:
-        instruments: Per block its Z, (m, n, k).
-    """
-
-    instruments: tuple[Array, ...]
-
-    def __call__(self, blocks: Sequence[Block]) -> Estimate:
-        """Estimate theta."""
-        return instrumental(blocks, self.instruments)
 
 
 Pairs = Sequence[tuple[Array, Array]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -186,8 +185,3 @@ def without_hidden(model: Model) -> Model:
     left = mixing @ phi[places] - mixing[:, ~free] @ phi[places[~free]]
     phi[places[free]] = np.linalg.pinv(mixing[:, free]) @ left
     return replace(model, rig=rig.with_phi(phi))
-
-
-def pointers(roster: Roster, names: Sequence[str] = NAMES) -> dict[str, Pointer]:
-    """Return controllers by name."""
-    return {name: roster.pointer(name) for name in names}

@@ -67,11 +67,6 @@ class Evaluated:
         return np.asarray(np.sqrt(np.mean(self.stacked("measured") ** 2, axis=0)))
 
     @property
-    def error_rms(self) -> Array:
-        """Root mean square of the error where it is judged, N m, (n,)."""
-        return weighted_rms(self.stacked("error"), self.stacked("share"))
-
-    @property
     def reach(self) -> Array:
         """Torque per unit of each parameter on the joint where it is largest, N m rms per unit, (k,)."""
         return np.asarray(self.columns.max(axis=0))

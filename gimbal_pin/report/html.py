@@ -10,8 +10,6 @@ from markupsafe import Markup
 from gimbal_pin.report.numbers import DASH
 
 Content = str | Markup
-TONES = ("good", "fair", "poor")
-"""Classes that colour what they are put on; none of them is the only sign of what it says."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +20,7 @@ class Card:
         label: What it is.
         value: The number with its unit.
         note: A line below.
-        tone: One of `TONES`, or nothing.
+        tone: "good", "fair" or "poor", a class that colours it and is never the only sign of what it says; or nothing.
     """
 
     label: str
