@@ -324,6 +324,10 @@ def test_the_stretch_shown_is_the_one_with_the_largest_error() -> None:
     part, quiet = flat("a", t, error), flat("b", t, 0 * error)
     found, more = worst(Evaluated(("x",), "last third", (quiet, part), np.ones((1, 1))))
     assert more and found.log == "a" and found.t[0] <= 62.1 and found.t[-1] >= 63.9 and np.ptp(found.t) <= 15.0
+    two = replace(part, **{name: np.repeat(getattr(part, name), 2, axis=1) for name in ("v", "predicted", "share")})
+    undriven, error = np.hstack([part.measured, 0 * t[:, None]]), np.hstack([part.error, np.sin(t)[:, None]])
+    passive = Evaluated(("x", "y"), "last third", (replace(two, measured=undriven, error=error),), np.ones((2, 1)))
+    assert np.array_equal(worst(passive)[0].t, found.t) and passive.scale[1] == np.inf
     alone = Evaluated(("x",), "last third", (part.cut(slice(0, 50)),), np.ones((1, 1)))
     whole, more = worst(alone)
     assert not more and np.array_equal(whole.t, t[:50])

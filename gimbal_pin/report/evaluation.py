@@ -67,6 +67,11 @@ class Evaluated:
         return np.asarray(np.sqrt(np.mean(self.stacked("measured") ** 2, axis=0)))
 
     @property
+    def scale(self) -> Array:
+        """What errors are shares of: the same torque, (n,); infinite at a joint that nothing drove."""
+        return np.where(self.torque_rms > 0, self.torque_rms, np.inf)
+
+    @property
     def reach(self) -> Array:
         """Torque per unit of each parameter on the joint where it is largest, N m rms per unit, (k,)."""
         return np.asarray(self.columns.max(axis=0))
@@ -74,7 +79,7 @@ class Evaluated:
     @property
     def share(self) -> Array:
         """The same as a share of the joint's measured torque, on the joint where that is largest, per unit, (k,)."""
-        return np.asarray((self.columns / np.maximum(self.torque_rms, 1e-300)[:, None]).max(axis=0))
+        return np.asarray((self.columns / self.scale[:, None]).max(axis=0))
 
 
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:

@@ -27,10 +27,9 @@ WINDOW = 15.0
 
 def worst(evaluated: Evaluated) -> tuple[Part, bool]:
     """Return the stretch of at most `WINDOW` s whose error, as a share of torque, is largest, and if there is more."""
-    scale = np.maximum(evaluated.torque_rms, 1e-300)
     best: tuple[float, Part] | None = None
     for part in evaluated.parts:
-        power = np.concatenate([[0.0], np.cumsum(np.sum((part.error / scale) ** 2, axis=1))])
+        power = np.concatenate([[0.0], np.cumsum(np.sum((part.error / evaluated.scale) ** 2, axis=1))])
         ends = np.searchsorted(part.t, part.t + WINDOW)
         score = (power[ends] - power[:-1]) / np.maximum(ends - np.arange(len(ends)), 1)
         full = part.t <= max(part.t[-1] - WINDOW, part.t[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from math import nan
 
 import numpy as np
 
@@ -64,10 +65,11 @@ def row(found: Identified, evaluated: Evaluated, j: int, joint: Joint) -> list[C
     """Return a joint's row of the table of errors."""
     accuracy = found.held_out or found.train
     rmse, fit = accuracy.torque_rmse[joint.name], accuracy.fit_percent[joint.name]
-    share, scale = rmse / max(float(evaluated.torque_rms[j]), 1e-300), error_unit(found)[0]
+    torque, scale = float(evaluated.torque_rms[j]), error_unit(found)[0]
+    share = rmse / torque if torque else nan  # nothing drove this joint
     cells: list[Content] = [
         joint.label,
-        figures(float(evaluated.torque_rms[j])),
+        figures(torque),
         figures(scale * rmse),
         f"{figures(100 * share, 2)} %",
         toned(f"{percent(fit)} %", grade(fit)),
