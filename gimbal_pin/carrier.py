@@ -12,6 +12,7 @@ from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
 
 rnea, aba = pin.rnea, pin.aba
+Row = tuple[list[float], list[float]]
 NODE = 1e-6
 """Distance from a sample of the platform's motion, in intervals, within which a time is that sample's."""
 HEAVY = 2.0**60
@@ -41,7 +42,7 @@ class Carrier:
         self.start, self.step, self.last = float(platform.t[0]), float(platform.t[1] - platform.t[0]), len(platform) - 1
         self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
         # The middle of a step is asked for twice, and its end again as the next one's start.
-        self.near, self.row = -1, self.samples[0].tolist()
+        self.near, self.row = -1, halves(self.samples[0])
         # One array holds configuration, rates and what drives them: one assignment fills what changes in them.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
@@ -50,27 +51,32 @@ class Carrier:
 
     def bias(self, t: float, x: Sequence[float]) -> list[float]:
         """Torque at time t, s, angles and rates x, rad and rad/s, N m."""
-        now, n = self.at(t), self.n
-        self.changing[:] = [*x[:n], *now[:6], *x[n:], *[push / HEAVY for push in now[6:]], *self.still]
-        torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.drive)[6:].tolist()
+        (rates, pushes), n = self.at(t), self.n
+        self.changing[:] = [*x[:n], *rates, *x[n:], *[push / HEAVY for push in pushes], *self.still]
+        torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.drive).tolist()[6:]
         return torque
 
     def accelerations(self, t: float, x: Sequence[float], net: Sequence[float]) -> list[float]:
         """Joint accelerations at time t, s, angles and rates x, under the torques `net` on the rigid body, rad/s²."""
-        now, n = self.at(t), self.n
-        self.changing[:] = [*x[:n], *now[:6], *x[n:], *now[6:], *net]
-        found: list[float] = aba(self.pin, self.data, self.q, self.v, self.drive)[6:].tolist()
+        (rates, pushes), n = self.at(t), self.n
+        self.changing[:] = [*x[:n], *rates, *x[n:], *pushes, *net]
+        found: list[float] = aba(self.pin, self.data, self.q, self.v, self.drive).tolist()[6:]
         return found
 
-    def at(self, t: float) -> list[float]:
-        """The base's rates and what pushes it, six each, at a time: a sample, or the parabola through three."""
+    def at(self, t: float) -> Row:
+        """The base's rates and what pushes it at a time: a sample, or the parabola through three."""
         place = (t - self.start) / self.step
         near = round(place)
+        if near == self.near and -NODE < place - near < NODE:
+            return self.row
         if -NODE < place - near < NODE and 0 <= near <= self.last:
-            if near != self.near:
-                self.near, self.row = near, self.samples[near].tolist()
+            self.near, self.row = near, halves(self.samples[near])
             return self.row
         middle = min(max(near, 1), self.last - 1)
         s, (before, here, after) = place - middle, self.samples[middle - 1 : middle + 2]
-        curved: list[float] = (here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2)).tolist()
-        return curved
+        return halves(here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2))
+
+
+def halves(row: Array) -> Row:
+    """Return rates and pushes, six each, of a base at one time, (12,)."""
+    return row[:6].tolist(), row[6:].tolist()

@@ -185,13 +185,9 @@ class Plant:
 
     def net(self, t: float, x: Floats, now: Step) -> list[float]:
         """Torque that the terms leave for the rigid body, N m."""
-        friction, v = self.friction, x[self.n :]
-        out = [left - c * rate for left, c, rate in zip(now.left, friction.per_rate, v)]
-        if friction.rest:
-            memory = friction.evolved(now.memory, now.x, x)
-            for j, torque in friction.others(t, x, v, now.contact.slide, now.tau, memory):
-                out[j] -= torque
-        return out
+        friction = self.friction
+        memory = friction.evolved(now.memory, now.x, x) if now.memory else now.memory
+        return friction.net(now.left, t, x, x[self.n :], now.contact.slide, now.tau, memory)
 
     def slope(self, t: float, x: Floats, now: Step) -> list[float]:
         """dx/dt: rates, rad/s, then accelerations, rad/s²."""

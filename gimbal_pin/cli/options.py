@@ -26,6 +26,11 @@ Map = Annotated[
     UseAppendAction[tuple[str, ...]],
     arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
 ]
+Effects = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42"),
+]
+PlatformSize = Annotated[float, arg(help="profile S times this")]
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]
 MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import carried, load_logs, load_rig, mounted, plant_of, positive, read_controller
-from gimbal_pin.cli.options import Json, Map, ModelFile, Payload, RigName, Seed
+from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
+from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
+from gimbal_pin.cli.options import Json, ModelFile, Payload, RigName, Seed
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -40,137 +40,48 @@ def track(
             help_behavior_hint="(default: what the controller was tuned for, else 1)",
         ),
     ] = None,
-    platform: Annotated[
-        Literal["none", "S"], arg(help="hold the camera still on a platform that moves along profile S")
-    ] = "none",
-    platform_log: Annotated[
-        Path | None,
-        arg(
-            metavar="FILE",
-            help="and, or, along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz",
-            help_behavior_hint="",
-        ),
-    ] = None,
-    platform_size: Annotated[float, arg(help="profile S times this")] = 1.0,
-    map: Map = (),
-    steps: Annotated[
-        bool, arg(help="step the thesis's angles beside that, with every law that a base at rest tells apart")
-    ] = False,
-    controllers: Annotated[
-        str | None,
-        arg(metavar="NAME,…", help="which controllers meet the platform", help_behavior_hint="(default: all)"),
-    ] = None,
-    learn: Annotated[
-        str | None,
-        arg(
-            metavar="LOG",
-            help="a log of the rig on a shaken platform: model and the platform's spectrum come from it",
-            help_behavior_hint="(default: one is simulated, 60 s)",
-        ),
-    ] = None,
-    find: Annotated[bool, arg(help="let diagnose look for causes in that log, and compensate them")] = False,
-    effect: Annotated[
-        UseAppendAction[tuple[str, ...]],
-        arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42"),
-    ] = (),
-    seeds: Annotated[int, arg(help="runs on a platform, each with its own motion and noise")] = 5,
-    seconds: Annotated[float, arg(help="length of each of these runs, s")] = 30.0,
-    jobs: Annotated[int, arg(help="processes that share these runs")] = 1,
-    plot: Annotated[
-        Path | None,
-        arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
-    ] = None,
-    report: Annotated[
-        Path | None,
-        arg(metavar="FILE", help="write a report: what the camera sees, errors, torque", help_behavior_hint=""),
-    ] = None,
-    animation: Annotated[
-        Path | None,
-        arg(metavar="FILE", help="write the rig on its platform as an offline page", help_behavior_hint=""),
-    ] = None,
+    held: Annotated[Holding, OmitArgPrefixes] = STILL,
+    pages: Annotated[Pages, OmitArgPrefixes] = NO_PAGES,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
     """Step tracking against a PID; on a platform that moves, every camera-holding controller at equal margins."""
+    if controller is None and not held.moving:
+        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {MOTIONS}")
+    held.check()
+    pages.check(held.moving)
+    loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
+    late = delay_samples if delay_samples is not None else 1 if controller is None else lateness(controller)
+    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
+    log = held.taught(rig, loaded.payload) if held.moving else None
+    steps = None if controller is None else stepped(controller, plant_of(model, loaded), late, seed)
+    verified = None
+    if held.moving:
+        plant = None if model is None else plant_of(model, loaded)
+        known = None if controller is None else known_by(controller, loaded)
+        law = None if controller is None else read_controller(controller, loaded)
+        verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None)
+    pages.write(loaded, verified, steps, stood)
+    present(*found(steps, verified, stood), json)
+
+
+def stepped(controller: str, plant: Model, late: int, seed: int) -> Tracking:
+    """Step a controller and its rival."""
     import numpy as np
 
     from gimbal_pin.tracking import track as run
 
-    moving = platform != "none" or platform_log is not None
-    if not moving:
-        standing(controller, animation, steps)
-    loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
-    told, result, found, verified = [], {}, None, None
-    late = delay_samples if delay_samples is not None else 1 if controller is None else lateness(controller)
-    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
-    if controller is not None:
-        found = run(plant_of(model, loaded), rivals(controller, loaded), rng=np.random.default_rng(seed), delay=late)
-        told, result = [text.tracking(found, stood)], found.to_dict()
-    if moving:
-        from gimbal_pin.pointing.verify import Asked, verify
-
-        for option, value in (("--seconds", seconds), ("--seeds", seeds), ("--jobs", jobs)):
-            positive(option, value)
-        carrier = carried(loaded, "none", platform_log, map, 1.0, 0.0, 1e-3, seed)
-        asked = Asked(
-            plant=None if model is None else plant_of(model, loaded),
-            known=None if controller is None else known_by(controller, loaded),
-            law=None if controller is None else read_controller(controller, loaded),
-            recorded=carrier,
-            profile=platform == "S",
-            steps=steps,
-            size=platform_size,
-            names=None if controllers is None else tuple(controllers.split(",")),
-            log=None if learn is None else load_logs(rig, loaded.payload, [learn], map)[1][0],
-            find=find,
-            causes=tuple(effect),
-            seeds=seeds,
-            seconds=seconds,
-            jobs=jobs,
-            delay=late,
-            sweep=report is not None,
-        )
-        verified = verify(loaded, asked)
-        whole = verified.to_dict()
-        whole["experiments"] = [*result.get("experiments", ()), *whole.get("experiments", ())]
-        told, result = [*told, text.verified(verified)], {**result, **whole}
-    pages(loaded, verified, found, stood, plot, report, animation)
-    present("\n\n".join(told), {"schema": 1, "experiments": [], **result}, json)
+    return run(plant, rivals(controller, plant.rig), rng=np.random.default_rng(seed), delay=late)
 
 
-def standing(controller: str | None, animation: Path | None, steps: bool) -> None:
-    """Refuse what makes no sense without a platform that moves."""
-    motions = "--platform S, --platform-log FILE"
-    if controller is None:
-        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
-    if animation is not None:
-        raise UsageError("--animation", "has no platform to show", f"name a motion: {motions}")
-    if steps:
-        raise UsageError("--steps", "goes with a motion; a controller's own steps are run anyway", "give --platform S")
-
-
-def pages(
-    rig: Rig,
-    held: Verified | None,
-    steps: Tracking | None,
-    plant: str,
-    plot: Path | None,
-    report: Path | None,
-    animation: Path | None,
-) -> None:
-    """Write the pictures and pages that were asked for."""
-    from gimbal_pin.io.files import atomic_write, replacing
-    from gimbal_pin.pointing.chart import chart
-    from gimbal_pin.report.carried import carried as whole
-    from gimbal_pin.report.carried import moving
-
-    if plot is not None and held is not None:
-        with replacing(plot) as temporary:
-            chart(held.contest).savefig(temporary)
-    if report is not None:
-        atomic_write(report, whole(rig, held, steps, plant))
-    if animation is not None and held is not None:
-        atomic_write(animation, moving(rig, held))
+def found(steps: Tracking | None, held: Verified | None, plant: str) -> tuple[str, dict[str, Any]]:
+    """Return what is told and what JSON holds (CONTRACT, `track`)."""
+    told = [] if steps is None else [text.tracking(steps, plant)]
+    told += [] if held is None else [text.verified(held)]
+    own = {} if steps is None else steps.to_dict()
+    more = {} if held is None else held.to_dict()
+    experiments = [*own.get("experiments", ()), *more.get("experiments", ())]
+    return "\n\n".join(told), {"schema": 1, **own, **more, "experiments": experiments}
 
 
 def known_by(name: str, rig: Rig) -> Model:

@@ -18,7 +18,7 @@ class Carried(NamedTuple):
     """
 
     f: Sequence[float] | Array
-    w: Sequence[float] | Array
+    w: Array
     dw: Sequence[float] | Array
 
 

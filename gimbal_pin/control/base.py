@@ -98,7 +98,8 @@ class Outer:
 
     def clipped(self, torque: Sequence[float]) -> list[float]:
         """Return the torques cut to the limits, N m."""
-        return [max(-limit, min(limit, tau)) for tau, limit in zip(torque, self.limits)]
+        rows = zip(torque, self.limits)
+        return [-limit if tau < -limit else limit if tau > limit else tau for tau, limit in rows]
 
 
 def approach(kd: float, error: float, knee: float, braking: float) -> float:

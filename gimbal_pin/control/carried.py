@@ -21,6 +21,7 @@ from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 
+rnea = pin.rnea
 PAID = 0.01
 """Time constant with which torque that a limit took off is forgotten, s, where it is not made up for."""
 MOST = 1.0
@@ -159,7 +160,7 @@ class CarriedTorque:
 def share(rate: float, change: float) -> float:
     """Mean of ``sign(q̇)`` over a hold in whose middle the rate is `rate` and over half of which it changes so much."""
     size = abs(change) or 1e-9
-    return max(-1.0, min(1.0, rate / size))
+    return 1.0 if rate > size else -1.0 if rate < -size else rate / size
 
 
 class Workspace:
@@ -181,7 +182,7 @@ class Workspace:
         """Rigid torque with the joints accelerating by y, rad/s², N m."""
         self.angles[:], self.joints[:], self.driven[:] = there.q, there.v, y
         self.force[:], self.turning[:], self.swing[:] = there.base
-        torque: list[float] = pin.rnea(self.pin, self.data, self.q, self.v, self.a)[6:].tolist()
+        torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.a).tolist()[6:]
         return torque
 
     def inertia(self, q: Array) -> list[float]:

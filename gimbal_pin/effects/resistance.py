@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from gimbal_pin.effects.base import Sample, Term
+from gimbal_pin.effects.base import AMBIENT, Sample, Term
 from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
+sampled = partial(tuple.__new__, Sample)
+"""A `Sample` of its eight entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
 class Resistance:
@@ -56,23 +59,25 @@ class Resistance:
         held = [term.effect.scan(q[:, j]) for j, term in self.keeping]
         return np.stack(held, axis=1) if held else np.zeros((len(q), 0))
 
-    def others(
+    def net(
         self,
+        left: Sequence[float],
         t: float,
         q: Sequence[float],
         v: Sequence[float],
         slide: Sequence[float],
         tau: Sequence[float],
         memory: Memory,
-    ) -> list[tuple[int, float]]:
-        """Joint and torque, N m, of all that is not affine, given the memory at this stage."""
-        found = []
+    ) -> list[float]:
+        """Torque that the terms leave, N m, of `left` (see there), given the memory at this stage."""
+        out = [rest - c * rate for rest, c, rate in zip(left, self.per_rate, v)]
         for j, torques in self.torques:
-            at, out = Sample(t, q[j], v[j], 0.0, slide[j], tau[j]), 0.0
+            taken = 0.0
             for torque, slot in torques:
-                out += float(torque(at if slot is None else at._replace(memory=memory[slot])))
-            found.append((j, out))
-        return found
+                held = None if slot is None else memory[slot]
+                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], AMBIENT, held))))
+            out[j] -= taken
+        return out
 
     def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""

@@ -13,13 +13,14 @@ import pinocchio as pin
 
 from gimbal_pin.log import Array
 
+exp3, log3 = pin.exp3, pin.log3
+
 
 class Fused(NamedTuple):
     """What fusion remembers, one entry per other gyro.
 
     Attributes:
-        attitudes: Attitudes in the world at the last comparison, each integrated from its own gyro, (3, 3).
-        turned: Turns since then, rad, (L, 3).
+        attitudes: Attitudes in the world, each integrated from its own gyro, (3, 3).
         rates: Rates at the last sample, rad/s, (L, 3).
         gaps: What they make of the camera's attitude less what its own gyro makes of it, smoothed, rad, (L, 3).
         turn: What to turn the camera's attitude by, rad, (3,).
@@ -27,7 +28,6 @@ class Fused(NamedTuple):
     """
 
     attitudes: tuple[Array, ...]
-    turned: Array
     rates: Array
     gaps: Array
     turn: Array
@@ -37,16 +37,13 @@ class Fused(NamedTuple):
     def begun(attitudes: Sequence[Array], rates: Array) -> Fused:
         """Memory for attitudes that are known, where the gyros read `rates`, rad/s, (L, 3)."""
         still, zero = np.zeros_like(rates), np.zeros(3)
-        return Fused(tuple(attitudes), still, rates, still, zero, zero)
+        return Fused(tuple(attitudes), rates, still, zero, zero)
 
     def on(self, rates: Array, elapsed: float) -> Fused:
         """Return the memory after a sample."""
-        turned = self.turned + (self.rates + rates) * (elapsed / 2)
-        return Fused(self.attitudes, turned, rates, self.gaps, self.turn, self.rate)
-
-    def attitude(self, k: int) -> Array:
-        """Attitude that the k-th gyro gives, (3, 3)."""
-        return np.asarray(self.attitudes[k].dot(pin.exp3(self.turned[k])))
+        turns = (self.rates + rates) * (elapsed / 2)
+        attitudes = tuple([R.dot(exp3(turn)) for R, turn in zip(self.attitudes, turns)])
+        return Fused(attitudes, rates, self.gaps, self.turn, self.rate)
 
 
 @dataclass(frozen=True)
@@ -81,10 +78,8 @@ class Fusion:
             camera: Attitude that the camera's own gyro gives, (3, 3).
             between: Attitude of the camera in each other gyro's link, (3, 3).
         """
-        own, count = camera.T, len(memory.attitudes)
-        attitudes = tuple([memory.attitude(k) for k in range(count)])
-        seen = np.array([pin.log3(own.dot(R.dot(to))) for R, to in zip(attitudes, between)])
-        changes = self.gain * (seen - memory.gaps)
-        gaps = memory.gaps + changes
-        turn, rate = np.add.reduce(gaps) / (count + 1), np.add.reduce(changes) / ((count + 1) * self.dt)
-        return Fused(attitudes, np.zeros((count, 3)), memory.rates, gaps, turn, rate)
+        own = camera.T
+        seen = np.array([log3(own.dot(R.dot(to))) for R, to in zip(memory.attitudes, between)])
+        gaps = memory.gaps + self.gain * (seen - memory.gaps)
+        turn = np.add.reduce(gaps) / (len(gaps) + 1)
+        return Fused(memory.attitudes, memory.rates, gaps, turn, (turn - memory.turn) / self.dt)

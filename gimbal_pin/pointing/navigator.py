@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.seen import Seen
 from gimbal_pin.pointing.sight import Sight, View
 
+exp3, log3 = pin.exp3, pin.log3
 ErrorFrom = Literal["camera", "platform"]
 """Whose gyro tells the attitude: the camera's own, or the platform's with the encoders between."""
 
@@ -60,7 +61,7 @@ class Fix(NamedTuple):
 class Navigator:
     """Inverse kinematics of a fixed attitude from what the sensors say.
 
-    ``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = J⁻¹ log(Rᵀ R_d)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė``, and
+    ``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = -J⁻¹ log(R_dᵀ R)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė = -J⁻¹ Rᵀ ω``, and
     ``q̈_d = -J⁻¹ α(q, q̇_d, ω, ω̇)`` with α the camera's angular acceleration while the joints do not accelerate.
 
     Attributes:
@@ -83,6 +84,11 @@ class Navigator:
     oracle: bool = False
     fusion: Fusion | None = None
 
+    @cached_property
+    def towards(self) -> Array:
+        """R_dᵀ, (3, 3)."""
+        return np.ascontiguousarray(self.wanted.T)
+
     def start(self, seen: Seen, camera: Array, base: Array) -> Known:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
         own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
@@ -96,15 +102,15 @@ class Navigator:
         """
         elapsed, lead = seen.t - known.t, self.forecast.leads[0]
         turning = seen.gyro if self.source == "camera" else seen.w
-        R = known.R.dot(pin.exp3((known.turning + turning) * (elapsed / 2)))
+        R = known.R.dot(exp3((known.turning + turning) * (elapsed / 2)))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
-        v = view.inverse.dot((seen.gyro - seen.w.dot(view.R))[self.sight.rows])
+        against, carries = view.against, seen.w.dot(view.R)
+        v = against.dot(carries - seen.gyro)
         R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
-        error = view.inverse.dot(self.sight.error(actual, self.wanted))
-        drop = view.inverse.dot((seen.gyro + rate)[self.sight.rows])
+        error = against.dot(log3(self.towards.dot(actual)))
         past = self.forecast.step(known.past, seen.w, seen.f)
         ahead = self.ahead(seen, view, v, past)
-        aim = Aim(seen.q + error, v - drop, ahead[0].a, ahead)
+        aim = Aim(seen.q + error, against.dot(carries + rate), ahead[0].a, ahead)
         return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
 
     def attitude(
@@ -118,7 +124,7 @@ class Navigator:
             R, fused = self.unfused(R, seen, fused, doubtful)
             return R, R, 0.0, fused
         fused = self.fusion.compared(fused, R, self.sight.between(seen.q))
-        return R, R.dot(pin.exp3(fused.turn)), fused.rate, fused
+        return R, R.dot(exp3(fused.turn)), fused.rate, fused
 
     def unfused(self, R: Array, seen: Seen, fused: Fused, doubtful: frozenset[str]) -> tuple[Array, Fused]:
         """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
@@ -126,7 +132,7 @@ class Navigator:
         Without the camera's gyro its attitude is the platform's with the encoders between; without the platform's it
         is the other way round, and fusion begins anew.
         """
-        base, between = fused.attitude(0), self.sight.between(seen.q)
+        base, between = fused.attitudes[0], self.sight.between(seen.q)
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
             return base @ between[0], begun(base, between, seen)
         anew = R @ between[0].T if "w" in doubtful and "q" not in doubtful else base
@@ -150,11 +156,10 @@ class Navigator:
 
     def wished(self, q: Array, view: View, base: Carried) -> Ahead:
         """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""
-        against = -view.inverse
-        v = against.dot(np.asarray(base.w).dot(view.R)[self.sight.rows])
+        v = view.against.dot(base.w.dot(view.R))
         if not self.accelerates:
             return Ahead(q, v, np.zeros_like(q), base)
-        return Ahead(q, v, against.dot(self.sight.drift(q, v, base.w, base.dw)), base)
+        return Ahead(q, v, view.against.dot(self.sight.drift(q, v, base.w, base.dw)), base)
 
 
 def begun(base: Array, between: tuple[Array, ...], seen: Seen) -> Fused:
@@ -173,6 +178,6 @@ def attitude(yaw: float, pitch: float, roll: float = 0.0) -> Array:
     return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, yaw))
 
 
-def carried(row: Sequence[float]) -> Carried:
+def carried(row: Array) -> Carried:
     """Return a platform's motion from its rate, specific force and angular acceleration in one row, (9,)."""
     return Carried(row[3:6], row[:3], row[6:9])

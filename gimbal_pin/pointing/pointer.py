@@ -110,7 +110,7 @@ class Pointer:
     def told(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
         """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
         sizes = [abs(torque) for torque in tau.tolist()]
-        # A law clips, and Python's clipping makes a limit of what is no number: so what went in is looked at, too.
+        # A law clips, and clipping may make a limit of what is no number: so what went in is looked at, too.
         finite = isfinite(sum(sizes) + fix.aim.q.dot(fix.aim.a))
         at_limit = list(map(ge, sizes, self.limits))
         if finite and not any(at_limit) and not before.limited and fix.steep == before.steep:

@@ -147,7 +147,7 @@ def ready(sensed: Sensed, base: Array, wanted: Array) -> State:
     sight = sensed.sight
     q = sight.reached(base, wanted, sight.home)
     view = sight.view(q)
-    return State(q, -view.inverse @ (view.R.T @ sensed.w[0])[sight.rows])
+    return State(q, view.against @ view.R.T @ sensed.w[0])
 
 
 def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:

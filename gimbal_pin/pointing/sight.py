@@ -12,6 +12,15 @@ import pinocchio as pin
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
 
+# Looked up once, as they run several times a sample.
+LOCAL = pin.LOCAL
+joint_jacobians, frame_jacobian, moved, placed = (
+    pin.computeJointJacobians,
+    pin.getFrameJacobian,
+    pin.forwardKinematics,
+    pin.updateFramePlacement,
+)
+frame_velocity, frame_acceleration = pin.getFrameVelocity, pin.getFrameAcceleration
 STEEP = 4.0
 """Largest entry of the Jacobian's inverse that is believed: beyond it (roll past 75° with three axes) it is damped."""
 DAMPING = 1 / (2 * STEEP)
@@ -27,13 +36,15 @@ class View(NamedTuple):
     Attributes:
         R: Its attitude in the base link, (3, 3).
         J: Jacobian of its rate in its own frame, the rows that the rig can command, (m, n).
-        inverse: J's inverse, damped where J is near singular, (n, m).
+        inverse: J's inverse, damped where J is near singular, with nothing for a row that J lacks, (n, 3).
+        against: Its negative: rates of the joints that undo a turn of the camera, (n, 3).
         steep: Whether it was damped.
     """
 
     R: Array
     J: Array
     inverse: Array
+    against: Array
     steep: bool
 
 
@@ -56,41 +67,43 @@ class Sight:
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
-        pin.computeJointJacobians(self.fixed, self.own, q)
-        R = pin.updateFramePlacement(self.fixed, self.own, self.there).rotation.copy()
-        J = pin.getFrameJacobian(self.fixed, self.own, self.there, pin.LOCAL)[self.commanded]
+        joint_jacobians(self.fixed, self.own, q)
+        R = placed(self.fixed, self.own, self.there).rotation.copy()
+        J = frame_jacobian(self.fixed, self.own, self.there, LOCAL)[self.commanded]
         inverse, steep = inverted(J)
-        return View(R, J, inverse, steep)
+        if self.rows.start:
+            inverse = np.hstack([np.zeros((len(inverse), self.rows.start)), inverse])
+        return View(R, J, inverse, -inverse, steep)
 
     def attitude(self, q: Array) -> Array:
         """Return the camera's attitude in the base link, (3, 3)."""
-        pin.forwardKinematics(self.fixed, self.own, q)
-        return np.array(pin.updateFramePlacement(self.fixed, self.own, self.there).rotation)
+        moved(self.fixed, self.own, q)
+        R: Array = placed(self.fixed, self.own, self.there).rotation.copy()
+        return R
 
     def between(self, q: Array) -> tuple[Array, ...]:
         """Return the camera's attitude in the base link, and in every link between that has a gyro, (3, 3) each."""
         camera = self.attitude(q)
-        placed = [pin.updateFramePlacement(self.fixed, self.own, frame).rotation for frame in self.betweens]
-        return (camera, *[R.T.dot(camera) for R in placed])
+        return (camera, *[placed(self.fixed, self.own, frame).rotation.T.dot(camera) for frame in self.betweens])
 
     def rates(self, q: Array, v: Array, w: Array) -> Array:
         """Rates of the camera and of every link between that has a gyro, each in its frame, rad/s, (3 + 3 L,)."""
         camera = self.rate(q, v, w)
-        told = [pin.getFrameVelocity(self.model, self.data, frame, pin.LOCAL).angular for frame in self.moved]
+        told = [frame_velocity(self.model, self.data, frame, LOCAL).angular for frame in self.moved]
         return np.concatenate([camera, *told]) if told else camera
 
     def drift(self, q: Array, v: Array, w: Sequence[float] | Array, dw: Sequence[float] | Array) -> Array:
-        """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (m,)."""
+        """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (3,)."""
         self.angles[:], self.joints[:], self.turning[:], self.swing[:] = q, v, w, dw
-        pin.forwardKinematics(self.model, self.data, self.q, self.v, self.a)
-        acceleration = pin.getFrameAcceleration(self.model, self.data, self.frame, pin.LOCAL).angular
-        return np.asarray(acceleration[self.rows])
+        moved(self.model, self.data, self.q, self.v, self.a)
+        found: Array = frame_acceleration(self.model, self.data, self.frame, LOCAL).angular
+        return found
 
     def rate(self, q: Array, v: Array, w: Sequence[float] | Array) -> Array:
         """Camera's angular rate in its own frame, rad/s, (3,): what a gyro beside it reports."""
         self.angles[:], self.joints[:], self.turning[:] = q, v, w
-        pin.forwardKinematics(self.model, self.data, self.q, self.v)
-        return np.array(pin.getFrameVelocity(self.model, self.data, self.frame, pin.LOCAL).angular)
+        moved(self.model, self.data, self.q, self.v)
+        return np.array(frame_velocity(self.model, self.data, self.frame, LOCAL).angular)
 
     def attitudes(self, q: Array) -> Array:
         """Attitudes in the base link at many angles, (N, n) → (N, 3, 3)."""
@@ -100,7 +113,7 @@ class Sight:
         return out
 
     def error(self, actual: Array, wanted: Array) -> Array:
-        """``log(Rᵀ R_d)``: the turn that is left, in the camera's frame, rad, (m,)."""
+        """``log(Rᵀ R_d)``: the turn that is left, in the camera's frame, rad, as far as the rig commands it, (m,)."""
         return np.asarray(pin.log3(actual.T.dot(wanted))[self.rows])
 
     def reached(self, base: Array, wanted: Array, start: Array) -> Array:
@@ -111,7 +124,7 @@ class Sight:
             left = self.error(base @ view.R, wanted)
             if float(np.abs(left).max()) < REACHED:
                 break
-            step = view.inverse @ left
+            step = view.inverse[:, self.rows] @ left
             q = q + step * min(1.0, STRIDE / max(float(np.abs(step).max()), 1e-12))
         return q
 

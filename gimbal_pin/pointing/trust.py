@@ -92,6 +92,6 @@ def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:
     for R, w, dw in zip(rotations(np.asarray(platform.quat)), platform.w, platform.dw):
         q = sight.reached(R, wanted, q)
         view = sight.view(q)
-        v = -view.inverse @ (view.R.T @ w)[sight.rows]
-        rows.append((q, v, -view.inverse @ sight.drift(q, v, w, dw)))
+        v = view.against @ (view.R.T @ w)
+        rows.append((q, v, view.against @ sight.drift(q, v, w, dw)))
     return Motion(platform.t, *(np.array(x) for x in zip(*rows)))

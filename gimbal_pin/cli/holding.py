@@ -1,0 +1,172 @@
+"""``gimbal-pin track --platform``: options of a camera that is held on a platform that moves, and its pages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import UseAppendAction, arg
+
+from gimbal_pin.cli.inputs import carried, load_logs, positive
+from gimbal_pin.cli.options import Effects, PlatformSize
+from gimbal_pin.errors import UsageError
+
+if TYPE_CHECKING:
+    from gimbal_pin.log import Log
+    from gimbal_pin.model import Model
+    from gimbal_pin.pointing import Verified
+    from gimbal_pin.rig import Rig
+    from gimbal_pin.tracking import Tracking
+    from gimbal_pin.tuning import Law
+
+MOTIONS = "--platform S, --platform-log FILE"
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Options of a camera that is held still."""
+
+    platform: Annotated[
+        Literal["none", "S"], arg(help="hold the camera still on a platform that moves along profile S")
+    ] = "none"
+    platform_log: Annotated[
+        Path | None,
+        arg(
+            metavar="FILE",
+            help="and, or, along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz",
+            help_behavior_hint="",
+        ),
+    ] = None
+    platform_size: PlatformSize = 1.0
+    map: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(
+            metavar="COLUMN=SOURCE",
+            help="columns of --platform-log, of --learn where that is the only log: gyro_base_x=gx*pi/180, t=time, or "
+            "a YAML file of these; repeatable",
+        ),
+    ] = ()
+    learn_map: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(metavar="COLUMN=SOURCE", help="columns of --learn, beside a --platform-log that has its own"),
+    ] = ()
+    steps: Annotated[
+        bool, arg(help="step the thesis's angles beside that, with every law that a base at rest tells apart")
+    ] = False
+    controllers: Annotated[
+        str | None,
+        arg(metavar="NAME,…", help="which controllers meet the platform", help_behavior_hint="(default: all)"),
+    ] = None
+    learn: Annotated[
+        str | None,
+        arg(
+            metavar="LOG",
+            help="a log of the rig on a shaken platform: model and the platform's spectrum come from it",
+            help_behavior_hint="(default: one is simulated, 60 s)",
+        ),
+    ] = None
+    find: Annotated[bool, arg(help="let diagnose look for causes in that log, and compensate them")] = False
+    effect: Effects = ()
+    seeds: Annotated[int, arg(help="runs on a platform, each with its own motion and noise")] = 5
+    seconds: Annotated[float, arg(help="length of each of these runs, s")] = 30.0
+    jobs: Annotated[int, arg(help="processes that share these runs")] = 1
+
+    @property
+    def moving(self) -> bool:
+        """Whether the platform moves."""
+        return self.platform != "none" or self.platform_log is not None
+
+    def check(self) -> None:
+        """Raise `UsageError` for what does not go together."""
+        if not self.moving and self.steps:
+            raise UsageError(
+                "--steps", "goes with a motion; a controller's own steps are run anyway", f"give {MOTIONS}"
+            )
+        if self.learn_map and self.learn is None:
+            raise UsageError("--learn-map", "has no log to map", "name it with --learn LOG")
+        for option, value in (("--seconds", self.seconds), ("--seeds", self.seeds), ("--jobs", self.jobs)):
+            positive(option, value)
+
+    def taught(self, rig: str, payload: str | None) -> Log | None:
+        """Return the log that teaches, if one is named."""
+        if self.learn is None:
+            return None
+        own: Sequence[str] = self.learn_map or (() if self.platform_log is not None else self.map)
+        return load_logs(rig, payload, [self.learn], own)[1][0]
+
+    def verified(
+        self,
+        rig: Rig,
+        plant: Model | None,
+        known: Model | None,
+        law: Law | None,
+        log: Log | None,
+        late: int,
+        sweep: bool,
+    ) -> Verified:
+        """Hold the camera, and judge it; what is given beside the rig is what `Asked` calls so, `late` its delay."""
+        from gimbal_pin.pointing.verify import Asked, verify
+
+        asked = Asked(
+            plant=plant,
+            known=known,
+            law=law,
+            log=log,
+            recorded=carried(rig, "none", self.platform_log, self.map, 1.0, 0.0, 1e-3, 0),
+            profile=self.platform == "S",
+            steps=self.steps,
+            size=self.platform_size,
+            names=None if self.controllers is None else tuple(self.controllers.split(",")),
+            find=self.find,
+            causes=tuple(self.effect),
+            seeds=self.seeds,
+            seconds=self.seconds,
+            jobs=self.jobs,
+            delay=late,
+            sweep=sweep,
+        )
+        return verify(rig, asked)
+
+
+@dataclass(frozen=True)
+class Pages:
+    """Pictures and pages that are asked for."""
+
+    plot: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
+    ] = None
+    report: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="write a report: what the camera sees, errors, torque", help_behavior_hint=""),
+    ] = None
+    animation: Annotated[
+        Path | None,
+        arg(metavar="FILE", help="write the rig on its platform as an offline page", help_behavior_hint=""),
+    ] = None
+
+    def check(self, moving: bool) -> None:
+        """Raise `UsageError` for a picture of a platform that stands."""
+        for option, path in (("--animation", self.animation), ("--plot", self.plot)):
+            if path is not None and not moving:
+                raise UsageError(option, "has no platform to show", f"name a motion: {MOTIONS}")
+
+    def write(self, rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> None:
+        """Write them."""
+        from gimbal_pin.io.files import atomic_write, replacing
+        from gimbal_pin.pointing.chart import chart
+        from gimbal_pin.report.carried import carried as whole
+        from gimbal_pin.report.carried import moving
+
+        if self.plot is not None and held is not None:
+            with replacing(self.plot) as temporary:
+                chart(held.contest).savefig(temporary)
+        if self.report is not None:
+            atomic_write(self.report, whole(rig, held, steps, plant))
+        if self.animation is not None and held is not None:
+            atomic_write(self.animation, moving(rig, held))
+
+
+STILL, NO_PAGES = Holding(), Pages()
