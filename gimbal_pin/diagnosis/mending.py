@@ -21,10 +21,10 @@ from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
-PART = 0.25
-"""Gain over that of another cause, up to which a cause may be what the other's form lacks: half its size."""
-KEPT = 0.1
-"""Share of its gain that a cause must keep beside any mixture of the other's forms."""
+PART = 0.05
+"""Gain over that of another cause, up to which a cause may be what the other's form lacks: a fifth of its size."""
+KEPT = 0.03
+"""Share of its gain that a cause of its own keeps beside any mixture of the other's forms, which are few and smooth."""
 
 
 def mended(state: State, shelf: Library) -> dict[Cause, Cause]:

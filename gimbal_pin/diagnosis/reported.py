@@ -61,7 +61,7 @@ def reported(
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
-        untestable=hidden,
+        untestable=(*hidden, *verdict.half_hidden(found.first, found.shelf)),
         detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
         alignment=hold,
         baseline=baseline,
