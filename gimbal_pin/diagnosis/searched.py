@@ -67,9 +67,10 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
     state = polished(state, step=FINE)
-    doubtful = tuple(cause for cause in state.causes if verdict.doubtful(first, state, cause))
-    residual = left_over(state, doubtful, rng)
     final = believed(first, state)
+    lost = [cause for cause in state.causes if cause not in final.causes]
+    doubtful = tuple(c for c in lost if verdict.doubtful(first, state, c) or not verdict.minor(state, c))
+    residual = left_over(state, doubtful, rng)
     return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
 
 
