@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from gimbal_pin.calibration import Mounting
     from gimbal_pin.checking import Checked
     from gimbal_pin.diagnosis import Diagnosis
+    from gimbal_pin.diagnosis.finding import Finding
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.identification import Accuracy, Identified
     from gimbal_pin.online import Progress
@@ -143,6 +144,7 @@ def identified(found: Identified) -> str:
     return "\n".join(parts)
 
 
+LIMIT = "(what would be found goes with the motion all log long; noise averages out over it, and may be larger)"
 HEADS = ("parameter", "value", "± 95 %", "± % of it", "unit", "URDF", "off by, std")
 
 
@@ -252,6 +254,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
             lines.append(
                 f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}"
             )
+            lines += [f"  {line}" for line in worse(finding)]
         figures = [
             f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
         ]
@@ -272,6 +275,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+        lines += [LIMIT] if any(left.state == "noise" for left in found.residual.values()) else []
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
@@ -279,6 +283,18 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def worse(finding: Finding) -> list[str]:
+    """Why rivals that explain less on these logs are not ruled out."""
+    from gimbal_pin.diagnosis.verdict import APART
+
+    apart = (rival for rival in finding.rivals if rival.cause in finding.alike and rival.z > APART)
+    rows = [f"{rival.cause} by {number(rival.z, 2)} deviations" for rival in apart]
+    reason = "yet they add nearly the same torque here (correlation over 0.95), and a formula that is a little off"
+    return (
+        [f"worse on these logs: {', '.join(rows)}; {reason} can make as much: not enough to name one"] if rows else []
+    )
 
 
 def tracking_gain(found: Diagnosis) -> list[str]:

@@ -27,7 +27,15 @@ def diagnose(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too."""
+    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too.
+
+    It looks for, of friction: stribeck, asymmetric-friction, load-dependent-friction, presliding,
+    position-dependent-friction, friction-drift, quadratic-drag; of motor and drive: cogging, torque-ripple,
+    torque-gain, torque-bias, actuator-lag, delay, saturation, dead-zone; of structure: cable-spring,
+    joint-flexibility, backlash, armature; of the rig: encoder-offset, base-tilt, platform-motion, and, where its YAML
+    says `inertia: trusted`, payload-shift, payload-mass, off-diagonal-inertia; of the data: acceleration-noise,
+    clock, commanded-torque, filtered-velocity, stuck-channel, outliers.
+    """
     import numpy as np
 
     from gimbal_pin.diagnosis import BAND, planned

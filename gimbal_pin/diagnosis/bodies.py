@@ -30,7 +30,9 @@ ENTER = 1e-4
 """Chance, over the whole list, from which a cause does not enter."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
-PASSES = 4
+PASSES = 8
+PARTS = (1.0, 0.5, 0.2, 0.05)
+"""Parts of a step that are tried: far from the given figures its slopes point too far."""
 FINER = (1.8, 1.35, 1.16, 1.08)
 """Factors by which a profiled size is refined in turn."""
 MOST = 4
@@ -179,19 +181,39 @@ class Bodies:
         slopes = [slope for kind in kinds if (slope := self.slope(kind)) is not None]
         gain, freedom = self.solver(slopes)
         values: list[Array] = [np.zeros(len(kind.free)) for kind in kinds]
-        response: Array = np.zeros(len(found.change))
+        start = self.made(kinds, values)
+        if start is None:
+            return None
+        response = start
         for _ in range(PASSES):
             step = np.split(gain @ (found.change - response), np.cumsum([len(x) for x in values])[:-1])
-            values = [x + dx for x, dx in zip(values, step)]
-            try:
-                response = self.response(altered(found.rig, kinds, values))[0]
-            except UsageError:
-                return None
+            better = self.nearer(kinds, values, step, self.cost(found.change - response))
+            if better is None:
+                break
+            values, response = better
         if not all(kind.at(x.tolist()).plausible(found.rig) for kind, x in zip(kinds, values)):
             return None
         freedom += sum(len(kind.sizes) for kind in kinds)
         cost = self.cost(found.change - response)
         return Fitted(tuple(kinds), tuple(values), gain @ found.covariance @ gain.T, response, cost, freedom)
+
+    def made(self, kinds: Sequence[Kind], values: Sequence[Array]) -> Array | None:
+        """Change in base parameters that kinds with these figures make, (b,); None where no body allows them."""
+        try:
+            return self.response(altered(self.found.rig, kinds, values))[0]
+        except UsageError:
+            return None
+
+    def nearer(
+        self, kinds: Sequence[Kind], values: Sequence[Array], step: Sequence[Array], cost: float
+    ) -> tuple[list[Array], Array] | None:
+        """Go a step, or a part of it, to where less is left; None where no part leaves less."""
+        for part in PARTS:
+            new = [x + part * dx for x, dx in zip(values, step)]
+            response = self.made(kinds, new)
+            if response is not None and self.cost(self.found.change - response) < cost:
+                return new, response
+        return None
 
     def best(self, rest: Sequence[Kind], kinds: Sequence[Kind]) -> Fitted | None:
         """Fit one of some forms of a cause beside others, the form that leaves least, its profiled sizes refined."""
@@ -254,9 +276,13 @@ def same(a: Kind, b: Kind) -> bool:
 
 
 def chance(less: Fitted, more: Fitted) -> float:
-    """Chance of the gain from one fit to a larger one if there is nothing."""
-    freedom = more.freedom - less.freedom
-    return float(chi2.sf(less.cost - more.cost, freedom)) if freedom > 0 else 1.0
+    """Chance of the gain from one fit to a larger one if there is nothing, in units of what the larger one leaves.
+
+    What no body explains, a gyro's bias or a clock, is far above the sensors' noise on a good log, and any cause
+    that is added takes up a part of it (quasi-likelihood: McCullagh and Nelder 1989, section 4.5).
+    """
+    freedom, left = more.freedom - less.freedom, max(len(more.response) - more.freedom, 1)
+    return float(chi2.sf((less.cost - more.cost) / max(1.0, more.cost / left), freedom)) if freedom > 0 else 1.0
 
 
 def net(less: Fitted, more: Fitted) -> float:

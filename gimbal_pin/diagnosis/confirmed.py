@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ STRAYED = 1.1
 """Error of the rollout with a cause over that without it, from which it makes the simulation worse."""
 STRANGE = 0.1
 """Share of a joint's held-out samples at angles that the training part never saw, from which they are left out."""
+CLEAR = 1.1
+"""Gain at the other angles from which it does not count that a cause loses by all of them."""
 ENOUGH = 0.2
 """Share of them that must be left to judge by."""
 
@@ -30,15 +33,16 @@ def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Sear
     """
     final, denied, known = found.final, list[Cause](), familiar(held, found.final.problem.evidence)
     while True:
-        best, lacking = figures(known, final)
-        rows = [(confirmation(best, one, held, cause), i) for i, (one, cause) in enumerate(zip(lacking, final.causes))]
-        ratio, weakest = min(rows, default=(np.inf, 0))
+        best, lacking = figures(held, final)
+        ratios = confirmations(best, lacking, held, final)
+        if known is not held:
+            inside = confirmations(*figures(known, final), held, final)
+            ratios = [own if own > CLEAR or all_ >= 1.0 else 0.0 for own, all_ in zip(inside, ratios)]
+        ratio, weakest = min(((x, i) for i, x in enumerate(ratios)), default=(np.inf, 0))
         if ratio > CONFIRMED:
             break
         denied.append(final.causes[weakest])
         final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
-    if known is not held:
-        best, lacking = figures(held, final)
     found = found._replace(final=final, denied=tuple(denied), best=best, lacking=tuple(lacking))
     if not denied:
         return found
@@ -69,6 +73,11 @@ def spared(part: Part, strange: Flags) -> Part:
     """A part without the samples flagged (m, n), and without rollouts over them."""
     lost = np.any(strange, axis=1) | (False if part.channels.lost is None else part.channels.lost)
     return part._replace(gate=part.gate * ~strange, channels=part.channels._replace(lost=lost))
+
+
+def confirmations(best: Figures, lacking: Sequence[Figures], held: Evidence, state: State) -> list[float]:
+    """Return `confirmation` for each cause of a state."""
+    return [confirmation(best, one, held, cause) for one, cause in zip(lacking, state.causes, strict=True)]
 
 
 def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:

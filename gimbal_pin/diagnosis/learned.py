@@ -24,6 +24,8 @@ LEARNT = 0.1
 """Share of the residual's power, in time not learned from, that must be predicted."""
 SEEN = 0.5
 """Root mean square of what is predicted under which it does not matter, in units of the noise floor."""
+DRAWS = 3
+"""Draws of the features of which each must predict it: what is there is found by any, what is luck by one."""
 WIDTH_OWN, WIDTH_ALL = 2.0, 3.0
 """How many standard deviations of its arguments a feature is wide: the more arguments, the wider."""
 
@@ -37,13 +39,18 @@ class Features(NamedTuple):
 
 def predictable(now: Fit, evidence: Evidence, torque: Sequence[Array], joint: int, rng: np.random.Generator) -> bool:
     """Whether one joint's residual is a function of its own motion, or of all joints'."""
-    left = power(now, joint) / max(float(evidence.used()[joint]), 1e-3)
+    least = max(LEARNT, SEEN**2 * max(float(evidence.used()[joint]), 1e-3) / power(now, joint))
     for alone, width in ((True, WIDTH_OWN), (False, WIDTH_ALL)):
-        columns = features(arguments(evidence, torque, joint, alone), width, rng)
-        share, null = explained(now, evidence.whiten(columns, joint), joint, rng)
-        if share > max(LEARNT, SEEN**2 / left) and share > np.max(null):
+        z = arguments(evidence, torque, joint, alone)
+        if all(learnt(now, evidence.whiten(features(z, width, rng), joint), joint, least, rng) for _ in range(DRAWS)):
             return True
     return False
+
+
+def learnt(now: Fit, white: Array, joint: int, least: float, rng: np.random.Generator) -> bool:
+    """Whether whitened features, (rows, f), predict more than some least share, and more than they do of any noise."""
+    share, null = explained(now, white, joint, rng)
+    return share > least and share > float(np.max(null))
 
 
 def power(now: Fit, joint: int) -> float:

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit
 from gimbal_pin.diagnosis.learned import predictable
-from gimbal_pin.diagnosis.noiselike import peaked, rare, shared
+from gimbal_pin.diagnosis.noiselike import peaked, rare, shared, uneven
 from gimbal_pin.diagnosis.score import flipped, score
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Array
@@ -24,15 +24,18 @@ HATS = 7
 """Hats over each variable."""
 RESONANCES = (2.0, 4.0, 6.0, 9.0)
 """Resonators that the torque is sent through, Hz."""
-SURE = 0.002
-"""Chance of calling a joint's noise structured by any of its patterns."""
+SURE = 0.001
+"""Chance of calling the noise of any of a log's joints structured by any of its patterns."""
 FLIPS = 999
 SEEN = 0.3
 """Size under which structure does not matter, in units of what is left, or of the noise floor where that is more."""
 MUCH = 4.0
 """Dispersion from which what is left must be like noise, too, not only without pattern."""
 NOISY = 40.0
-"""Dispersion that no sensor's coloured noise explains."""
+"""Dispersion from which what is left must be as small and as even as the slow noise of a torque sensor."""
+ACCURATE = 0.02
+"""Share of a joint's torque, rms, up to which such noise goes: what current sensors promise of gain and offset.
+Third differences of the torque, by which its noise is told, see nothing of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +86,26 @@ def place(state: State, joint: int, rng: np.random.Generator) -> str:
         return "over the motion"
     if dispersion > MUCH and (where := unlike_noise(state, joint)):
         return where
-    return "everywhere" if dispersion > NOISY else ""
+    return "everywhere" if dispersion > NOISY and foreign(state, joint) else ""
+
+
+def foreign(state: State, joint: int) -> bool:
+    """Whether what is left is more than a torque sensor's slow noise can be, or less even."""
+    evidence = state.problem.evidence
+    left = evidence.noise_floor(joint) * np.sqrt(state.fit.dispersion[joint])
+    torque = np.concatenate(evidence.torque)[:, joint]
+    return bool(left > ACCURATE * np.sqrt(np.mean(torque**2))) or uneven(pieces(state, joint), gates(evidence, joint))
+
+
+def gates(evidence: Evidence, joint: int) -> list[Array]:
+    """How far one joint's gate is open at every row, one array per part."""
+    return [part.gate[np.arange(part.rows) * len(part.gate) // part.rows, joint] for part in evidence.parts]
 
 
 def concentrated(now: Fit, library: list[Pattern], joint: int, rng: np.random.Generator) -> str:
     """The pattern that one joint's residual shows most, or ""."""
-    limit = min(float(np.quantile(flipped(now, library, rng, FLIPS), SURE)), SURE / max(len(library), 1))
+    sure = SURE / len(now.scale)
+    limit = min(float(np.quantile(flipped(now, library, rng, FLIPS), sure)), sure / max(len(library), 1))
     rows = [(score(now, pattern, False), pattern) for pattern in library]
     least = SEEN * float(np.sqrt(max(now.dispersion[joint], 1.0)))
     found = [(s.gain, pattern.where) for s, pattern in rows if s.p < limit and s.size[joint] > least]

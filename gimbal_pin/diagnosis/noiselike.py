@@ -16,6 +16,10 @@ from gimbal_pin.log import Array
 
 RARE = 10.0
 """Excess kurtosis that no sensor's noise has: what is left comes in few moments."""
+UNEVEN = 2.0
+"""Excess kurtosis that no even noise has, however slow, over the hundred rows or more of a log."""
+OPEN = 0.9
+"""Weight of a row from which it counts there: rows that fade to nothing would look like moments of silence."""
 PEAKED = 4.5
 """How far the mean of a spectrum over what its medians promise is above one if it holds lines, over that of a noise
 at so many frequencies: one in ten thousand noises has as much."""
@@ -46,6 +50,12 @@ def flattened(pieces: Sequence[Array]) -> list[Array]:
 def rare(pieces: Sequence[Array]) -> bool:
     """Whether a residual, one array per stretch, comes in few moments."""
     return float(kurtosis(np.concatenate(flattened(pieces)))) > RARE
+
+
+def uneven(pieces: Sequence[Array], gates: Sequence[Array]) -> bool:
+    """Whether a residual swells and fades where its gate is open, one array of each per stretch, as it stands."""
+    every = np.concatenate(list(pieces))[np.concatenate(list(gates)) > OPEN]
+    return len(every) >= FEWEST and float(kurtosis(every)) > UNEVEN
 
 
 def peaked(pieces: Sequence[Array]) -> bool:

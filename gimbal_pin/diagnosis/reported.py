@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 from scipy.stats import norm
@@ -18,6 +19,7 @@ from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable
 from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
+from gimbal_pin.diagnosis.mending import mended
 from gimbal_pin.diagnosis.platform_motion import Ridden
 from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
 from gimbal_pin.diagnosis.state import State, width
@@ -46,18 +48,20 @@ def reported(
     before, after = extended(found.first), extended(found.final)
     baseline = measured(held, before)
     hidden = verdict.untestable(found.first, found.shelf)
-    rows = zip(found.final.causes, found.lacking, strict=True)
+    mends = mended(found.final, found.shelf)
+    rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
+    said = [*map(denial, found.denied), *starmap(mending, mends.items())]
     each = combined([finding(found, *row, held, baseline, hidden, rng) for row in rows])
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
         verdict=verdict.overall([one.status for one in each], found.residual),
         faults=tuple(fault for one in audits for fault in one.faults),
-        notes=(*(note for one in audits for note in one.notes), *map(denial, found.denied)),
+        notes=(*(note for one in audits for note in one.notes), *said),
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
-        untestable=hidden,
+        untestable=(*hidden, *verdict.half_hidden(found.first, found.shelf)),
         detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
         alignment=hold,
         baseline=baseline,
@@ -67,7 +71,7 @@ def reported(
         held=held,
         state=found.final,
         tracking=followed(before, after, rng) if each else {},
-        likeness=tuple(likeness(found.final, cause, found.shelf) for cause in found.final.causes),
+        likeness=tuple(likeness(found.final, cause, found.shelf) for cause, _ in rows),
     )
 
 
@@ -99,6 +103,11 @@ def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Fi
 def denial(cause: Cause) -> str:
     """Say that the held-out part did not confirm a cause."""
     return f"{cause.place}: {cause.name} fits the part that was trained on and the held-out part does not confirm it"
+
+
+def mending(cause: Cause, other: Cause) -> str:
+    """Say that a cause in the extended model is there for another's form."""
+    return f"{cause.place}: {cause.name} only mends the form of {other.name}, which is none that the library has"
 
 
 def alignment(log: Log, filtering: Filtering) -> float:

@@ -67,11 +67,19 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
     state = polished(state, step=FINE)
-    doubtful = tuple(cause for cause in state.causes if verdict.doubtful(first, state, cause))
+    final = believed(first, state)
+    lost = [cause for cause in state.causes if cause not in final.causes]
+    doubtful = tuple(c for c in lost if verdict.doubtful(first, state, c) or not verdict.minor(state, c))
     residual = left_over(state, doubtful, rng)
-    trusted = [cause for cause in state.causes if cause not in doubtful and not verdict.minor(state, cause)]
-    final = state if len(trusted) == len(state.causes) else solved(problem, trusted, state)
     return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
+
+
+def believed(first: State, state: State) -> State:
+    """Leave out what deserves no trust, and then what deserves none without it, until all that is told does."""
+    trusted = [c for c in state.causes if not (verdict.doubtful(first, state, c) or verdict.minor(state, c))]
+    if len(trusted) == len(state.causes):
+        return state
+    return believed(first, solved(state.problem, trusted, state))
 
 
 def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:

@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight
 from gimbal_pin.diagnosis.given import TOLD, given
+from gimbal_pin.diagnosis.heavier import inertias
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
@@ -39,7 +40,9 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     """
     rig = state.problem.evidence.rig
     apart = Difference.of_fit(rig, state.problem.reduction, state.fit)
-    found = replace(found, given=given(apart))
+    q = np.concatenate([part.channels.q for part in state.problem.evidence.parts])
+    heavier = inertias(apart, q, [one for one in found.untestable if causes[one.cause].like_inertia])
+    found = replace(found, given=given(apart), notes=(*found.notes, *heavier))
     if rig.config.inertia != TRUSTED or found.held is None:
         return found
     bodies = Bodies(apart)

@@ -216,12 +216,26 @@ def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
 
 def untestable(state: State, shelf: Library) -> tuple[Untestable, ...]:
     """List causes all of whose columns the rigid model and friction explain."""
+    visible = shown(state, shelf.causes, shelf)
+    why = {cause.name: cause.hidden for cause in shelf.causes}
+    return tuple(Untestable(name, joint, why[name]) for (name, joint), left in visible.items() if left < HIDDEN)
+
+
+def half_hidden(state: State, shelf: Library) -> tuple[Untestable, ...]:
+    """List causes that show, but for what of them only other joints' torques can tell: here those do not."""
+    every, coupled = shown(state, shelf.causes, shelf), [cause for cause in shelf.causes if cause.coupled]
+    why = {cause.name: cause.hidden for cause in coupled}
+    found = shown(state, coupled, shelf).items()
+    return tuple(Untestable(*at, why[at[0]]) for at, left in found if left < HIDDEN <= every[at])
+
+
+def shown(state: State, causes: Sequence[Cause], shelf: Library) -> dict[tuple[str, str | None], float]:
+    """Name and joint → the largest share of a column's power that the rigid model and friction leave."""
     visible: dict[tuple[str, str | None], float] = {}
-    for cause in shelf.causes:
+    for cause in causes:
         key = (cause.name, cause.place if cause.of_joint else None)
         visible[key] = max(visible.get(key, 0.0), visibility(state.fit, shelf.of(cause, state)))
-    why = "the rigid model and friction explain all that it would add on this log"
-    return tuple(Untestable(name, joint, why) for (name, joint), left in visible.items() if left < HIDDEN)
+    return visible
 
 
 def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:

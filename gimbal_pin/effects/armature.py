@@ -18,6 +18,7 @@ class Armature(Effect):
 
     name: ClassVar[str] = "armature"
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("inertia", nan, "kg m^2", 0.0, inf),)
+    like_inertia: ClassVar[bool] = True
     experiment: ClassVar[str] = "fast accelerations of all axes together, at poses that couple them"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:

@@ -33,6 +33,10 @@ class Cause(ABC):
     """How a controller makes up for it."""
     of_joint: ClassVar[bool] = True
     """False for a cause of the whole rig, which has no `joint`."""
+    hidden: ClassVar[str] = "the rigid model and friction explain all that it would add on this log"
+    """Why a log does not show it where it does not."""
+    like_inertia: ClassVar[bool] = False
+    """True if an inertia about the joint's axis may stand for it."""
     of_given_model: ClassVar[bool] = False
     """True if it is a difference of the given URDF from the data: a refitted rigid model takes it up."""
 

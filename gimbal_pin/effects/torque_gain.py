@@ -33,6 +33,11 @@ class TorqueGain(Effect):
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("missing", nan, "1", -1.0, 0.95),)
     gain: ClassVar[Parameter] = Parameter("gain", nan, "1", 0.05, 2.0)
     loaded: ClassVar[bool] = True
+    hidden: ClassVar[str] = (
+        "the inertias that this joint moves scale as a gain in both directions would: only a known load, or fast "
+        "motion of all axes, tells them apart"
+    )
+    like_inertia: ClassVar[bool] = True
     experiment: ClassVar[str] = "all axes at once, with a known mass fixed at a known place"
     compensation: ClassVar[str] = "the command is divided by the gain; correct the torque constant"
 

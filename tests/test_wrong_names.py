@@ -1,0 +1,184 @@
+"""Laws against wrong names: what mends a form is no cause, slow noise is noise, a gain that cannot show is told."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from gimbal_pin import text
+from gimbal_pin.cli.diagnose import diagnose as verb
+from gimbal_pin.diagnosis import BAND, diagnose
+from gimbal_pin.diagnosis.audit import CHECKS
+from gimbal_pin.diagnosis.bodies import Bodies, chosen
+from gimbal_pin.diagnosis.difference import Difference
+from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.finding import Finding, Rival
+from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, judge
+from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
+from gimbal_pin.diagnosis.noiselike import uneven
+from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.effects.payload_shift import PayloadShift
+from gimbal_pin.effects.quadratic_drag import QuadraticDrag
+from gimbal_pin.effects.rig_effect import RigEffect
+from gimbal_pin.effects.stribeck import Stribeck
+from gimbal_pin.effects.torque_gain import TorqueGain
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import plant_with
+from tests.bench_logs import prescribed
+
+ALIGNED = replace(BAND, alignment=0.0)
+BODIES = {name: kind for name, kind in CAUSES.items() if issubclass(kind, RigEffect)}
+RNG = np.random.default_rng
+
+
+def recorded(rig: Rig, *planted: str, seed: int = 0) -> Log:
+    model = plant_with(nominal(rig), [parse_effect(one, rig) for one in planted]).plant
+    return prescribed(model, seed, seconds=16.0, torque_noise=2e-3, dt=2e-3)
+
+
+def fitted(rig: Rig, log: Log, *causes: Cause) -> State:
+    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig))
+    return solved(problem, causes, solved(problem, ()))
+
+
+def slow(rng: np.random.Generator, shape: tuple[int, ...], corner: float, dt: float) -> Array:
+    """First-order noise of unit size."""
+    keep = np.exp(-2 * np.pi * corner * dt)
+    path = lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], rng.normal(size=(shape[0] + 2000, *shape[1:])), axis=0)
+    return np.asarray(path[2000:])
+
+
+def noisy(log: Log, size: float, corner: float, seed: int) -> Log:
+    """A log with slow noise on its torque, of a size over the torque's own."""
+    assert log.tau is not None
+    level = size * np.sqrt(np.mean(log.tau**2, axis=0))
+    return replace(log, tau=log.tau + level * slow(RNG(seed), log.tau.shape, corner, log.dt))
+
+
+# what is left
+
+
+@pytest.mark.parametrize("corner", [0.7, 2.5, 6.0, 20.0])
+def test_slow_noise_of_a_torque_sensor_is_noise(corner: float) -> None:
+    """However far above what the torque's third differences show, if it is no larger than such a sensor's error."""
+    rig = Rig.load("thesis")
+    clean, most = recorded(rig), 0.0
+    for seed in range(2):
+        left = judge(fitted(rig, noisy(clean, 0.7 * ACCURATE, corner, seed)), RNG(seed))
+        assert [one.where for one in left] == [""] * rig.n
+        most = max(most, *(one.dispersion for one in left))
+    assert most > MUCH
+
+
+def test_more_than_a_torque_sensors_noise_is_not() -> None:
+    rig = Rig.load("thesis")
+    left = judge(fitted(rig, noisy(recorded(rig), 3 * ACCURATE, 2.5, 0)), RNG(0))
+    assert all(one.state == "structured" for one in left)
+
+
+def test_noise_that_swells_and_fades_is_no_sensors() -> None:
+    even = [slow(RNG(seed), (900,), 3.0, 1 / 24) for seed in range(50)]
+    swelling = np.where(np.arange(900) % 300 < 60, 3.0, 0.3)
+    assert not any(uneven([x], [np.ones(900)]) for x in even)
+    assert all(uneven([x * swelling], [np.ones(900)]) for x in even[:10])
+    shut = np.where(swelling > 1, 1.0, 0.0)
+    assert not any(uneven([x * shut], [shut]) for x in even), "where the gate is shut there is no silence"
+
+
+# what mends another's form
+
+
+def shelf(state: State) -> Library:
+    kinds: dict[str, type[Cause]] = {"stribeck": Stribeck, "quadratic-drag": QuadraticDrag}
+    return Library(state.problem, library(state.problem, kinds))
+
+
+def test_what_mends_the_form_of_a_drag_is_no_cause() -> None:
+    """The nearest power leaves a little that falls with the rate, as Stribeck's friction does; a mixture of powers
+    does not."""
+    rig = Rig.load("thesis")
+    log = recorded(rig, "quadratic-drag:tilt:drag=0.2,power=2.38")
+    drag, more = QuadraticDrag("tilt", 2.75), Stribeck("tilt", 0.3, 1)
+    state = fitted(rig, log, drag, more)
+    assert mended(state, shelf(state)) == {more: drag}
+
+
+def test_two_causes_are_two() -> None:
+    rig = Rig.load("thesis")
+    log = recorded(rig, "quadratic-drag:tilt:drag=0.2,power=2", "stribeck:tilt:extra=0.05,speed=0.2")
+    drag, more = QuadraticDrag("tilt", 2.0), Stribeck("tilt", 0.2, 2)
+    state = fitted(rig, log, drag, more)
+    assert not mended(state, shelf(state))
+    assert keeps(state, more, drag, shelf(state)) > 2 * KEPT
+    elsewhere = Stribeck("roll", 0.3, 1)
+    assert elsewhere not in mended(fitted(rig, log, drag, elsewhere), shelf(state))
+
+
+# bodies
+
+
+def difference(rig: Rig, log: Log) -> Difference:
+    state = fitted(rig, log)
+    return Difference.of_fit(rig, state.problem.reduction, state.fit)
+
+
+def test_a_far_shift_is_found_where_a_direction_hardly_shows() -> None:
+    """Slopes at the given place point too far: only a part of such a step leaves less."""
+    rig = Rig.load("turret")
+    found = chosen(Bodies(difference(rig, recorded(rig, "payload-shift:x=0.012,y=-0.01,z=0.02"))), BODIES)[0]
+    assert [kind.of for kind in found.kinds] == [PayloadShift]
+    assert found.values[0][0] == pytest.approx(0.012, abs=2e-4) and found.values[0][2] == pytest.approx(0.02, abs=2e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_body_makes_is_not_laid_on_further_ones(seed: int) -> None:
+    """A change of the base parameters that no body explains, thirty deviations in each: the shift stays alone."""
+    rig = Rig.load("thesis")
+    apart = difference(rig, recorded(rig, "payload-shift:x=0.01,y=0.005,z=-0.004"))
+    strange = np.linalg.solve(apart.whitener, 30.0 * RNG(seed).normal(size=len(apart.change)))
+    found = chosen(Bodies(replace(apart, change=apart.change + strange)), BODIES)[0]
+    assert [kind.of for kind in found.kinds] == [PayloadShift]
+
+
+# what is told
+
+
+def test_a_gain_that_this_log_cannot_show_is_told() -> None:
+    rig = Rig.load("turret")
+    log = recorded(rig)
+    assert log.tau is not None
+    halved = replace(log, tau=log.tau / np.array([0.8, 1.0]))
+    only: dict[str, type[Cause]] = {"torque-gain": TorqueGain, **BODIES}
+    found = diagnose(rig, [halved], only, rng=RNG(0), filtering=ALIGNED)
+    assert ("torque-gain", "pan") in {(row.cause, row.joint) for row in found.untestable}
+    (note,) = (note for note in found.notes if "inertia about its axis" in note)
+    assert note.startswith("pan: the inertia about its axis is 25") and "more" in note and "torque-gain" in note
+    right = diagnose(rig, [log], only, rng=RNG(0), filtering=ALIGNED)
+    assert not any("inertia about its axis" in note for note in right.notes)
+
+
+def test_the_help_lists_every_cause() -> None:
+    said = inspect.getdoc(verb) or ""
+    assert {*CAUSES, *CHECKS, "platform-motion"} <= set(re.findall(r"[a-z]+(?:-[a-z]+)*", said))
+
+
+def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
+    rivals = (Rival("actuator-lag", 40.0, 4.9), Rival("armature", 80.0, 9.0), Rival("cogging", 3.0, 1.0))
+    gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
+    alike = ("delay", "actuator-lag", "cogging")
+    found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
+    (line,) = text.worse(found)
+    assert "actuator-lag by 4.9 deviations" in line and "armature" not in line and "cogging" not in line
+    assert not text.worse(replace(found, rivals=rivals[2:]))
