@@ -211,6 +211,11 @@ def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
     return tuple(kind(joint) for joint in joints for kind in (Coulomb, Viscous))
 
 
+def brakes(effect: Effect) -> bool:
+    """Whether a torque is friction that brakes the motor whatever it drives: viscous, or dry and not of a load."""
+    return isinstance(effect, Viscous) or (effect.dry and not effect.loaded)
+
+
 def nominal(rig: Rig) -> Model:
     """Return the model as the rig's URDF states it, friction from ``<dynamics>``."""
     terms = []

@@ -12,11 +12,12 @@ import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.config import Noise
-from gimbal_pin.effects import RigEffect, Signal, Term
+from gimbal_pin.effects import RigEffect, Sample, Signal, Term
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import UsageError
 from gimbal_pin.imu import noisy, readings
 from gimbal_pin.log import Array, Imu, Log, Motion
-from gimbal_pin.model import Model
+from gimbal_pin.model import Model, brakes
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
@@ -128,20 +129,36 @@ def check_dry(plant: Model) -> None:
 class Drive:
     """The drives of all joints: commands in, acting torques out, with the memory of the signals in between."""
 
-    def __init__(self, signals: Sequence[Signal], rig: Rig, dt: float) -> None:
-        """Start every signal at rest."""
-        self.dt = dt
+    def __init__(self, signals: Sequence[Signal], rig: Rig, dt: float, plant: Model | None = None) -> None:
+        """Start every signal at rest; `plant`: whose friction stands before a gap, None: nobody's."""
+        self.dt, self.plant = dt, plant
         self.chain = [(rig.joint_index(signal.joint), signal) for signal in signals]
         self.memory = [signal.start() for signal in signals]
 
-    def acting(self, command: Array) -> Array:
-        """Return the mean torque that acts over the next interval, N m, (n,)."""
+    def acting(self, command: Array, state: State | None = None) -> Array:
+        """Return the mean torque that acts over the next interval, N m, (n,), from a state of the plant."""
         if not self.chain:
             return command
         out = command.tolist()
         for i, (j, signal) in enumerate(self.chain):
-            self.memory[i], out[j] = signal.step(self.memory[i], out[j], self.dt)
+            beside = 0.0
+            if signal.geared and self.plant is not None and state is not None:
+                beside = float(signal.beside(borne(self.plant, j, state, out[j])))
+            self.memory[i], passed = signal.step(self.memory[i], out[j] + beside, self.dt)
+            out[j] = passed - beside
         return np.array(out)
+
+
+def borne(plant: Model, joint: int, state: State, torque: float) -> Borne:
+    """What a joint bears in a state of the plant; at rest its dry friction takes what it can of the torque."""
+    q, rate = float(state.q[joint]), float(state.v[joint])
+    terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
+    asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
+    slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
+    if rate:
+        brake = slides[rate > 0]
+        return Borne(brake, asked - brake)
+    return Borne(min(max(torque - asked, slides[0]), slides[1]), asked)
 
 
 def simulate(
@@ -194,7 +211,8 @@ def simulate(
     rate_noise = sense.rate_std * rng.standard_normal((steps, n))
     torque_noise = sense.torque_std * rng.standard_normal((steps, n))
     carried = None if platform is None else halved(platform, reference.t)
-    system, motors, memory = Plant(plant, carried), Drive((*plant.drive, *drive), plant.rig, dt), controller.start()
+    system, memory = Plant(plant, carried), controller.start()
+    motors = Drive((*plant.drive, *drive), plant.rig, dt, plant)
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
     pending: deque[Array] = deque([np.zeros(n)] * delay)
     limit, times, rows = plant.rig.tau_max, reference.t.tolist(), zip(reference.q, reference.v, reference.a)
@@ -207,7 +225,7 @@ def simulate(
         wanted, memory = controller.torque(times[k], q[k], v[k], Reference(*wished), memory)
         pending.append(wanted)
         tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
-        state = system.step(times[k], state, motors.acting(tau[k]), dt)
+        state = system.step(times[k], state, motors.acting(tau[k], state), dt)
     exact = np.array([[state.q for state in states], [state.v for state in states]])
     return Log(
         name=name,

@@ -15,13 +15,14 @@ from gimbal_pin.effects import CAUSES, Coulomb, Effect, Signal, Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.resistance import Resistance
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Drive, Sensors, plant_with, simulate
+from gimbal_pin.simulation import Drive, Sensors, borne, plant_with, simulate
 
 DT = 0.001
 
@@ -124,8 +125,11 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     assert isinstance(signal, Signal)
     log = run(nominal(rig()), (signal,))
     acting, j = np.array(log.tau), rig().joint_index("tilt")
+    states = map(State, log.q, log.v)
+    bears = [Borne(0.0, 0.0), *(borne(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist()))]
     # The drive has been at rest for ever, the array form would settle on its first sample.
-    acting[:, j] = signal.acting(np.concatenate([[0.0], log.tau[:, j]]), DT)[1:]
+    command, known = np.concatenate([[0.0], log.tau[:, j]]), Borne(*np.array(bears).T)
+    acting[:, j] = signal.along(command, DT, known)[1:]
     np.testing.assert_allclose(replayed(nominal(rig()), log, acting), log.q, atol=1e-12)
     assert np.abs(replayed(nominal(rig()), log, np.array(log.tau)) - log.q).max() > 1e-5
 

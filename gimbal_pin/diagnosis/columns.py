@@ -9,6 +9,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.regressor import regressor, rnea
@@ -104,14 +105,20 @@ def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], torque:
     return sizes[0] > PUSHED**2 * sizes[1]
 
 
-def lost(evidence: Evidence, signal: Signal, torque: list[Array]) -> Array:
+Bearing = Sequence[Sequence[Borne]]
+"""What each joint bears along each part."""
+
+
+def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> Array:
     """``x - acting(x)``: what a drive takes from a torque, whitened, (rows,): it stands beside the model's columns."""
     j = evidence.rig.joint_index(signal.joint)
-    loss = [x[:, j] - signal.acting(x[:, j], p.dt) for p, x in zip(evidence.parts, torque)]
-    taken, whole = (sum(float(np.sum(y**2)) for y in z) for z in (loss, [x[:, j] for x in torque]))
-    if taken > MOST_TAKEN**2 * whole:
-        loss = [np.zeros_like(x) for x in loss]
-    return evidence.whiten(loss, j)
+    borne = [None] * len(torque) if bearing is None else bearing[j]
+    loss = [x[:, j] - signal.along(x[:, j], p.dt, y) for p, x, y in zip(evidence.parts, torque, borne)]
+    white, whole = evidence.whiten(loss, j), [x[:, j] for x in torque]
+    taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
+    if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything
+        taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
+    return white if taken <= MOST_TAKEN**2 * most else np.zeros_like(white)
 
 
 def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array:
@@ -124,7 +131,14 @@ def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array
     return np.stack([evidence.whiten([x[:, j] for x in change], j) for j in range(evidence.rig.n)], axis=1)
 
 
-def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array], acting: list[Array]) -> Columns:
+def build(
+    evidence: Evidence,
+    cause: Cause,
+    rig: Rig,
+    torque: list[Array],
+    acting: list[Array],
+    bearing: Bearing | None = None,
+) -> Columns:
     """Return a cause's columns.
 
     Args:
@@ -135,6 +149,7 @@ def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array], actin
         acting: The measured torque after the drives' signals found so far, N m, (m, n) per part: what a further
             signal changes. Its noise is in the column, too, and by itself lets no signal gain: what a filter takes off
             the noise it takes off the torque many times over.
+        bearing: What the joints bear, for signals that act behind the motor's friction.
     """
     joint = evidence.rig.joint_index(cause.place) if cause.of_joint else None
     own: Array
@@ -143,7 +158,7 @@ def build(evidence: Evidence, cause: Cause, rig: Rig, torque: list[Array], actin
     elif isinstance(cause, Effect):
         own, bounds = effect_columns(evidence, cause, torque), [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        own, bounds = lost(evidence, cause, acting)[:, None], [ALIKE]
+        own, bounds = lost(evidence, cause, acting, bearing)[:, None], [ALIKE]
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
         own, bounds = turned(evidence, cause, rig, magnitude(cause))[:, :, None], [(-np.inf, np.inf)]

@@ -27,6 +27,9 @@ PENALTY = 4.0
 HUSHED = 1.5
 """Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
 
+CLEARED = 0.25
+"""What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
+
 
 def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:
     """Gains on the coarse grid, the largest first; only those above zero."""
@@ -88,14 +91,18 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
 
 
 def hushes(state: State, found: Score, cause: Cause) -> bool:
-    """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too."""
+    """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too.
+
+    What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
+    """
     if not isinstance(cause, Signal) or not cause.linear:
         return False
     evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
     left = [x[:, j] for x in state.unexplained]
     quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
     loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
-    return bool(found.gain < HUSHED * (loud - hushed) * state.fit.scale[j] ** 2)
+    gain = found.gain / float(state.fit.scale[j]) ** 2
+    return gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed
 
 
 def net(found: Score, cause: Cause) -> float:

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.state import State, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import units
 from gimbal_pin.log import Array
-from gimbal_pin.model import Estimated, Model
+from gimbal_pin.model import Estimated, Model, brakes
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +26,24 @@ class Extended:
 
     model: Model
 
-    def acting(self, torque: Array, dt: float) -> Array:
-        """Torque that acts, N m, (N, n), where `torque` was logged, every `dt` s."""
-        out = torque.copy()
+    def acting(self, part: Part) -> Array:
+        """Torque that acts along a part of a log, N m, (m, n)."""
+        out = part.channels.tau.copy()
         for signal in self.model.drive:
             j = self.model.rig.joint_index(signal.joint)
-            out[:, j] = signal.acting(out[:, j], dt)
+            out[:, j] = signal.along(out[:, j], part.dt, self.borne(part, j) if signal.geared else None)
         return out
+
+    def borne(self, part: Part, joint: int) -> Borne:
+        """What a joint bears along a part."""
+        c, sample = part.channels, part.sample(joint)
+        terms = [term for term in self.model.by_joint[joint] if brakes(term.effect)]
+        brake = sum((term.torque(sample) for term in terms), np.zeros(len(c.t)))
+        others = np.arange(c.a.shape[1]) != joint
+        asked = self.model.inverse(
+            c.q, c.v, c.a * others, t=part.time, temperature=part.temperature, platform=c.platform
+        )
+        return Borne(brake, asked[:, joint] - brake)
 
 
 def extended(state: State) -> Extended:

@@ -70,7 +70,7 @@ def torque_error(part: Part, model: Extended) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
     c = part.channels
     wanted = model.model.inverse(c.q, c.v, c.a, t=part.time, temperature=part.temperature, platform=c.platform)
-    return model.acting(c.tau, part.dt) - wanted
+    return model.acting(part) - wanted
 
 
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
@@ -86,7 +86,7 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     for part in evidence.parts:
         plant = Plant(model.model, part.platform)
         horizon = max(1, round(HORIZON / part.dt))
-        tau = model.acting(part.channels.tau, part.dt)
+        tau = model.acting(part)
         memory = plant.friction.remembered(part.channels.q)
         for start in starts(part, horizon):
             state = State(part.channels.q[start], part.channels.v[start], tuple(memory[start].tolist()))

@@ -8,14 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, build, magnitude, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import Bearing, Columns, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
-from gimbal_pin.model import friction_effects
+from gimbal_pin.model import brakes, friction_effects
 from gimbal_pin.reduction import Reduction
+from gimbal_pin.regressor import regressor
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import columns_of
 
@@ -46,6 +48,17 @@ class Problem:
         return Problem(evidence, reduction, *rigid_columns(evidence, reduction))
 
     @cached_property
+    def resting(self) -> list[Array]:
+        """Base columns of each joint's torque while that joint does not accelerate, (m, n, b) per part."""
+        rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
+        channels = [part.channels for part in self.evidence.parts]
+        out: list[Array] = [np.empty_like(full) for full in self.rigid_full]
+        for j, others in enumerate(1.0 - np.eye(rig.n)):
+            for part, c in zip(out, channels):
+                part[:, j] = regressor(rig, c.q, c.v, c.a * others, c.platform)[:, j, places]
+        return out
+
+    @cached_property
     def friction(self) -> tuple[Effect, ...]:
         """Coulomb and viscous friction of every joint."""
         return friction_effects(self.evidence.rig.joints)
@@ -63,6 +76,7 @@ class State:
         torque: The best estimate of the torque that acts, N m, (m, n) per part.
         acting: The measured torque after the drives' signals, N m, (m, n) per part.
         unexplained: What of it the fit does not predict, N m, (m, n) per part.
+        alike: A state whose joints are taken to bear the same; None: what the fit says.
     """
 
     problem: Problem
@@ -72,11 +86,35 @@ class State:
     torque: list[Array]
     acting: list[Array]
     unexplained: list[Array]
+    alike: State | None = None
+
+    @cached_property
+    def bearing(self) -> Bearing:
+        """What each joint bears along each part; all that is neither inertia nor friction is the link's."""
+        if self.alike is not None:
+            return self.alike.bearing
+        problem, theta = self.problem, self.fit.theta
+        dry = [c for c in self.causes if isinstance(c, Effect) and brakes(c)]
+        at = len(problem.reduction.independent)
+        known = [(effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)]
+        braked: list[Array] = [np.zeros(x.shape) for x in self.acting]
+        for effect, values in [*known, *((c, self.coefficients(c)) for c in dry)]:
+            j = problem.evidence.rig.joint_index(effect.joint)
+            for brake, columns in zip(braked, plain_columns(problem.evidence, effect, self.torque)):
+                brake[:, j] += columns @ values
+        inertial = [(x - y) @ theta[:at] for x, y in zip(problem.rigid_full, problem.resting)]
+        totals = [x - y for x, y in zip(self.acting, self.unexplained)]
+        rows = [(brake, total - brake - x) for brake, total, x in zip(braked, totals, inertial)]
+        return [[Borne(x[:, j], y[:, j]) for x, y in rows] for j in range(problem.evidence.rig.n)]
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
         rig = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else self.rig
-        return build(self.problem.evidence, cause, rig, self.torque, self.acting)
+        return build(self.problem.evidence, cause, rig, self.torque, self.acting, self.bearing_for(cause))
+
+    def bearing_for(self, cause: Cause) -> Bearing | None:
+        """What the joints bear, where a cause asks."""
+        return self.bearing if isinstance(cause, Signal) and cause.geared else None
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
@@ -104,7 +142,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
         problem: The logs.
         causes: The causes.
         before: A state to take the model's torque from, which loaded causes read.
-        keep: Keep its weights too, so that sums of squares can be compared.
+        keep: Keep its weights too, and what its joints bear, so that sums of squares can be compared.
     """
     evidence = problem.evidence
     rig = before.rig if before else evidence.rig
@@ -112,7 +150,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            acting = acted(evidence, cause, acting)
+            acting = acted(evidence, cause, acting, before.bearing_for(cause) if before else None)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else rig for c in effects]
@@ -122,16 +160,18 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     total = predicted(problem, effects, now.theta, model)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
-    return State(problem, tuple(causes), now, refitted(problem, now.theta), mixed, acting, unexplained)
+    rig, alike = refitted(problem, now.theta), before if keep else None
+    return State(problem, tuple(causes), now, rig, mixed, acting, unexplained, alike)
 
 
-def acted(evidence: Evidence, signal: Signal, torque: list[Array]) -> list[Array]:
+def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
     """Let a drive's signal act on the torques of its joint."""
     j = evidence.rig.joint_index(signal.joint)
+    borne = [None] * len(torque) if bearing is None else bearing[j]
     out = []
-    for part, x in zip(evidence.parts, torque):
+    for part, x, y in zip(evidence.parts, torque, borne):
         changed = x.copy()
-        changed[:, j] = signal.acting(x[:, j], part.dt)
+        changed[:, j] = signal.along(x[:, j], part.dt, y)
         out.append(changed)
     return out
 
@@ -184,7 +224,7 @@ def reads(cause: Cause) -> bool:
     """Whether what a cause is built from changes with what is fitted: a torque, or inertias that are turned by much."""
     if isinstance(cause, RigEffect):
         return abs(magnitude(cause)) >= BENT
-    return isinstance(cause, Effect) and cause.loaded
+    return (isinstance(cause, Effect) and cause.loaded) or (isinstance(cause, Signal) and cause.geared)
 
 
 def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Rig:

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.leftover import NOISY, Residual
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
 from gimbal_pin.diagnosis.search import rivals_of
-from gimbal_pin.diagnosis.shapes import free, measure
+from gimbal_pin.diagnosis.shapes import free, measure, moved, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.signal import Static
@@ -42,6 +42,10 @@ PLAIN = 0.97
 """Share explained from which it is one all the same: a switch's edge, met a moment early or late, leaves so much."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
+INSIDE = 4.0
+"""A shape parameter this factor from its bound is well inside."""
+TOLD = 10.0
+"""Gain from which a log tells a shape parameter from another: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
 BOOTSTRAPS = 200
 
 
@@ -167,9 +171,10 @@ def share(state: State, found: Score) -> float:
 
 
 def newtons(state: State, found: Score) -> Array:
-    """Projected size of a score at each joint, N m rms, (n,)."""
+    """Projected size of a score at each joint over the time that counts, N m rms, (n,)."""
     evidence = state.problem.evidence
-    return found.size * np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)])
+    floors = np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)])
+    return floors * found.size / np.sqrt(np.maximum(evidence.used(), 1e-12))
 
 
 def torque_level(state: State) -> Array:
@@ -183,11 +188,22 @@ def material(state: State, found: Score) -> bool:
     return bool(found.gain > 0 and share(state, found) > SHARE and np.max(found.size / noise) > FAINT)
 
 
-def at_bound(cause: Cause) -> bool:
-    """Whether a shape parameter has run to where it may not go on: the formula is asked for something else."""
+def at_bound(base: State, cause: Cause) -> bool:
+    """Whether a shape parameter has run to where it may not go on: the formula is asked for something else.
+
+    One that the log does not tell may lie anywhere: well inside its bounds the cause then gains as much. `base` is the
+    state without the cause.
+    """
     held = [(shape, getattr(cause, shape.name, None)) for shape in cause.shapes]
     figures = [(shape, value) for shape, value in held if isinstance(value, float) and value > 0]
-    return any(value > shape.upper / EDGE or value < shape.lower * EDGE for shape, value in figures)
+    for shape, value in figures:
+        factor = INSIDE if value < shape.lower * EDGE else 1 / INSIDE
+        if shape.lower * EDGE <= value <= shape.upper / EDGE:
+            continue
+        inside = moved(cause, shape.name, factor)
+        if inside is None or worth(base, inside) < worth(base, cause) - TOLD:
+            return True
+    return False
 
 
 def minor(state: State, cause: Cause) -> bool:
@@ -205,7 +221,7 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
-    return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(cause)
+    return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(without(state, cause), cause)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:

@@ -10,8 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import Value
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Borne, Memory, Signal
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -22,7 +23,8 @@ class Backlash(Signal):
 
     Two masses J (rotor) and I (link): the rigid joint feels y. With the encoder on the rotor r = J/(I + J), the rotor's
     share: it is the link then whose motion the encoder does not see; with the encoder on the link y = x - J dw/dt.
-    The link is taken to stand still while the rotor, much lighter, crosses the gap, and the landing not to bounce.
+    Here x is what pushes on the gap: the command less the motor's friction, and ``r/(1 - r)`` of what the link bears,
+    as the link goes its own way while the rotor crosses. The landing is taken not to bounce.
 
     Attributes:
         joint: The joint that has the gap.
@@ -41,8 +43,13 @@ class Backlash(Signal):
         Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
+    geared: ClassVar[bool] = True
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
+
+    def beside(self, borne: Borne) -> Value:
+        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
+        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, exp, nan, pi, sin, sqrt
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import cut
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 from gimbal_pin.parameter import Parameter
+
+LOW = 0.7
+"""Zero over band up to which the resonance itself may show."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,16 @@ class JointFlexibility(Signal):
         """Far under its resonance a spring is a little more inertia, a little later."""
         return ("armature", "actuator-lag", "delay") if self.frequency > 2 * seen.band else ()
 
+    def moved(self, name: str, value: float) -> Cause:
+        """Keep the zero of F, ``r ω²`` and ``ζ/ω``, with another frequency: it is what a log below ω shows best."""
+        if name != "frequency" or not self.rotor_share:
+            return super().moved(name, value)
+        factor = value / self.frequency
+        limits = {shape.name: (shape.lower, shape.upper) for shape in self.shapes}
+        share = float(cut(self.rotor_share / factor**2, *limits["rotor_share"]))
+        damping = float(cut(self.damping * factor, *limits["damping"]))
+        return replace(self, frequency=value, rotor_share=share, damping=damping)
+
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
         return level, 0.0
@@ -64,9 +78,15 @@ class JointFlexibility(Signal):
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Resonances from a few hertz to several times the band."""
+        """Resonances from a few hertz to several times the band; with the encoder on the rotor, zeros of F.
+
+        Of a resonance far above the band only the zero shows.
+        """
         rungs = ladder(3.0, 3 * seen.band, 9, cls.shapes[0])
-        return tuple(cls(joint, frequency, 0.05, share) for frequency in rungs for share in (0.0, 0.1, 0.3))
+        zeros = ladder(1.0, 5 * seen.band, 13, cls.shapes[0])
+        shares = [(zero, share) for zero in zeros for share in (0.1, 0.3) if zero < LOW * seen.band or share == 0.3]
+        behind = tuple(cls(joint, zero / sqrt(share), 0.05, share) for zero, share in shares)
+        return (*(cls(joint, frequency) for frequency in rungs), *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the resonance."""

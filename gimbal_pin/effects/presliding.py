@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, inf, nan
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.functions import size
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -18,24 +19,36 @@ from gimbal_pin.parameter import Parameter
 class Presliding(Effect):
     """``tau = level z`` with ``dz/dq = (1 - z sign(dq))/stroke``: bristles that bend, then slide (Dahl 1968).
 
-    The memory z in [-1, 1] depends on the way, not on the time; it does not stick, as a spring does not.
+    The memory z in [-1, 1] depends on the way, not on the time; it does not stick, as a spring does not. Bristles that
+    are damped add ``damping stroke dz/dt`` while they bend (Canudas de Wit et al., IEEE TAC 40, 1995, eq. 3).
 
     Attributes:
         joint: The joint it acts on.
         stroke: Angle over which the friction builds up to 1 - 1/e, rad.
+        damped: True adds the damping.
     """
 
     stroke: float
+    damped: bool = False
 
     name: ClassVar[str] = "presliding"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("stroke", nan, "rad", 1e-4, 0.5),)
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("level", nan, "N m", 0.0, inf),)
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("level", nan, "N m", 0.0, inf),
+        Parameter("damping", 0.0, "N m s/rad", 0.0, inf),
+    )
     experiment: ClassVar[str] = "small reversals, from a tenth of the stroke to ten strokes"
     compensation: ClassVar[str] = "friction feed-forward after full sliding; small reversals are left to the feedback"
 
+    @property
+    def coefficients(self) -> tuple[Parameter, ...]:
+        """The level, and the damping of bristles that have any."""
+        return self.linear if self.damped else self.linear[:1]
+
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
-        """The bristles' bend."""
-        return (self.remembered(at),)
+        """The bristles' bend, and a stroke times its rate."""
+        bend = self.remembered(at)
+        return (bend, at.v - bend * size(at.v)) if self.damped else (bend,)
 
     def start(self) -> float | None:
         """Unbent."""
@@ -48,8 +61,15 @@ class Presliding(Effect):
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Strokes up to a third of the way."""
-        return tuple(cls(joint, stroke) for stroke in ladder(2e-3, min(seen.travel / 3, 0.5), 5, cls.shapes[0]))
+        """Strokes up to a third of the way, without damping and with it."""
+        strokes = ladder(2e-3, min(seen.travel / 3, 0.5), 5, cls.shapes[0])
+        return tuple(cls(joint, stroke, damped) for damped in (False, True) for stroke in strokes)
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """Return the term with these parameters."""
+        effect = cls(str(joint), given["stroke"], given["damping"] != 0)
+        return Term(effect, tuple(given[coefficient.name] for coefficient in effect.coefficients))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return size and stroke."""

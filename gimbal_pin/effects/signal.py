@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import inf
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.signal import fftconvolve
@@ -17,6 +17,18 @@ from gimbal_pin.log import Array
 Memory = tuple[float, ...]
 GONE = 1e-12
 """Memory of a command of 1 N m that is no more felt."""
+
+
+class Borne(NamedTuple):
+    """What a joint bears besides the inertia that its own acceleration meets.
+
+    Attributes:
+        brake: Friction, which brakes the motor itself, N m, a float or (N,).
+        load: What the link asks for while this joint does not accelerate: its weight, the other joints' motion, N m.
+    """
+
+    brake: Value
+    load: Value
 
 
 @dataclass(frozen=True)
@@ -34,6 +46,8 @@ class Signal(Cause):
 
     linear: ClassVar[bool] = False
     """True if it is linear and passes a constant on: its impulse response then says all of it."""
+    geared: ClassVar[bool] = False
+    """True if it acts behind the motor's friction, on the command and what `beside` adds to it."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
     @abstractmethod
@@ -43,6 +57,17 @@ class Signal(Cause):
     @abstractmethod
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Return the memory and the mean acting torque, N m, after `dt` s of the command `x`, N m."""
+
+    def beside(self, borne: Borne) -> Value:
+        """Return what such a signal feels besides the command, N m."""
+        return -borne.brake
+
+    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
+        """Torque that acts, N m, (N,), as `acting`, at a joint that bears something; None: nobody knows what."""
+        if borne is None or not self.geared:
+            return self.acting(command, dt)
+        beside = self.beside(borne)
+        return np.asarray(self.acting(command + beside, dt) - beside)
 
     @property
     def largest(self) -> float:

@@ -92,7 +92,7 @@ def point(
         raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
     quat = np.asarray(base.quat[::2])
     sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
-    loop = Loop(Plant(plant, base), Drive((*plant.drive, *drive), rig, dt), sensed, rotations(quat), delay, name)
+    loop = Loop(Plant(plant, base), Drive((*plant.drive, *drive), rig, dt, plant), sensed, rotations(quat), delay, name)
     q, tau, events = loop.run(pointer)
     error = errors(sensed.sight, q, loop.attitudes, pointer.navigator.wanted)
     return Pointing(name, motion, seed, rig.joints, t, error, q, tau, quat, rig.tau_max, events)
@@ -138,7 +138,7 @@ class Loop:
             pending.append(command)
             acting = np.minimum(np.maximum(pending.popleft(), lowest), limit)
             q[k], tau[k] = state.q, acting
-            state = self.system.step(t[k], state, self.motors.acting(acting), dt)
+            state = self.system.step(t[k], state, self.motors.acting(acting, state), dt)
         return q, tau, () if memory is None else memory.told
 
 
