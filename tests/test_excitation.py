@@ -23,7 +23,7 @@ from time import monotonic
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin import text
@@ -364,6 +364,7 @@ def test_information_of_two_logs_adds_up(seed: int) -> None:
 @given(v=st.floats(-1.0, 1.0), a=st.floats(-5.0, 5.0), step=st.floats(0.01, 0.5))
 @settings(max_examples=50)
 def test_sliding_is_the_mean_sign_of_a_straight_rate(v: float, a: float, step: float) -> None:
+    assume(v == 0.0 or abs(v) > 1e-9)  # slower is still
     around = (np.arange(20_000) + 0.5) / 20_000 * step - step / 2
     one = Motion(np.zeros(1), *(np.array([[x]]) for x in (0.0, v, a)))
     assert sliding(one, step)[0, 0] == pytest.approx(np.mean(np.sign(v + a * around)), abs=2e-4)
