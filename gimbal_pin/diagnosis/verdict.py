@@ -126,7 +126,8 @@ def twins(base: State, cause: Cause, shelf: Library, hidden: Sequence[Untestable
     """
     here = {row.cause for row in hidden if not cause.of_joint or row.joint in (None, cause.place)} - {cause.name}
     rows = ((name, *row) for name in sorted(here) for row in imitations(base, cause, name, shelf))
-    near = [name for name, likeness, torque in rows if likeness > ALIKE and not overdone(base.fit.target, torque)]
+    target = base.fit.target
+    near = [name for name, likeness, torque in rows if likeness > ALIKE and not overdone(target, torque[None])[0]]
     return list(dict.fromkeys(near))
 
 
@@ -217,9 +218,10 @@ def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
 def untestable(state: State, shelf: Library) -> tuple[Untestable, ...]:
     """List causes all of whose columns the rigid model and friction explain."""
     visible: dict[tuple[str, str | None], float] = {}
-    for cause in shelf.causes:
+    columns = [shelf.of(cause, state) for cause in shelf.causes]
+    for cause, seen in zip(shelf.causes, visibility(state.fit, columns).tolist()):
         key = (cause.name, cause.place if cause.of_joint else None)
-        visible[key] = max(visible.get(key, 0.0), visibility(state.fit, shelf.of(cause, state)))
+        visible[key] = max(visible.get(key, 0.0), seen)
     why = "the rigid model and friction explain all that it would add on this log"
     return tuple(Untestable(name, joint, why) for (name, joint), left in visible.items() if left < HIDDEN)
 
