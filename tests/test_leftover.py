@@ -10,10 +10,11 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.fit import Fit, fit, project
+from gimbal_pin.diagnosis.flips import flipped_wald
 from gimbal_pin.diagnosis.learned import bent, explained
 from gimbal_pin.diagnosis.leftover import Pattern
 from gimbal_pin.diagnosis.noiselike import peaked, rare, shared
-from gimbal_pin.diagnosis.score import chance, effective, flipped_wald, grams, score
+from gimbal_pin.diagnosis.score import chance, effective, grams, score
 from gimbal_pin.log import Array
 
 ROWS, BLOCKS = 1200, 40
@@ -70,8 +71,8 @@ def test_signs_that_change_nothing_give_the_scores_own_wald(seed: int, width: in
     now = fitted(coloured(rng, 0.5))
     columns = column(rng.normal(size=(ROWS, width)))
     rest = project(now, columns)
-    scatter, gram = now.by_block(rest * now.residual[:, None]), grams(now, rest)
-    wald = flipped_wald(np.ones((1, BLOCKS)), scatter[None], gram[None])[0]
+    scatter, gram = now.by_block(rest * now.residual[:, None]), grams(now, rest, width)
+    wald = flipped_wald(np.ones((1, BLOCKS)), scatter.T[None], gram)[0]
     assert wald[0] == pytest.approx(score(now, columns, False).wald, rel=1e-6)
     assert chance(wald[0], width, effective(now, rest)) == pytest.approx(score(now, columns, False).p)
 

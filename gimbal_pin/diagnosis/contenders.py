@@ -8,7 +8,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, pushes
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.score import Score, gained, score
+from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -33,7 +33,7 @@ CLEARED = 0.25
 
 def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:
     """Gains on the coarse grid, the largest first; only those above zero."""
-    rows = [(gained(state.fit, one, False).gain, one) for one in columns]
+    rows = [(found.gain, one) for found, one in zip(all_gained(state.fit, columns, False), columns)]
     return sorted((row for row in rows if row[0] > 0), key=lambda row: -row[0])
 
 
@@ -63,7 +63,8 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
     """Return the cause, or that of its grid which gains most with coefficient one: what clips part of it does not."""
     if not isinstance(cause, Signal) or cause.linear:
         return cause
-    rows = [(gained(state.fit, one, True).gain, one.cause) for one in columns if same(one.cause, cause)]
+    alike = [one for one in columns if same(one.cause, cause)]
+    rows = [(found.gain, one.cause) for found, one in zip(all_gained(state.fit, alike, True), alike)]
     gain, best = max(rows, key=lambda row: row[0])
     return best if gain > 0 else cause
 

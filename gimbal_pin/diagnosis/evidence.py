@@ -50,6 +50,8 @@ POSES = 50
 """Angles at which a joint's axis is looked at."""
 FELT = 1e-9
 """Share of the largest weight felt from which a joint feels any."""
+OCTAVES = 9
+"""Powers of two of the phasor of an angle that are kept: harmonics up to 511."""
 COVERED = 0.5
 """Share of the time that stretches without holes must cover, under which lone samples are judged."""
 
@@ -108,7 +110,10 @@ class Part(NamedTuple):
         """Return the joint's channels as effects read them, with the measured torque; each side by side in memory."""
         c = self.channels
         q, v, a, tau, warm = (np.ascontiguousarray(x[:, joint]) for x in (c.q, c.v, c.a, c.tau, self.temperature))
-        return Sample(self.time, q, v, a, np.sign(v), tau, warm)
+        turns = [np.exp(1j * q)]
+        for _ in range(1, OCTAVES):
+            turns.append(turns[-1] ** 2)
+        return Sample(self.time, q, v, a, np.sign(v), tau, warm, turns=np.stack(turns))
 
 
 @dataclass(frozen=True, eq=False)

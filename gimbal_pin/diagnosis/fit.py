@@ -135,9 +135,9 @@ def norms(matrix: Array) -> Array:
 
 
 def project(now: Fit, columns: Placed) -> Array:
-    """Weight and stack columns, and take the fitted columns out of them, (rows n, c)."""
+    """Weight and stack columns, and take the fitted columns out of them, (rows n, c); rows next in memory."""
     weighted = now.weighted(columns)
-    rest = now.basis @ -now.along(weighted, columns.joint)
+    rest = (-now.along(weighted, columns.joint).T @ now.basis.T).T
     rest[now.rows(columns.joint)] += weighted
     return rest
 

@@ -115,9 +115,9 @@ def starts(part: Part, horizon: int) -> Sequence[int]:
 
 def rolled(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
     """Angles after a rollout from a state at sample `start`, rad, (n,)."""
-    steps = max(1, round(part.dt / FINE))
+    steps, time = max(1, round(part.dt / FINE)), part.time
     for k in range(start, start + horizon):
         torque = (tau[k] + tau[k + 1]) / 2
         for i in range(steps):
-            state = plant.step(part.time[k] + i * part.dt / steps, state, torque, part.dt / steps)
+            state = plant.step(time[k] + i * part.dt / steps, state, torque, part.dt / steps)
     return state.q

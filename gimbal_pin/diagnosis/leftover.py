@@ -14,9 +14,10 @@ from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit
+from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.learned import predictable
 from gimbal_pin.diagnosis.noiselike import peaked, rare, shared, uneven
-from gimbal_pin.diagnosis.score import flipped, score
+from gimbal_pin.diagnosis.score import score
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Array
 

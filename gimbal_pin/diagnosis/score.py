@@ -12,10 +12,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy import fft
 from scipy.ndimage import uniform_filter1d
-from scipy.special import fdtrc, fdtri
+from scipy.special import fdtrc
 
 from gimbal_pin.diagnosis.fit import Fit, Placed, project
 from gimbal_pin.log import Array
+from gimbal_pin.rows import Flags
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
@@ -61,7 +62,7 @@ class Score(NamedTuple):
 
 NOTHING = Score(0.0, 0.0, 1.0, np.zeros(0), 0.0, np.zeros(1))
 BATCH = 16
-"""Candidates whose flips are computed at once."""
+"""Candidates that are computed at once: more do not stay in the processor's own memory."""
 HIDDEN = 1e-3
 """Share of a column's power below which the base columns hide it: three hundredths of its size."""
 
@@ -95,25 +96,83 @@ class Gained(NamedTuple):
 
 
 def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
-    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal.
+    """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
+    return gained_alike(now, [columns], fixed)[0]
 
-    ``R = S - B Bᵀ S`` is what the fitted columns B leave of the candidate's S. As the residual is free of B, its
+
+def all_gained(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
+    """As `gained`, of many candidates, (k,)."""
+    found: dict[int, Gained] = {}
+    for batch in batches(candidates):
+        found |= zip(batch, gained_alike(now, [candidates[i] for i in batch], fixed))
+    return [found[i] for i in range(len(candidates))]
+
+
+def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
+    """Fit each of some candidates of one joint and width c to the residual.
+
+    ``R = S - B Bᵀ S`` is what the fitted columns B leave of a candidate's S. As the residual is free of B, its
     products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
     """
-    S, rows = now.weighted(columns), now.rows(columns.joint)
-    whole = S.T @ S
-    gram, s = whole - inside(now, S, columns.joint), S.T @ now.residual[rows]
+    beside, c = Beside.of(candidates), candidates[0].own.shape[-1]
+    S, rows = now.weighted(beside), now.rows(beside.joint)
+    whole, target, residual = products(S, c), now.target[rows], now.residual[rows]
+    gram, s = whole - products(now.along(S, beside.joint), c), (residual @ S).reshape(-1, c)
+    own = fitting(gram, s)
+    lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
     visible = share(gram, whole)
-    nothing = Gained(0.0, np.zeros(0), np.zeros(0), visible)
-    if visible < HIDDEN:
-        return nothing
-    own = np.linalg.lstsq(gram, s, rcond=1e-8)[0] if len(s) > 1 else s / gram[0]
-    if np.any(own < columns.lower) or np.any(own > columns.upper) or overdone(now.target[rows], S @ own):
-        return nothing
-    beta = np.ones(1) if fixed else own
-    gain = float(2 * s @ beta - beta @ gram @ beta)
-    quiet = fixed and silences(now.target[rows], now.residual[rows], S[:, 0], gain)
-    return nothing if quiet else Gained(gain, beta, own, visible)
+    torque = (own[:, None] @ each(S, c))[:, 0]
+    wrong = np.any((own < lower) | (own > upper), axis=1) | overdone(target, torque) | (visible < HIDDEN)
+    beta = np.ones_like(own) if fixed else own
+    gain = np.sum(beta * (2 * s - (gram @ beta[..., None])[..., 0]), axis=1)
+    if fixed:
+        wrong |= [silences(target, residual, x, y) for x, y in zip(S.T, gain.tolist())]
+    every, nothing = map(Gained, gain.tolist(), beta, own, visible.tolist()), np.zeros(0)
+    return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
+
+
+class Beside(NamedTuple):
+    """Columns of some candidates of one joint, side by side, (rows, k c) or (rows, n, k c); rows next in memory."""
+
+    joint: int | None
+    own: Array
+
+    @staticmethod
+    def of(candidates: Sequence[Placed]) -> Beside:
+        """Put them side by side."""
+        return Beside(candidates[0].joint, np.concatenate([one.own.T for one in candidates]).T)
+
+
+def batches(candidates: Sequence[Placed]) -> Iterator[list[int]]:
+    """Yield places of candidates of one joint and width, as many as are computed at once."""
+    groups: dict[tuple[int | None, int], list[int]] = {}
+    for i, one in enumerate(candidates):
+        groups.setdefault((one.joint, one.own.shape[-1]), []).append(i)
+    for group in groups.values():
+        yield from (group[first : first + BATCH] for first in range(0, len(group), BATCH))
+
+
+def each(columns: Array, c: int) -> Array:
+    """Each c columns of some that stand side by side, (rows, k c), as rows: (k, c, rows)."""
+    return columns.T.reshape(-1, c, len(columns))
+
+
+def products(columns: Array, c: int) -> Array:
+    """``SᵀS`` of each c columns of some that stand side by side, (rows, k c): (k, c, c)."""
+    S = each(columns, c)
+    return np.asarray(S @ S.mT)
+
+
+def fitting(gram: Array, s: Array) -> Array:
+    """``G⁺ s``, (k, c), of symmetric G, (k, c, c): what of G is not there asks for no coefficient."""
+    return np.asarray((inverse(gram, 1e-8) @ s[..., None])[..., 0])
+
+
+def inverse(gram: Array, share: float) -> Array:
+    """Pseudo-inverse of symmetric positive G, (..., c, c), without what is under a share of its largest eigenvalue."""
+    size, axes = np.linalg.eigh(gram)
+    there = size > share * np.maximum(size[..., -1:], 0.0)
+    return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
 
 
 def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
@@ -124,28 +183,29 @@ def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
     return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
 
 
-def visibility(now: Fit, columns: Placed) -> float:
-    """Share of a candidate's power that the fitted columns leave."""
-    S = now.weighted(columns)
-    whole = S.T @ S
-    return share(whole - inside(now, S, columns.joint), whole)
+def visibility(now: Fit, candidates: Sequence[Placed]) -> Array:
+    """Share of each candidate's power that the fitted columns leave, (k,)."""
+    visible = np.zeros(len(candidates))
+    for batch in batches(candidates):
+        beside, c = Beside.of([candidates[i] for i in batch]), candidates[batch[0]].own.shape[-1]
+        S = now.weighted(beside)
+        whole = products(S, c)
+        visible[batch] = share(whole - products(now.along(S, beside.joint), c), whole)
+    return visible
 
 
-def inside(now: Fit, weighted: Array, joint: int | None) -> Array:
-    """``(BᵀS)ᵀ(BᵀS)``: what the fitted columns take of a candidate's products, (c, c)."""
-    along = now.along(weighted, joint)
-    return np.asarray(along.T @ along)
+def share(left: Array, whole: Array) -> Array:
+    """Traces of some matrices, (k, c, c), over those of others, (k,); 0 where that is nothing."""
+    size = np.trace(whole, axis1=1, axis2=2)
+    return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > 0)
 
 
-def share(left: Array, whole: Array) -> float:
-    """Trace of one matrix over that of another; 0 where that is nothing."""
-    size = float(np.trace(whole))
-    return float(np.trace(left)) / size if size > 0 else 0.0
+def overdone(target: Array, torque: Array) -> Flags:
+    """Whether causes, (k, rows), take far more torque than there is where they act: they only work against the model.
 
-
-def overdone(target: Array, torque: Array) -> bool:
-    """Whether a cause takes far more torque than there is where it acts: it only works against the rigid model."""
-    return float(torque @ torque) > OVERDONE**2 * float(np.sum(target[torque != 0] ** 2))
+    ``Σ τ² > OVERDONE² Σ target²`` over the rows where τ is not zero.
+    """
+    return np.asarray(np.sum(torque**2, axis=1) > OVERDONE**2 * ((torque != 0).astype(float) @ target**2))
 
 
 def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
@@ -184,16 +244,16 @@ def stationary(now: Fit, rest: Array, residual: Array) -> Array:
 
 def effective(now: Fit, rest: Array) -> float:
     """Blocks in which projected columns (rows n, c) act: see `acting`."""
-    return float(acting(grams(now, rest)))
+    return float(acting(grams(now, rest, rest.shape[1])[0]))
 
 
 def acting(gram: Array) -> Array:
-    """``c²/Σ_i h_i²``, h_i the leverage ``tr(G⁻¹ G_i)`` of each block, from their ``G_i = RᵀR``, (..., blocks, c, c).
+    """``c²/Σ_i h_i²``, h_i the leverage ``tr(G⁻¹ G_i)`` of each block, from their ``G_i = RᵀR``, (..., c, c, blocks).
 
     What acts in three blocks only has a score of which only three are independent, however long the log.
     """
-    inverse = np.linalg.pinv(gram.sum(axis=-3), rcond=1e-12, hermitian=True)
-    leverage = np.sum(gram * inverse[..., None, :, :], axis=(-2, -1))
+    inside = inverse(gram.sum(axis=-1), 1e-12)
+    leverage = np.sum(gram * inside[..., None], axis=(-3, -2))
     return np.asarray(np.sum(leverage, axis=-1) ** 2 / np.maximum(np.sum(leverage**2, axis=-1), 1e-300))
 
 
@@ -203,86 +263,7 @@ def chance(wald: Array | float, width: int, blocks: float) -> Array | float:
     return np.asarray(fdtrc(width, freedom, wald * freedom / (width * max(blocks - 1, 1.0))))
 
 
-def flipped(now: Fit, candidates: Sequence[Candidate], rng: np.random.Generator, flips: int = 499) -> Array:
-    """``min over candidates of p`` for random signs of the residual's blocks, (flips,), sorted.
-
-    Where nothing is left to be found the blocks' signs do not matter: what the search makes of flipped residuals is
-    what it makes of noise of this very colour.
-    """
-    signs = rng.choice([-1.0, 1.0], size=(flips, now.blocks))
-    by_width: dict[int, list[Candidate]] = {}
-    for columns in candidates:
-        if visibility(now, columns) > HIDDEN:
-            by_width.setdefault(columns.own.shape[-1], []).append(columns)
-    lowest = np.ones(flips)
-    for width, group in by_width.items():
-        for first in range(0, len(group), BATCH):
-            for wald, blocks in flipped_alike(now, group[first : first + BATCH], signs):
-                lower(lowest, wald, width, blocks)
-    return np.sort(lowest)
-
-
-def lower(lowest: Array, wald: Array, width: int, blocks: float) -> None:
-    """Lower each of some chances to that of a `wald` that is less likely, (flips,).
-
-    Few are: the others cannot be, being under what has the largest of the chances.
-    """
-    freedom = max(blocks - width, 1.0)
-    least = fdtri(width, freedom, 1.0 - np.max(lowest)) * width * max(blocks - 1, 1.0) / freedom
-    far = np.flatnonzero(wald > least)
-    lowest[far] = np.minimum(lowest[far], chance(wald[far], width, blocks))
-
-
-def flipped_alike(now: Fit, candidates: Sequence[Candidate], signs: Array) -> Iterator[tuple[Array, float]]:
-    """Yield `wald` as in `score`, for each row of signs of the residual's blocks, (flips,), and its number of blocks.
-
-    Args:
-        now: The fit.
-        candidates: Of one width c.
-        signs: Of each block, (flips, blocks).
-    """
-    rests = [project(now, columns) for columns in candidates]
-    scatter = np.stack([now.by_block(rest * now.residual[:, None]) for rest in rests])
-    gram = np.stack([grams(now, rest) for rest in rests])
-    for row, rest, own, blocks in zip(flipped_wald(signs, scatter, gram), rests, scatter, acting(gram).tolist()):
-        if blocks < FEW:
-            s, V = signs @ own, stationary(now, rest, now.residual)
-            row = np.minimum(row, np.sum(s * np.linalg.lstsq(V, s.T, rcond=1e-12)[0].T, axis=1))
-            blocks = float(now.blocks)
-        yield row, blocks
-
-
-def grams(now: Fit, rest: Array) -> Array:
-    """``Rᵀ R`` of each block, (blocks, c, c)."""
-    products = rest[:, :, None] * rest[:, None, :]
-    return now.by_block(products.reshape(len(rest), -1)).reshape(-1, rest.shape[1], rest.shape[1])
-
-
-def flipped_wald(signs: Array, scatter: Array, gram: Array) -> Array:
-    """``sᵀ V⁻¹ s`` as in `score`, for each row of signs: ``s = Σ ±x``, ``V = Σ (±x - G β)(±x - G β)ᵀ``, (k, flips).
-
-    Args:
-        signs: Of each block, (flips, blocks).
-        scatter: Scores x of k candidates in each block, (k, blocks, c).
-        gram: G of each block, (k, blocks, c, c).
-    """
-    flips, (k, blocks, c) = len(signs), scatter.shape
-    s = signs @ scatter
-    beta = s @ np.linalg.pinv(gram.sum(axis=1), rcond=1e-8, hermitian=True)
-    crossing = (scatter[:, :, :, None, None] * gram[:, :, None]).reshape(k, blocks, -1)
-    cross = ((signs @ crossing).reshape(k, flips, c * c, c) @ beta[:, :, :, None]).reshape(k, flips, c, c)
-    squared = np.einsum("kbip,kbjq->kpqij", gram, gram, optimize=True).reshape(k, c * c, c * c)
-    both = ((beta[..., :, None] * beta[..., None, :]).reshape(k, flips, -1) @ squared).reshape(k, flips, c, c)
-    V = (np.swapaxes(scatter, 1, 2) @ scatter)[:, None] - cross - np.swapaxes(cross, 2, 3) + both
-    V += 1e-12 * np.trace(V, axis1=2, axis2=3)[..., None, None] * np.eye(c)
-    return over(V, s)
-
-
-def over(V: Array, s: Array) -> Array:
-    """``sᵀ V⁻¹ s`` of many symmetric V, (..., c, c), and s, (..., c); without a solver's call for each small one."""
-    if s.shape[-1] == 1:
-        return np.asarray(s[..., 0] ** 2 / V[..., 0, 0])
-    if s.shape[-1] == 2:
-        x, y, a, b, d = s[..., 0], s[..., 1], V[..., 0, 0], V[..., 0, 1], V[..., 1, 1]
-        return np.asarray((x * x * d - 2 * x * y * b + y * y * a) / (a * d - b * b))
-    return np.asarray(np.sum(s * np.linalg.solve(V, s[..., None])[..., 0], axis=-1))
+def grams(now: Fit, rest: Array, c: int) -> Array:
+    """``RᵀR`` of each block, of each c columns of some that stand side by side, (rows n, k c): (k, c, c, blocks)."""
+    R = each(rest, c)
+    return np.add.reduceat(R[:, :, None] * R[:, None, :], now.starts, axis=-1)

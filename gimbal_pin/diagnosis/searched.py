@@ -10,9 +10,9 @@ import numpy as np
 
 from gimbal_pin.diagnosis import leftover, verdict
 from gimbal_pin.diagnosis.finding import Slight
+from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
-from gimbal_pin.diagnosis.score import flipped
 from gimbal_pin.diagnosis.search import forward, polished, pruned, swapped
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved

@@ -130,7 +130,8 @@ def twins(base: State, cause: Cause, shelf: Library, hidden: Sequence[Untestable
     """
     here = {row.cause for row in hidden if not cause.of_joint or row.joint in (None, cause.place)} - {cause.name}
     rows = ((name, *row) for name in sorted(here) for row in imitations(base, cause, name, shelf))
-    near = [name for name, likeness, torque in rows if likeness > ALIKE and not overdone(base.fit.target, torque)]
+    target = base.fit.target
+    near = [name for name, likeness, torque in rows if likeness > ALIKE and not overdone(target, torque[None])[0]]
     return list(dict.fromkeys(near))
 
 
@@ -248,9 +249,10 @@ def half_hidden(state: State, shelf: Library) -> tuple[Untestable, ...]:
 def shown(state: State, causes: Sequence[Cause], shelf: Library) -> dict[tuple[str, str | None], float]:
     """Name and joint → the largest share of a column's power that the rigid model and friction leave."""
     visible: dict[tuple[str, str | None], float] = {}
-    for cause in causes:
+    columns = [shelf.of(cause, state) for cause in causes]
+    for cause, seen in zip(causes, visibility(state.fit, columns).tolist()):
         key = (cause.name, cause.place if cause.of_joint else None)
-        visible[key] = max(visible.get(key, 0.0), visibility(state.fit, shelf.of(cause, state)))
+        visible[key] = max(visible.get(key, 0.0), seen)
     return visible
 
 

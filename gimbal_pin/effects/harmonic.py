@@ -60,9 +60,9 @@ class Harmonic(Effect):
         """``carrier cos kq, carrier sin kq`` for every harmonic."""
         carrier = self.carrier(at)
         if len(self.harmonic) == 1:
-            angle = self.harmonic[0] * at.q
-            return carrier * cos(angle), carrier * sin(angle)
-        return tuple(carrier * part(k * at.q) for k in self.harmonic for part in (cos, sin))
+            along, across = at.around(self.harmonic[0])
+            return carrier * along, carrier * across
+        return tuple(carrier * part for k in self.harmonic for part in at.around(k))
 
     def merged(self, other: Harmonic) -> Harmonic:
         """Return the harmonics of both."""
