@@ -20,7 +20,9 @@ from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, solved, without
 from gimbal_pin.diagnosis.verdict import at_bound
 from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.signal import Borne, Signal
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
@@ -117,3 +119,18 @@ def test_a_shape_at_its_bound_is_doubted_only_where_the_log_tells_it(
     log = commanded(cause, 6)
     problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
     assert at_bound(solved(problem, (), solved(problem, ())), cause) == told
+
+
+@pytest.mark.parametrize(("stroke", "damping"), [(0.03, 0.2), (0.08, 0.05)])
+def test_damped_bristles_are_told_from_undamped_ones(stroke: float, damping: float) -> None:
+    name = RIG.joints[0]
+    term = Term(Presliding(name, stroke, True), (0.1, damping))
+    plain = nominal(RIG)
+    log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
+    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
+    shelf = Library(problem, Presliding.tried(name, problem.evidence.seen[0]))
+    state = forward(solved(problem, (), solved(problem, ())), shelf)
+    found = state.causes[0]
+    assert isinstance(found, Presliding) and found.damped
+    assert found.stroke == pytest.approx(stroke, rel=0.1)
+    assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)

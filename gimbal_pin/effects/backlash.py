@@ -23,8 +23,8 @@ class Backlash(Signal):
 
     Two masses J (rotor) and I (link): the rigid joint feels y. With the encoder on the rotor r = J/(I + J), the rotor's
     share: it is the link then whose motion the encoder does not see; with the encoder on the link y = x - J dw/dt.
-    Here x is what pushes on the gap: the command less the motor's friction, and ``r/(1 - r)`` of what the link bears,
-    as the link goes its own way while the rotor crosses. The landing is taken not to bounce.
+    With the encoder on the rotor x is what pushes on the gap: the command less the motor's friction, and ``r/(1 - r)``
+    of what the link bears, as the link goes its own way while the rotor crosses. The landing is taken not to bounce.
 
     Attributes:
         joint: The joint that has the gap.
@@ -48,8 +48,11 @@ class Backlash(Signal):
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
 
     def beside(self, borne: Borne) -> Value:
-        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
-        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
+        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
+
+        Nothing with the encoder on the link: the friction that a log shows by its rate's sign is then the link's.
+        """
+        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake if self.rotor_share else 0.0
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""
