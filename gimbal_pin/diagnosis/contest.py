@@ -52,27 +52,33 @@ class Contest:
     rival: str
     forms: tuple[Cause, ...]
 
-    def stack(self, state: State) -> Array:
-        """Weighted columns of all that is refitted, the finding's torque, and the forms, side by side, (rows n, k)."""
+    def on(self, problem: Problem, torque: Array) -> State:
+        """The state without the cause on a candidate motion, whose torque is given, N m, (m, n)."""
+        return replace(self.base, problem=problem, torque=[torque], acting=[torque])
+
+    def common(self, state: State) -> Array:
+        """Weighted columns of all that is refitted, and the finding's torque, side by side, (rows n, k)."""
         own = state.columns(self.cause).values @ self.beta
-        forms = [state.columns(form).values for form in self.forms]
-        values = np.concatenate([*refitted(state), own[..., None], *forms], axis=2)
-        return self.base.fit.stacked(values)
+        return self.base.fit.stacked(np.concatenate([*refitted(state), own[..., None]], axis=2))
+
+    def stack(self, state: State, common: Array) -> Array:
+        """Put the forms beside what is `common` to all contests of a finding, (rows n, k)."""
+        forms = [self.base.fit.stacked(state.columns(form).values) for form in self.forms]
+        return np.hstack([common, *forms])
 
     @cached_property
     def known(self) -> Array:
         """Triangular factor of `stack` on the logs so far, (k, k)."""
-        return triangle(self.stack(self.base))
+        return triangle(self.stack(self.base, self.common(self.base)))
 
     @cached_property
     def now(self) -> Apart:
         """How far apart the two are on the logs so far."""
         return self.parted(self.known)
 
-    def expected(self, problem: Problem, torque: Array) -> Apart:
-        """How far apart they will be with a candidate motion, whose torque is given, N m, (m, n)."""
-        state = replace(self.base, problem=problem, torque=[torque], acting=[torque])
-        return self.parted(triangle(np.vstack([self.known, self.stack(state)])))
+    def expected(self, state: State, common: Array) -> Apart:
+        """How far apart they will be with a candidate motion; `state` and `common` are those `on` it."""
+        return self.parted(triangle(np.vstack([self.known, self.stack(state, common)])))
 
     def parted(self, rows: Array) -> Apart:
         """Separation from the form that comes nearest, from rows of `stack` or a triangular factor of them."""
@@ -85,11 +91,11 @@ class Contest:
             at = end
         return Apart(min(found), min(found) / max(whole, 1e-300))
 
-    def closest(self, problem: Problem, torque: Array) -> Apart:
+    def closest(self, state: State, common: Array) -> Apart:
         """As `expected`, the rival free to move its shape to where it imitates the finding best on all rows."""
 
         def against(form: Cause) -> Apart:
-            return replace(self, forms=(form,)).expected(problem, torque)
+            return replace(self, forms=(form,)).expected(state, common)
 
         form = min(self.forms, key=lambda one: against(one).deviations)
         for step in STEPS if shape_names(form) else ():

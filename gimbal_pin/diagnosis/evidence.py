@@ -260,7 +260,8 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
-    return Part(channels, warm, gate, gain, noise.trust, origin, dt, count)
+    # Each joint's gate side by side in memory: every column is multiplied by it.
+    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count)
 
 
 def fade(length: int, edge: int) -> Array:

@@ -111,10 +111,12 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     """
     rows, n, k = A.shape
     weight = np.ones(n) if scale is None else scale
-    for _ in range(PASSES if scale is None else 1):
-        theta = np.linalg.lstsq((A * weight[:, None]).reshape(-1, k), (b * weight).ravel(), rcond=1e-10)[0]
-        power = np.sum((b - A @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
-        if scale is None:
+    if scale is None:
+        R = triangles(A, b)
+        for _ in range(PASSES):
+            stacked = (R * weight[:, None]).reshape(-1, k + 1)
+            theta = np.linalg.lstsq(stacked[:, :k], stacked[:, k], rcond=1e-10)[0]
+            power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
             # What fits better than its sensors allow is luck, not knowledge.
             weight = 1.0 / np.sqrt(np.maximum(power, 0.5))
     stacked = (A * weight[:, None]).reshape(-1, k)
@@ -127,6 +129,11 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     information = (right[seen].T / values[seen] ** 2) @ right[seen] / np.outer(unit, unit)
     residual = target - stacked @ theta
     return Fit(theta, stacked, target, left[:, seen], residual, weight, information, np.repeat(block, n))
+
+
+def triangles(A: Array, b: Array) -> Array:
+    """Triangular factor of each joint's ``[A_j b_j]``, (r, n, k + 1): the same sums of squares in as few rows."""
+    return np.stack([np.linalg.qr(np.column_stack([x, y]), mode="r") for x, y in zip(A.swapaxes(0, 1), b.T)], axis=1)
 
 
 def norms(matrix: Array) -> Array:

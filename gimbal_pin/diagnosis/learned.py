@@ -26,6 +26,8 @@ SEEN = 0.5
 """Root mean square of what is predicted under which it does not matter, in units of the noise floor."""
 DRAWS = 3
 """Draws of the features of which each must predict it: what is there is found by any, what is luck by one."""
+OWN = 5
+"""Arguments of the joint itself: way back, angle, rate, acceleration and torque."""
 WIDTH_OWN, WIDTH_ALL = 2.0, 3.0
 """How many standard deviations of its arguments a feature is wide: the more arguments, the wider."""
 
@@ -40,8 +42,9 @@ class Features(NamedTuple):
 def predictable(now: Fit, evidence: Evidence, torque: Sequence[Array], joint: int, rng: np.random.Generator) -> bool:
     """Whether one joint's residual is a function of its own motion, or of all joints'."""
     least = max(LEARNT, SEEN**2 * max(float(evidence.used()[joint]), 1e-3) / power(now, joint))
-    for alone, width in ((True, WIDTH_OWN), (False, WIDTH_ALL)):
-        z = arguments(evidence, torque, joint, alone)
+    every = arguments(evidence, torque, joint)
+    for count, width in ((OWN, WIDTH_OWN), (None, WIDTH_ALL)):
+        z = [x[:, :count] for x in every]
         if all(learnt(now, evidence.whiten(features(z, width, rng), joint), joint, least, rng) for _ in range(DRAWS)):
             return True
     return False
@@ -61,9 +64,9 @@ def power(now: Fit, joint: int) -> float:
     return float(np.mean(now.residual[now.rows(joint)] ** 2) * now.dispersion[joint])
 
 
-def arguments(evidence: Evidence, torque: Sequence[Array], joint: int, alone: bool) -> list[Array]:
-    """What a torque may depend on, one array (m, d) per part."""
-    others = [k for k in range(evidence.rig.n) if k != joint and not alone]
+def arguments(evidence: Evidence, torque: Sequence[Array], joint: int) -> list[Array]:
+    """What a torque may depend on, the `OWN` arguments of the joint first, one array (m, d) per part."""
+    others = [k for k in range(evidence.rig.n) if k != joint]
     stroke = max(evidence.seen[joint].travel / 8, 1e-3)
     return [
         np.column_stack([bent(part.channels.q[:, joint], stroke), *(held(part, x, k) for k in (joint, *others))])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.state import Problem, State, near, sized
@@ -36,28 +37,55 @@ class Library:
     def __init__(self, problem: Problem, causes: Sequence[Cause]) -> None:
         """Remember what to build."""
         self.problem, self.causes = problem, causes
-        self.built: dict[Cause, tuple[list[Array], Columns]] = {}
+        self.built: dict[Cause, tuple[Read, Columns]] = {}
 
     def columns(self, state: State, place: str | None = None) -> list[Columns]:
         """Columns at this state, of all causes or only of those at a joint and of the whole rig."""
         here = [c for c in self.causes if place is None or c.place == place or not c.of_joint]
         taken = {kept(cause) for cause in state.causes}
-        return [self.of(cause, state) for cause in here if kept(cause) not in taken]
+        return self.all_of([cause for cause in here if kept(cause) not in taken], state)
 
     def of(self, cause: Cause, state: State) -> Columns:
-        """Columns of one cause: as they were, if what they were built from is nearly as it was."""
-        read = self.read(cause, state)
-        known = self.built.get(cause)
-        if known is None or not all(near(new, old, STALE) for new, old in zip(read, known[0])):
-            known = read, state.columns(cause)
-            self.built[cause] = known
-        return known[1]
+        """Columns of one cause."""
+        return self.all_of([cause], state)[0]
 
-    def read(self, cause: Cause, state: State) -> list[Array]:
-        """What a cause's columns depend on besides the log: the torque at its joint, the rig's inertias, or nothing."""
-        if isinstance(cause, RigEffect):
-            return [state.rig.phi]
-        if isinstance(cause, Effect) and not cause.loaded:
-            return []
-        j = self.problem.evidence.rig.joint_index(cause.place)
-        return [x[:, j] for x in (state.acting if isinstance(cause, Signal) else state.torque)]
+    def all_of(self, causes: Sequence[Cause], state: State) -> list[Columns]:
+        """Columns of causes: as they were, if what they were built from is nearly as it was."""
+        reads: dict[tuple[str, str], Read] = {}
+        still: dict[tuple[Read, Read], bool] = {}
+        found = []
+        for cause in causes:
+            key = source(cause)
+            now = reads[key] if key in reads else reads.setdefault(key, self.read(key, state))
+            before, columns = self.built.get(cause, (now, None))
+            if (now, before) not in still:
+                still[now, before] = all(near(new, old, STALE) for new, old in zip(now.arrays, before.arrays))
+            if columns is None or not still[now, before]:
+                columns = state.columns(cause)
+                self.built[cause] = now, columns
+            found.append(columns)
+        return found
+
+    def read(self, key: tuple[str, str], state: State) -> Read:
+        """What some causes' columns depend on besides the log; see `source`."""
+        what, place = key
+        if what in ("inertias", ""):
+            return Read([state.rig.phi] if what else [])
+        j = self.problem.evidence.rig.joint_index(place)
+        return Read([x[:, j] for x in (state.acting if what == "acting" else state.torque)])
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """What columns were built from besides the log, compared but once for all causes that read it."""
+
+    arrays: list[Array]
+
+
+def source(cause: Cause) -> tuple[str, str]:
+    """What a cause's columns depend on besides the log, and where: a torque at its joint, the inertias, or nothing."""
+    if isinstance(cause, RigEffect):
+        return "inertias", ""
+    if isinstance(cause, Effect) and not cause.loaded:
+        return "", ""
+    return "acting" if isinstance(cause, Signal) else "torque", cause.place

@@ -94,7 +94,13 @@ class Bench:
         evidence, torque = imagined(known, motion, self.model, replace(BAND, cutoff=known.band))
         problem = Problem.of(evidence, self.state.problem.reduction)
         used = min(float(evidence.used()[evidence.rig.joint_index(joint)]) for joint in self.joints)
-        return tuple((each.closest if final else each.expected)(problem, torque) for each in self.contests), used
+        apart, common = list[Apart](), dict[Cause, Array]()
+        for each in self.contests:
+            state = each.on(problem, torque)
+            if each.cause not in common:
+                common[each.cause] = each.common(state)
+            apart.append((each.closest if final else each.expected)(state, common[each.cause]))
+        return tuple(apart), used
 
     @property
     def joints(self) -> tuple[str, ...]:

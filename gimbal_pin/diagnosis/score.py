@@ -170,6 +170,8 @@ def fitting(gram: Array, s: Array) -> Array:
 
 def inverse(gram: Array, share: float) -> Array:
     """Pseudo-inverse of symmetric positive G, (..., c, c), without what is under a share of its largest eigenvalue."""
+    if gram.shape[-1] == 1:
+        return np.divide(1.0, gram, out=np.zeros_like(gram), where=gram > 0)
     size, axes = np.linalg.eigh(gram)
     there = size > share * np.maximum(size[..., -1:], 0.0)
     return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
