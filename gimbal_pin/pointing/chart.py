@@ -34,7 +34,7 @@ def chart(found: Contest) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 8.4))
-    room = dict(left=0.08, right=0.98, top=0.96, bottom=0.12, hspace=0.5, height_ratios=[3, 3, 0.6])
+    room = dict(left=0.08, right=0.98, top=0.91, bottom=0.12, hspace=0.5, wspace=0.2, height_ratios=[3, 3, 0.6])
     axes = figure.subplot_mosaic([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2], gridspec_kw=room)
     sight, spectrum, torque, bar = (axes[name] for name in ("sight", "spectrum", "torque", "bar"))
     rows = drawn(found)
@@ -45,8 +45,9 @@ def chart(found: Contest) -> Figure:
     spectrum.set_title("Cumulative spectrum")
     torque.set_title("Torque: rms as a bar, the largest as a line")
     bar.set_title("Error budget of the world-frame PID, % of its mean square")
-    spectrum.legend([row.controller for row in rows], loc="center right")
-    if found.budget is not None:
+    names = [row.controller for row in rows]
+    figure.legend(spectrum.get_lines(), names, loc="upper center", ncols=len(names), frameon=False)
+    if found.budget is not None and found.budget.telling:
         budgeted(bar, found.budget)
     else:
         bar.set_axis_off()
@@ -82,12 +83,19 @@ def envelope(run: Pointing) -> tuple[Array, Array]:
 
 
 def spectra(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw jitter up to each frequency, degrees rms, of the first run."""
+    """Draw jitter up to each frequency, degrees rms, of the first run, both logarithmic: orders of magnitude apart."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     for row in rows:
         f, rms = cumulative(row.runs[0].sight, row.runs[0].dt)
         some = np.unique(np.geomspace(1, len(f) - 1, POINTS).astype(int))
-        axes.semilogx(f[some], np.degrees(rms[some]), color=looks(rows)[row.controller])
-    axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]), ylim=(0, None))
+        axes.loglog(f[some], np.degrees(rms[some]), color=looks(rows)[row.controller])
+    axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]))
+    # What is below a thousandth of the largest is the high-pass's own flank, not jitter.
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * axes.get_ylim()[1]))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def torques(axes: Axes, rows: Sequence[Row]) -> None:
