@@ -429,8 +429,8 @@ def budget(found: Verified) -> list[str]:
 
     parted = found.contest.budget
     if parted is None or not parted.telling:
-        names = ", ".join((BASELINE, *(name for _, name in STEPS)))
-        return ["", f"no error budget: it takes {BASELINE} and two at least of the others of {names}"]
+        names = ", ".join(name for _, name in STEPS)
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
     rows = [
         (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,27 +30,27 @@ SHORTEST = 4.0
 
 
 def chart(found: Contest) -> Figure:
-    """Return four diagrams of the first seed: PID, ours and the oracle; the budget is that of all seeds."""
+    """Return diagrams of the first seed: PID, ours and the oracle; below, if it is told, the budget of all seeds."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 8.4))
-    room = dict(left=0.08, right=0.98, top=0.91, bottom=0.12, hspace=0.5, wspace=0.2, height_ratios=[3, 3, 0.6])
-    axes = figure.subplot_mosaic([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2], gridspec_kw=room)
-    sight, spectrum, torque, bar = (axes[name] for name in ("sight", "spectrum", "torque", "bar"))
-    rows = drawn(found)
-    over_time(sight, rows)
-    spectra(spectrum, rows)
-    torques(torque, rows)
-    sight.set_title("Line of sight, above 0.2 Hz: the largest of each stretch")
-    spectrum.set_title("Cumulative spectrum")
-    torque.set_title("Torque: rms as a bar, the largest as a line")
-    bar.set_title("Error budget of the world-frame PID, % of its mean square")
+    budget = found.budget if found.budget is not None and found.budget.telling else None
+    figure = Figure(figsize=(11, 7.0 if budget is None else 8.4))
+    room = dict(left=0.08, right=0.98, top=0.91, bottom=0.08 if budget is None else 0.12, hspace=0.5, wspace=0.2)
+    rows, places = drawn(found), list[Any]([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2])
+    places = places if budget is not None else places[:2]
+    heights = [3, 3, 0.6][: len(places)]
+    axes = figure.subplot_mosaic(places, gridspec_kw=room, height_ratios=heights)
+    over_time(axes["sight"], rows)
+    spectra(axes["spectrum"], rows)
+    torques(axes["torque"], rows)
+    axes["sight"].set_title("Line of sight, above 0.2 Hz: the largest of each stretch")
+    axes["spectrum"].set_title("Cumulative spectrum")
+    axes["torque"].set_title("Torque: rms as a bar, the largest as a line")
     names = [row.controller for row in rows]
-    figure.legend(spectrum.get_lines(), names, loc="upper center", ncols=len(names), frameon=False)
-    if found.budget is not None and found.budget.telling:
-        budgeted(bar, found.budget)
-    else:
-        bar.set_axis_off()
+    figure.legend(axes["spectrum"].get_lines(), names, loc="upper center", ncols=len(names), frameon=False)
+    if budget is not None:
+        budgeted(axes["bar"], budget)
+        axes["bar"].set_title("Error budget of the world-frame PID, % of its mean square")
     return figure
 
 
