@@ -202,44 +202,85 @@ def simulate(
         UsageError: The reference is not sampled at the controller's interval, the platform's motion does not last as
             long, or the state left the finite numbers.
     """
-    n, steps = plant.rig.n, len(reference)
-    dt = controller.dt
-    if steps < 2 or not np.allclose(np.diff(reference.t), dt, rtol=1e-6):
+    dt, t = controller.dt, reference.t
+    if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
     sense = sensors if sensors is not None else Sensors.of(plant.rig, dt)
-    q, v, tau, states = np.empty((steps, n)), np.empty((steps, n)), np.empty((steps, n)), list[State]()
-    rate_noise = sense.rate_std * rng.standard_normal((steps, n))
-    torque_noise = sense.torque_std * rng.standard_normal((steps, n))
-    carried = None if platform is None else halved(platform, reference.t)
-    system, memory = Plant(plant, carried), controller.start()
+    rate_noise = sense.rate_std * rng.standard_normal(reference.q.shape)
+    torque_noise = sense.torque_std * rng.standard_normal(reference.q.shape)
+    carried = None if platform is None else halved(platform, t)
     motors = Drive((*plant.drive, *drive), plant.rig, dt, plant)
-    state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
-    pending: deque[Array] = deque([np.zeros(n)] * delay)
-    limit, times, rows = plant.rig.tau_max, reference.t.tolist(), zip(reference.q, reference.v, reference.a)
-    for k, wished in enumerate(tqdm(rows, name, steps, unit="sample", disable=None, leave=False, delay=2)):
-        if not isfinite(sum(state.q.tolist())):
-            what = f"the closed loop diverged {times[k] - times[0]:.3g} s after its start"
-            raise UsageError(name, what, "lower the controller's bandwidth or its delay")
-        states.append(state)
-        q[k], v[k] = sense.angle(state.q), state.v + rate_noise[k]
-        wanted, memory = controller.torque(times[k], q[k], v[k], Reference(*wished), memory)
-        pending.append(wanted)
-        tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
-        state = system.step(times[k], state, motors.acting(tau[k], state), dt)
-    exact = np.array([[state.q for state in states], [state.v for state in states]])
+    loop = Loop(Plant(plant, carried), motors, controller, sense, rate_noise, delay, name)
+    seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
+    base = None if carried is None else carried.part(slice(0, None, 2))
     return Log(
         name=name,
         joints=plant.rig.joints,
-        t=reference.t,
-        q=q,
-        v=v,
-        tau=tau + torque_noise,
+        t=t,
+        q=seen.q,
+        v=seen.v,
+        tau=seen.tau + torque_noise,
         q_ref=reference.q,
-        imus=imus(
-            plant.rig, sense, reference.t, exact, None if carried is None else carried.part(slice(0, None, 2)), rng
-        ),
+        imus=imus(plant.rig, sense, t, seen.exact, base, rng),
         payload=plant.rig.payload,
     )
+
+
+class Run(NamedTuple):
+    """What a loop left.
+
+    Attributes:
+        q: Measured angles, rad, (N, n).
+        v: Measured rates, rad/s, (N, n).
+        tau: Commanded torques, N m, (N, n).
+        exact: True angles and rates, (2, N, n).
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    exact: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Plant, drives, controller and sensors, ready to run.
+
+    Attributes:
+        system: The plant, on its platform.
+        motors: The drives.
+        controller: The control law.
+        sense: The sensors.
+        rate_noise: What is added to every rate, rad/s, (N, n).
+        delay: Samples between measurement and torque.
+        name: What a bar and an error speak of.
+    """
+
+    system: Plant
+    motors: Drive
+    controller: Controller
+    sense: Sensors
+    rate_noise: Array
+    delay: int
+    name: str
+
+    def run(self, reference: Motion, state: State) -> Run:
+        """Follow a reference from a state."""
+        q, v, tau, states = *(np.empty(reference.q.shape) for _ in range(3)), list[State]()
+        dt, limit, memory = self.controller.dt, self.system.model.rig.tau_max, self.controller.start()
+        pending: deque[Array] = deque([np.zeros(len(limit))] * self.delay)
+        t, rows = reference.t.tolist(), zip(reference.q, reference.v, reference.a)
+        for k, wished in enumerate(tqdm(rows, self.name, len(t), unit="sample", disable=None, leave=False, delay=2)):
+            if not isfinite(sum(state.q.tolist())):
+                what = f"the closed loop diverged {t[k] - t[0]:.3g} s after its start"
+                raise UsageError(self.name, what, "lower the controller's bandwidth or its delay")
+            states.append(state)
+            q[k], v[k] = self.sense.angle(state.q), state.v + self.rate_noise[k]
+            wanted, memory = self.controller.torque(t[k], q[k], v[k], Reference(*wished), memory)
+            pending.append(wanted)
+            tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
+            state = self.system.step(t[k], state, self.motors.acting(tau[k], state), dt)
+        return Run(q, v, tau, np.array([[state.q for state in states], [state.v for state in states]]))
 
 
 def halved(platform: Platform, t: Array) -> Platform:

@@ -441,9 +441,12 @@ def swept(found: Verified) -> list[str]:
 
 def budget(found: Verified) -> list[str]:
     """One bar: what each thing that the controllers know takes off the world-frame PID's mean square error."""
+    from gimbal_pin.pointing.budget import BASELINE, STEPS
+
     parted = found.contest.budget
-    if parted is None:
-        return []
+    if parted is None or not parted.telling:
+        names = ", ".join(name for _, name in STEPS)
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
     rows = [
         (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()

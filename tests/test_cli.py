@@ -9,13 +9,16 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gimbal_pin.cli import VERBS
+from gimbal_pin.cli.holding import Holding
 from gimbal_pin.control.design import Wish
+from gimbal_pin.errors import LogError
 from gimbal_pin.io import read_log, write_log
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
@@ -122,6 +125,7 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
     assert distance["must"] == 2.5 and jitter["value"] == pytest.approx(rows["switch"]["jitter_rms_deg"])
     assert (tmp_path / "p.svg").stat().st_size > 1000
     refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
+    refused(run("track", "turret", "--platform", "S", "--learn-map", "t=time"), 2, "--learn-map", "--learn LOG")
     refused(run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"), 2, "--animation", "--platform S")
     refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")
     refused(run("track", "turret", "--steps"), 2, "CONTROLLER", "--platform S")
@@ -178,6 +182,15 @@ def test_real_double_pendulum(run: Run, tmp_path: Path) -> None:
     found = result(run, "auto", urdf, short, *options, "--kind", "pid", "--damping", "0.9", "-o", out)
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
+
+
+def test_two_logs_have_two_mappings(log_file: Path) -> None:
+    """Beside a recorded motion `--map` is that motion's, and `--learn-map` the other log's."""
+    beside = Holding(learn=str(log_file), platform_log=Path("motion.csv"), map=("t=elsewhere",))
+    assert beside.taught("turret", None) is not None
+    for wrong in (replace(beside, platform_log=None), replace(beside, learn_map=("t=elsewhere",))):
+        with pytest.raises(LogError, match="elsewhere"):
+            wrong.taught("turret", None)
 
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from math import degrees
+from math import degrees, inf
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control.equal import Equal
+from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, learned
@@ -25,11 +26,11 @@ from gimbal_pin.pointing.outlook import liveliest, outlook
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.sweep import Sweep
-from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.pointing.verify import Asked, Verified, verify
 from gimbal_pin.report import pointing, render
 from gimbal_pin.report.numbers import CONTROLLERS, figures
 from gimbal_pin.report.sections.gaze import gazes
-from gimbal_pin.report.sections.pointing import asked_for, headline
+from gimbal_pin.report.sections.pointing import asked_for, headline, numbers
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import afar, gaze
 from gimbal_pin.view.motion import poses
@@ -170,10 +171,25 @@ def test_a_contest_without_the_usual_names_is_shown_too() -> None:
     assert len(gaze.pictures(seen, CONTROLLERS)) == 3 and "computed torque, to one scale" in gazes(seen, WANTED)
 
 
+def test_the_headline_compares_at_equal_margins() -> None:
+    """Gains that were asked for have other margins: their ratio to the PID is not claimed where ours ran."""
+    pid, _, ours, *_ = contest().rows
+    tuned = replace(pid, controller="tuned", runs=tuple(replace(run, controller="tuned") for run in pid.runs))
+    beside, alone = (replace(contest(), rows=rows) for rows in ((pid, ours, tuned), (pid, tuned)))
+    assert "10 times as much at equal margins. Your controller" in headline(beside)
+    assert headline(beside).endswith("with margins of its own.")
+    assert numbers(replace(verified(), contest=beside))[0].note.startswith("full model-based control")
+    assert headline(alone).endswith("each with margins of its own.") and "times" not in headline(alone)
+
+
 def test_what_cannot_hold_a_camera_says_why() -> None:
     assert [unable(Rig.load(name), WANTED) for name in ("thesis", "handheld", "turret")] == [None] * 3
     limits = tuple(replace(limit, upper=0.1, lower=-0.1) for limit in rig().limits)
     assert "reaches its limit" in str(unable(replace(rig(), limits=limits), WANTED))
+    strong = replace(rig(), motors=tuple(replace(motor, tau_max=inf) for motor in rig().motors))
+    endless = replace(strong, limits=tuple(replace(limit, effort=inf) for limit in rig().limits))
+    with pytest.raises(UsageError, match="torque limits are not stated"):
+        verify(endless, Asked())
 
 
 def test_where_no_imu_says_how_the_platform_moves_profile_s_does() -> None:

@@ -365,7 +365,9 @@ def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
 def test_the_budget_adds_up(sizes: list[float]) -> None:
     parted = Budget.of(dict(zip(("pid-world", "computed-torque", "oracle"), sizes)))
     assert parted is not None
-    assert sum(parted.parts.values()) == pytest.approx(1.0)
+    assert sum(parted.parts.values()) == pytest.approx(1.0) and parted.telling
+    single = Budget.of({"pid-world": sizes[0], "oracle": sizes[2]})
+    assert single is not None and not single.telling
     assert Budget.of({"pid-world": 1.0, "switch": 0.1}) is None
     assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "sensor floor"]
     assert parted.size("sensor floor") == pytest.approx(sizes[2]) == parted.floor

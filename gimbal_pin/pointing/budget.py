@@ -33,6 +33,11 @@ class Budget:
     parts: Mapping[str, float]
     floor: float
 
+    @property
+    def telling(self) -> bool:
+        """Whether it parts the error at all: of one controller beside the baseline there is one part and the floor."""
+        return len(self.parts) > 2
+
     @staticmethod
     def of(jitter: Mapping[str, float]) -> Budget | None:
         """Part the error by controllers' jitter, rad rms; steps whose controller did not run are told with the next."""

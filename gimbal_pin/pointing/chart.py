@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,26 +30,27 @@ SHORTEST = 4.0
 
 
 def chart(found: Contest) -> Figure:
-    """Return four diagrams of the first seed: PID, ours and the oracle; the budget is that of all seeds."""
+    """Return diagrams of the first seed: PID, ours and the oracle; below, if it is told, the budget of all seeds."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 8.4))
-    room = dict(left=0.08, right=0.98, top=0.96, bottom=0.12, hspace=0.5, height_ratios=[3, 3, 0.6])
-    axes = figure.subplot_mosaic([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2], gridspec_kw=room)
-    sight, spectrum, torque, bar = (axes[name] for name in ("sight", "spectrum", "torque", "bar"))
-    rows = drawn(found)
-    over_time(sight, rows)
-    spectra(spectrum, rows)
-    torques(torque, rows)
-    sight.set_title("Line of sight, above 0.2 Hz: the largest of each stretch")
-    spectrum.set_title("Cumulative spectrum")
-    torque.set_title("Torque: rms as a bar, the largest as a line")
-    bar.set_title("Error budget of the world-frame PID, % of its mean square")
-    spectrum.legend([row.controller for row in rows], loc="center right")
-    if found.budget is not None:
-        budgeted(bar, found.budget)
-    else:
-        bar.set_axis_off()
+    budget = found.budget if found.budget is not None and found.budget.telling else None
+    figure = Figure(figsize=(11, 7.0 if budget is None else 8.4))
+    room = dict(left=0.08, right=0.98, top=0.91, bottom=0.08 if budget is None else 0.12, hspace=0.5, wspace=0.2)
+    rows, places = drawn(found), list[Any]([["sight", "spectrum"], ["torque"] * 2, ["bar"] * 2])
+    places = places if budget is not None else places[:2]
+    heights = [3, 3, 0.6][: len(places)]
+    axes = figure.subplot_mosaic(places, gridspec_kw=room, height_ratios=heights)
+    over_time(axes["sight"], rows)
+    spectra(axes["spectrum"], rows)
+    torques(axes["torque"], rows)
+    axes["sight"].set_title("Line of sight, above 0.2 Hz: the largest of each stretch")
+    axes["spectrum"].set_title("Cumulative spectrum")
+    axes["torque"].set_title("Torque: rms as a bar, the largest as a line")
+    names = [row.controller for row in rows]
+    figure.legend(axes["spectrum"].get_lines(), names, loc="upper center", ncols=len(names), frameon=False)
+    if budget is not None:
+        budgeted(axes["bar"], budget)
+        axes["bar"].set_title("Error budget of the world-frame PID, % of its mean square")
     return figure
 
 
@@ -82,12 +83,19 @@ def envelope(run: Pointing) -> tuple[Array, Array]:
 
 
 def spectra(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw jitter up to each frequency, degrees rms, of the first run."""
+    """Draw jitter up to each frequency, degrees rms, of the first run, both logarithmic: orders of magnitude apart."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     for row in rows:
         f, rms = cumulative(row.runs[0].sight, row.runs[0].dt)
         some = np.unique(np.geomspace(1, len(f) - 1, POINTS).astype(int))
-        axes.semilogx(f[some], np.degrees(rms[some]), color=looks(rows)[row.controller])
-    axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]), ylim=(0, None))
+        axes.loglog(f[some], np.degrees(rms[some]), color=looks(rows)[row.controller])
+    axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]))
+    # What is below a thousandth of the largest is the high-pass's own flank, not jitter.
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * axes.get_ylim()[1]))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def torques(axes: Axes, rows: Sequence[Row]) -> None:

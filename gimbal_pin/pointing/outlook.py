@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,12 +72,15 @@ def outlook(found: Contest, wanted: Array, seconds: float = SECONDS, rate: float
     )
 
 
-def shown(found: Contest) -> tuple[Row, ...]:
-    """Return the baseline's row and ours, or the first and the last where one did not run."""
+def shown(found: Contest, ours: Sequence[str] = (TUNED, OURS)) -> tuple[Row, ...]:
+    """Return the baseline's row and ours, or the first and the last where one did not run; `ours`: the first that ran.
+
+    The gains that somebody asked for are what his rig does; with (OURS, TUNED) it is what has the baseline's margins.
+    """
     by_name = {row.controller: row for row in found.rows}
-    ours = next((by_name[name] for name in (TUNED, OURS) if name in by_name), None)
-    if BASELINE in by_name and ours is not None:
-        return by_name[BASELINE], ours
+    best = next((by_name[name] for name in ours if name in by_name), None)
+    if BASELINE in by_name and best is not None:
+        return by_name[BASELINE], best
     return (found.rows[0], found.rows[-1]) if len(found.rows) > 1 else found.rows
 
 

@@ -19,7 +19,8 @@ from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import Platform
-from gimbal_pin.pointing.bench import LEARNED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
+from gimbal_pin.pointing.able import unable
+from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.result import Pointing
@@ -148,9 +149,12 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     """Run every controller on a platform that moves as asked, at equal margins, and judge what came out.
 
     Raises:
-        UsageError: A controller that is unknown, a motion that is too short, a loop that diverges.
+        UsageError: A rig that cannot hold its camera (see `unable`), a controller that is unknown, a motion that is too
+            short, a loop that diverges.
     """
     names = asked.whom
+    if reason := unable(rig, WANTED):
+        raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
     if asked.log is not None and asked.plant is None:
         model, causes = modelled(rig, asked.log, asked)
         known = model or identify(rig, [asked.log], holdout="none").model

@@ -15,8 +15,8 @@ from gimbal_pin.view.sight import rays
 from gimbal_pin.view.solid import Y_TO_Z, Solid
 
 RED, PALE, LEVEL, DECK = (0.85, 0.20, 0.12), (1.0, 0.99, 0.96), (0.09, 0.13, 0.18), (0.36, 0.41, 0.48)
-DISTANCE = 0.95
-"""From the camera to the target, in radii of the rig: just behind the end of the line of sight."""
+DISTANCE, REACH = 0.95, 0.93
+"""From the camera to the target, and to where the line of sight ends just before it, in radii of the rig."""
 BOARD = (0.15, 0.105, 0.06, 0.022)
 """Radii of the target's rings, red and pale by turns, in radii of the rig."""
 DECK_SIZE, DECK_HIGH = 0.52, 0.02

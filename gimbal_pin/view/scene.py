@@ -41,7 +41,8 @@ def scene(rig: Rig, motion: Motion, room: float = 1.0) -> Scene:
     shown = poses(rig.model, motion.q, motion.base, motion.pivot)
     points = figure.hull(rig, solids, shown.world)
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))) / 2, 1e-3)
-    tips = sight.tips(rig, shown, BEAM * size)
+    reach = size * (BEAM if motion.wanted is None else afar.REACH)
+    tips = sight.tips(rig, shown, reach)
     marks, around = ([], points[:0]) if motion.wanted is None else afar.marks(rig, solids, shown, motion.wanted, size)
     side = (stage.AZIMUTH, 0.0) if motion.wanted is None else (stage.BEHIND, stage.ASIDE)
     view = stage.camera(np.vstack([points, tips, around]), sight.heading(rig, shown), room, *side)
@@ -49,7 +50,7 @@ def scene(rig: Rig, motion: Motion, room: float = 1.0) -> Scene:
         *stage.commands(view, np.vstack([points, around]), size),
         *figure.figure(rig, solids, RIG),
         *figure.pose_commands(rig, shown, RIG),
-        *sight.beam(rig, RIG, BEAM * size, sight.MEASURED),
+        *sight.beam(rig, RIG, reach, sight.MEASURED),
         sight.trail("/meshcat/trail", tips, sight.MEASURED),
         *marks,
     ]
@@ -59,8 +60,8 @@ def scene(rig: Rig, motion: Motion, room: float = 1.0) -> Scene:
         commands += [
             *figure.ghost(rig, solids, GHOST),
             *figure.pose_commands(rig, reference, GHOST),
-            *sight.beam(rig, GHOST, BEAM * size, sight.REFERENCE),
-            sight.trail("/meshcat/reference", sight.tips(rig, reference, BEAM * size), sight.REFERENCE),
+            *sight.beam(rig, GHOST, reach, sight.REFERENCE),
+            sight.trail("/meshcat/reference", sight.tips(rig, reference, reach), sight.REFERENCE),
         ]
         clips = figure.merged(clips, figure.tracks(rig, reference, motion.clock, GHOST))
     animation = three.animate(clips, MOTION) if len(motion.t) > 1 else None

@@ -88,8 +88,9 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
 
     By the processor's time for the requirement, and by the clock, which other work on the machine lengthens. Real time
     is asked for, not the four times of the loop above: all navigation of a flight controller runs here at 1 kHz in
-    Python. Floats for small arrays, views instead of new arrays, the guard's quick way and one Jacobian for all moments
-    ahead are in it already.
+    Python. A sampling profiler finds no single place to blame: navigation takes 37 % of a sample, the plant's four
+    stages 27 %, the law 11 %, the sensors 9 %, the guard 6 %, and no line more than Pinocchio's ABA with 6.5 %; 60 % is
+    the interpreter, 21 % NumPy, 11 % Pinocchio and its binding. Four times would take compiled code.
     """
     rig, seconds = model.rig, 2.0
     course = Course(plant, Shaken(Sight(rig).centre, seconds), "S", seconds, Station.of(rig), drive)

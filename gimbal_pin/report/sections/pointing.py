@@ -73,25 +73,36 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
 
 
 def headline(contest: Contest) -> str:
-    """Say how still the camera stands."""
-    rows = shown(contest)
+    """Say how still the camera stands: at equal margins where that ran, and beside it with the gains asked for."""
+    rows = compared(contest)
     ours = f"{controller_name(rows[-1].controller)} leaves {angle(rows[-1].jitter_rms)} rms of jitter"
     if len(rows) < 2:
         return f"{ours[:1].upper()}{ours[1:]}."
     theirs, times = rows[0].jitter_rms, rows[0].jitter_rms / rows[-1].jitter_rms
     said = f"{ours[:1].upper()}{ours[1:]}, {controller_name(rows[0].controller)} {angle(theirs)}"
-    return f"{said}: {figures(times, 2)} times as much." if times > 1 else f"{said}."
+    said = f"{said}: {figures(times, 2)} times as much" if times > 1 else said
+    if rows[-1].controller == TUNED:
+        return f"{said}, each with margins of its own."
+    tuned = contest.jitter.get(TUNED)
+    own = "" if tuned is None else f" {controller_name(TUNED).capitalize()}: {angle(tuned)}, with margins of its own."
+    return f"{said}{' at equal margins' if own else ''}.{own}"
+
+
+def compared(contest: Contest) -> tuple[Row, ...]:
+    """Return the baseline's row and ours at equal margins; the one with the gains asked for where that alone ran."""
+    return shown(contest, (OURS, TUNED))
 
 
 def circumstances(contest: Contest) -> str:
     """Say what was simulated."""
     runs = contest.rows[0].runs
+    own = " (but for the gains asked for, which have their own)" if TUNED in contest.jitter else ""
     times = "once" if len(runs) == 1 else f"{len(runs)} times, each with its own motion and noise"
     platform = MOTIONS.get(runs[0].platform, runs[0].platform)
     return (
         f"Simulated {times} for {figures(float(runs[0].t[-1]), 2)} s on {platform}, every controller with the same "
-        "motion, sensors, delay, torque limits and margins. Jitter is the line of sight above 0.2 Hz; what is slower "
-        "is drift, which integrated gyros have whoever controls."
+        f"motion, sensors, delay, torque limits and margins{own}. Jitter is the line of sight above 0.2 Hz; what is "
+        "slower is drift, which integrated gyros have whoever controls."
     )
 
 
@@ -112,17 +123,16 @@ def asked_for(found: Verified) -> str:
 
 def numbers(found: Verified) -> list[Card]:
     """Return the headline numbers."""
-    best, margin = shown(found.contest)[-1], found.margins
+    best, margin = compared(found.contest)[-1], found.margins
     joint, share = hardest(best)
-    floor = found.contest.distance
+    disk = f"every loop's disk margin at least {figures(margin.disk_margin)}"
+    floor, who = found.contest.distance, controller_name(best.controller)
     beside = "of the line of sight, above 0.2 Hz" if floor is None else f"{figures(floor)} times the oracle's"
     return [
-        Card("Jitter", f"{angle(best.jitter_rms)} rms", f"at most {angle(best.jitter_max)}; {beside}"),
+        Card("Jitter", f"{angle(best.jitter_rms)} rms", f"{who}; at most {angle(best.jitter_max)}; {beside}"),
         Card("Drift", angle(best.drift), "below 0.2 Hz, from where it began"),
         Card("Torque", f"{figures(100 * share, 2)} %", f"of the limit at most: {joint}", "poor" if share >= 1 else ""),
-        Card(
-            "Delay margin", f"{figures(1e3 * margin.delay_margin, 2)} ms", f"disk margin {figures(margin.disk_margin)}"
-        ),
+        Card("Delay margin", f"{figures(1e3 * margin.delay_margin, 2)} ms", f"of the PID; {disk}"),
     ]
 
 
@@ -148,7 +158,8 @@ def diagrams(contest: Contest) -> list[Markup]:
         f"Line of sight{seeds}: the largest distance from its slow part in each {stretch(rows[0])}; the jitter that "
         f"all frequencies up to one add up to{floor}; torque, rms as a bar and the largest as a line, and its limit."
     )
-    parts = [] if budget is None else [heading("Where the error goes"), budget_picture(budget)]
+    told = budget is not None and budget.telling
+    parts = [heading("Where the error goes"), budget_picture(budget)] if budget is not None and told else []
     return [
         *parts,
         heading("The line of sight, and its price"),
