@@ -12,7 +12,7 @@ from gimbal_pin.log import Array
 
 Memory = tuple[float, ...]
 sampled = partial(tuple.__new__, Sample)
-"""A `Sample` of its eight entries: a named tuple's own way is three times as long, and this runs at every stage."""
+"""A `Sample` of its nine entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
 class Resistance:
@@ -75,7 +75,7 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], AMBIENT, held))))
+                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], AMBIENT, held, None))))
             out[j] -= taken
         return out
 
