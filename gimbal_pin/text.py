@@ -378,7 +378,8 @@ def circumstances(found: Verified) -> str:
         made += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
     return (
         f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
-        f"is at least {number(margins.disk_margin, 3)}, the PID crosses at {number(margins.crossover_hz, 3)} Hz "
+        f"with the drives that are known is at least {number(margins.disk_margin, 3)}, "
+        f"the PID crosses at {number(margins.crossover_hz, 3)} Hz "
         f"(phase {number(margins.phase_margin_deg, 3)}°, delay {number(1e3 * margins.delay_margin, 2)} ms){made}"
     )
 

@@ -366,6 +366,7 @@ def test_the_budget_adds_up(sizes: list[float]) -> None:
     parted = Budget.of(dict(zip(("pid-world", "computed-torque", "oracle"), sizes)))
     assert parted is not None
     assert sum(parted.parts.values()) == pytest.approx(1.0) and parted.telling
+    assert list(Budget.of({"pid-world": 2.0, "with-friction": 1.0}).parts)[-1] == "what is left"  # type: ignore[union-attr]
     single = Budget.of({"pid-world": sizes[0], "oracle": sizes[2]})
     assert single is not None and not single.telling
     assert Budget.of({"pid-world": 1.0, "switch": 0.1}) is None

@@ -16,7 +16,8 @@ STEPS = (
     ("foreknowledge", "oracle"),
 )
 """What the controller of each name knows that the one before it does not, from the baseline on."""
-FLOOR = "sensor floor"
+FLOOR, LEFT = "sensor floor", "what is left"
+"""The last part: the oracle's error, or that of the last controller which ran."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class Budget:
 
     Attributes:
         baseline: Jitter of the world-frame PID, rad rms.
-        parts: What → its share of the mean square; negative where knowing it did harm; the last is the sensor floor.
-        floor: Jitter that no controller here gets below, rad rms.
+        parts: What → its share of the mean square; negative where knowing it did harm; the last is what is left.
+        floor: Jitter that is left of the last of them, the oracle where it ran, rad rms.
     """
 
     baseline: float
@@ -49,7 +50,7 @@ class Budget:
             if name in jitter:
                 parts[what if since == what else f"{since} to {what}"] = (before**2 - jitter[name] ** 2) / whole**2
                 before, since = jitter[name], ""
-        parts[FLOOR] = before**2 / whole**2
+        parts[FLOOR if STEPS[-1][1] in jitter else LEFT] = before**2 / whole**2
         return Budget(whole, parts, before)
 
     def size(self, what: str) -> float:
