@@ -23,10 +23,26 @@ from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, base_motion, columns_of, kept, over_phi, settling
+from gimbal_pin.rows import (
+    Block,
+    Filtering,
+    Regression,
+    Rows,
+    base_motion,
+    camera_body,
+    columns_of,
+    kept,
+    over_phi,
+    settling,
+)
 from gimbal_pin.suspicion import Asked, Suspicion, suspicion
 from gimbal_pin.threads import one_thread
 from gimbal_pin.urdf import with_friction
+
+MIXED = 1e-9
+"""Share of a body's parameter in a base parameter under which that knows nothing of it."""
+DROWNED = 0.1
+"""Share of a joint's samples under which it is told that the others were masked out."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +123,12 @@ class Identified:
 
     @property
     def stated(self) -> Array:
-        """The URDF's value of every parameter, (k,); NaN for what a URDF does not state."""
+        """The URDF's value of every parameter, (k,); NaN for what it does not state, as of an unknown payload."""
         rig, names = self.model.rig, [kind.name for kind in ALWAYS]
         base = self.reduction.mixing @ self.given[columns(rig)[1]]
+        if self.swapped:
+            mine = slice(10 * camera_body(rig), 10 * camera_body(rig) + 10)
+            base = np.where(np.any(np.abs(over_phi(rig, self.reduction)[:, mine]) > MIXED, axis=1), np.nan, base)
         others = np.full(len(self.names) - len(base), np.nan)
         at = 0
         for term in self.model.terms:
@@ -117,6 +136,11 @@ class Identified:
                 others[at] = rig.friction[rig.joint_index(term.effect.joint), names.index(term.effect.name)]
             at += len(term.values)
         return np.concatenate([base, others])
+
+    @property
+    def torn(self) -> bool:
+        """Whether the halves of the data were found to be of two rigs, so that nothing of this is of either."""
+        return halves.sentence(len(self.logs)) in self.notes
 
     @property
     def moved(self) -> Array:
@@ -321,8 +345,17 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
 def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
     """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
     if hidden := unseen(names, blocks, estimate):
-        what = "its motion leaves no trace of"
-        raise DataError(place, what, "move every joint, several at a time: see 'gimbal-pin excite'", hidden)
+        raise DataError(place, *untraced(blocks), hidden)
+
+
+def untraced(blocks: Sequence[Block]) -> tuple[str, str]:
+    """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
+    kept = min(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0).tolist())
+    if kept >= DROWNED:
+        return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
+    what = f"all but {100 * kept:.2g} % of a joint's samples are near standstill, or no faster than their rate's noise"
+    mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_) from a gyro"
+    return f"{what}; the rest leaves no trace of", mend
 
 
 def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:

@@ -137,6 +137,8 @@ def identified(found: Identified) -> str:
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
     parts += physique(found)
+    if found.torn:  # advice from the parameters of neither rig would lead astray
+        return "\n".join(parts)
     if found.bias is not None:
         parts.append(found.bias.sentence)
     balanced = balance(found)
@@ -211,10 +213,13 @@ def several(found: Several) -> str:
     for name, one in found.identified.items():
         camera, balanced = found.cameras[name], balance(one)
         rows = [
-            (symbol, number(value), number(1.96 * s, 2), unit)
-            for symbol, value, s, unit in zip(camera.names, camera.value, camera.std, camera.units)
+            (symbol, number(value), number(1.96 * s, 2) if s else "–", unit, number(given))
+            for symbol, value, s, unit, given in zip(
+                camera.names, camera.value, camera.std, camera.units, camera.urdf.tolist()
+            )
         ]
-        parts += [name, table("parameter", "value", "± 95 %", "unit", rows=rows)]
+        parts += [name, table("parameter", "value", "± 95 %", "unit", "URDF", rows=rows)]
+        parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
         parts += [accuracy(part) for part in (one.train, one.held_out) if part is not None]
         parts += ["" if balanced is None else "\n".join(balanced.sentences), ""]
     return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", identified(found.first)])

@@ -287,8 +287,8 @@ def test_what_has_no_fault_does_no_harm(turret: tuple[Rig, Log]) -> None:
 def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
     """White noise on the angles: least squares is wrong by many of its deviations, the answer by few of its own.
 
-    Without a reference each half of the samples is the other's instrument, and how their noises multiply is in no
-    deviation: there the answer need only be nearer.
+    Without a reference each half of the samples is the other's instrument, as noisy as what it stands for: such an
+    answer scatters more, by what its deviations say of it, and on one log it need only be nearer.
     """
     rig, log = bench("thesis")
     known = replace(log, v=None, q_ref=log.q_ref if reference else None)
@@ -301,10 +301,10 @@ def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
     answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
     wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()
     right = np.abs((answer - clean.theta) / np.hypot(std, clean.std)).max()
-    assert wrong > 3 and (right < 2.5 or not reference)
+    assert wrong > 3 and right < (2.5 if reference else 3.0)
     A = np.concatenate([block.A for block in rows_at(made, 4.0)])
     errors = [np.sqrt(np.mean((A @ (theta - clean.theta)) ** 2)) for theta in (answer, plain.theta)]
-    assert errors[0] < 0.6 * errors[1]
+    assert errors[0] < (0.6 if reference else 1.0) * errors[1]
 
 
 def test_a_coarse_encoder_is_told_with_its_step() -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin import text
 from gimbal_pin.halves import cut, score
 from gimbal_pin.identification import Identified, identify, refitted
 from gimbal_pin.log import Array
@@ -36,6 +37,8 @@ def test_a_swapped_payload_is_suspected_and_none_where_none_was() -> None:
     assert same.parting is not None and 0.0 < same.parting < 0.5 and not same.notes
     assert swapped.parting is not None and swapped.parting > 2.0 and "--follow" in swapped.notes[-1]
     assert swapped.to_dict()["halves_apart"] == swapped.parting
+    assert swapped.torn and not same.torn
+    assert "balance" in text.identified(same) and "balance" not in text.identified(swapped)
 
 
 def test_only_what_a_payload_moves_counts() -> None:

@@ -75,6 +75,14 @@ def test_the_mask_is_zero_at_standstill_and_one_far_away(width: int, taper: int)
     assert np.all(weight[: 500 - 3 * taper - 3] == 1) and np.all(weight >= 0) and np.all(weight <= 1)
 
 
+def test_angles_drowned_in_noise_are_not_called_a_lack_of_motion() -> None:
+    rig = Rig.load("turret")
+    log = prescribed(nominal(rig), 1, 12.0)
+    q = log.q + 0.05 * np.random.default_rng(0).standard_normal(log.q.shape)
+    with pytest.raises(DataError, match=r"rate's noise.*finer angles"):
+        identify(rig, [replace(log, q=q, v=None)])
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7))
 def test_the_factor_is_that_of_the_stack_however_it_is_cut(seed: int, parts: int) -> None:

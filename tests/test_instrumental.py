@@ -85,6 +85,17 @@ def test_instrumental_estimates_are_consistent_and_their_deviations_honest() -> 
         assert 0.7 < np.std(scores[name]) < 1.3
 
 
+def test_deviations_of_repeated_readings_count_noise_times_noise() -> None:
+    """With noise as large as the columns its products are half of the variance."""
+    scores = []
+    for seed in range(60):
+        first, second, theta = regression(np.random.default_rng(seed), noise=1.0)
+        found = repeated([first], [second])
+        scores.append((found.theta - theta) / found.std)
+    assert 0.85 < np.sqrt(np.mean(np.square(scores))) < 1.15
+    assert 0.93 < np.mean(np.abs(scores) < 1.96) < 0.98
+
+
 def test_instruments_must_fit_the_rows() -> None:
     block, other, _ = regression(np.random.default_rng(0))
     for wrong in ([], [other.A[:-1]]):

@@ -57,8 +57,9 @@ def test_every_camera_has_its_own_parameters(name: str, payloads: tuple[str, ...
     assert found.reference == ("none" if "none" in payloads else payloads[0])
     for payload in payloads:
         camera = found.cameras[payload]
+        true = own_of(found).shown(stated(Rig.load(name, payload)))
+        assert np.allclose(camera.urdf, true)
         if payload != found.reference:
-            true = own_of(found).shown(stated(Rig.load(name, payload)))
             z += ((camera.value - true) / camera.std).tolist()
         assert min(found.identified[payload].held_out.fit_percent.values()) > 97  # type: ignore[union-attr]
     assert np.max(np.abs(z)) < 4 and np.sqrt(np.mean(np.square(z))) < 1.7

@@ -15,6 +15,11 @@ from gimbal_pin.rows import Block
 PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
 
+MEMORY = 4
+"""Rows over which products of noises are taken to be correlated: two periods of the cutoff."""
+PRODUCTS = 1.5
+"""Variance of all products that a residual's colour does not count, over that of those of half the differences."""
+
 
 def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estimate:
     """``theta = (Σ ZᵀWA)⁻¹ Σ ZᵀWb``: consistent if Z moves with A and its noise has nothing to do with A's or b's.
@@ -77,9 +82,31 @@ def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
         weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-30)
     spread = coloured(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
+    spread = spread + inverse @ products(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
     return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), method)
+
+
+def products(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
+    """Covariance that ``Σ DᵀWD theta`` and its like in ``Σ MᵀWM theta`` have by chance, (k, k).
+
+    Noise times noise: the mean of two readings and half their difference hold as much of it, independent of each other.
+    A residual's colour knows that D scatters, with ``D theta`` as it is, and so half of what the mean's products do.
+
+    Args:
+        noise: Per block D, (m, n, k).
+        theta: Estimate, (k,).
+        weight: W, (n,).
+    """
+    out = np.zeros((len(theta),) * 2)
+    each = [np.einsum("tjk,j,tj->tk", D, weight, D @ theta) for D in noise]
+    middle = sum((h.sum(axis=0) for h in each), 0.0) / max(sum(map(len, each)), 1)
+    for h in (h - middle for h in each):
+        for lag in range(min(MEMORY + 1, len(h))):
+            lagged = h[: len(h) - lag].T @ h[lag:] * (1 - lag / (MEMORY + 1))
+            out += lagged + lagged.T if lag else lagged
+    return PRODUCTS * out
 
 
 def moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:

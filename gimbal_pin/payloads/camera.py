@@ -24,13 +24,15 @@ class Camera:
         names: Parameters of the camera that show, regrouped; about the joint that carries it, in that joint's frame.
         units: Their SI units.
         value: Estimate, (r,).
-        covariance: Its covariance, (r, r).
+        covariance: Its covariance, (r, r); zero where it was not estimated, but taken as its URDF says.
+        urdf: What its URDF says, (r,).
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     value: Array
     covariance: Array
+    urdf: Array
 
     @property
     def std(self) -> Array:
@@ -38,9 +40,9 @@ class Camera:
         return np.sqrt(np.diag(self.covariance))
 
     def to_dict(self) -> list[dict[str, Any]]:
-        """Return rows of name, value, std and unit."""
-        rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units)
-        return [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows]
+        """Return rows of name, value, std, unit and the URDF's value."""
+        rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units, self.urdf.tolist())
+        return [{"name": n, "value": x, "std": s, "unit": u, "urdf": given} for n, x, s, u, given in rows]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from gimbal_pin.identification import assembled, check_seen
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model
 from gimbal_pin.payloads.camera import BARE, Several
-from gimbal_pin.payloads.carried import Carried, stated
+from gimbal_pin.payloads.carried import Carried
 from gimbal_pin.payloads.parts import camera, change, chosen, mapped, parted, rigid
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.rig import Rig
@@ -58,9 +58,8 @@ def identify_new(
     joint = replace(found, theta=both, covariance=covariance)
     identified = assembled(rows, blocks, mapped(joint, chosen(own, 1, 2, len(theta))), tested, how)
     name = rig.payload or "camera"
-    base = own.shown(stated(known.rig))
     size = own.columns.shape[1]
-    one = camera(own, base, joint.theta, joint.covariance, change(size, 1, len(theta), len(both)))
+    one = camera(own, known.rig, rig, joint.theta, joint.covariance, change(size, 1, len(theta), len(both)))
     return Several({name: identified}, {name: one}, known.rig.payload or BARE)
 
 

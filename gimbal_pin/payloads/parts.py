@@ -13,7 +13,7 @@ from gimbal_pin.identification import split, units, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.payloads.camera import Camera
-from gimbal_pin.payloads.carried import Carried
+from gimbal_pin.payloads.carried import Carried, stated
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Rows, kept
@@ -60,7 +60,8 @@ def change(size: int, place: int, width: int, total: int) -> Array:
     return out
 
 
-def camera(own: Carried, base: Array, theta: Array, covariance: Array, pick: Array) -> Camera:
-    """Return a camera: the reference's stated parameters and the change."""
+def camera(own: Carried, reference: Rig, mounted: Rig, theta: Array, covariance: Array, pick: Array) -> Camera:
+    """Return the mounted camera: the reference's stated parameters and the change."""
+    base, urdf = own.shown(stated(reference)), own.shown(stated(mounted))
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
-    return Camera(own.reduction.base_names, units(leading), base + pick @ theta, pick @ covariance @ pick.T)
+    return Camera(own.reduction.base_names, units(leading), base + pick @ theta, pick @ covariance @ pick.T, urdf)

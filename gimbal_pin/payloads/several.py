@@ -11,7 +11,7 @@ from gimbal_pin.estimators.base import residuals
 from gimbal_pin.identification import assembled, check_seen, enough
 from gimbal_pin.log import Array, Log
 from gimbal_pin.payloads.camera import BARE, Several
-from gimbal_pin.payloads.carried import Carried, stated
+from gimbal_pin.payloads.carried import Carried
 from gimbal_pin.payloads.parts import camera, change, chosen, mapped, parted, rigid
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
@@ -62,8 +62,8 @@ def identify_several(
     size = own.columns.shape[1]
     width, total = len(first.names), len(estimate.theta)
     pick = {name: change(size, k, width, total) for k, name in enumerate(order)}
-    base = own.shown(stated(rigs[reference]))
-    cameras = {name: camera(own, base, estimate.theta, estimate.covariance, pick[name]) for name in order}
+    known = (estimate.theta, estimate.covariance)
+    cameras = {name: camera(own, rigs[reference], rigs[name], *known, pick[name]) for name in order}
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
 
 

@@ -8,7 +8,8 @@ from estimation.biased import biased
 from estimation.coverage import coverage
 from estimation.pendulum import pendulum
 from estimation.physical import physical
+from estimation.recipe import recipe
 
 if __name__ == "__main__":
-    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "pendulum": pendulum}
+    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "recipe": recipe, "pendulum": pendulum}
     tyro.extras.subcommand_cli_from_dict(verbs)
