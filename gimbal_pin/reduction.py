@@ -110,13 +110,13 @@ def kronecker(count: int, width: int, skip: int = 0) -> Array:
     return np.outer(np.arange(1, count + 1), np.sqrt(primes)) % 1.0 - 0.5
 
 
-def carriers(rig: Rig, base: BaseMotion, count: int = SAMPLES) -> Platform | None:
-    """Motions of a platform beside `samples`, of one kind, count of them; None: it stands upright."""
+def carriers(rig: Rig, base: BaseMotion) -> Platform | None:
+    """Motions of a platform beside `samples`, of one kind; None: it stands upright."""
     if base == "fixed":
         return None
-    f, w, dw = np.split(kronecker(count, 9, 3 * rig.n), 3, axis=1)
+    f, w, dw = np.split(kronecker(SAMPLES, 9, 3 * rig.n), 3, axis=1)
     turns = 0.0 if base == "tilted" else 1.0
-    return Platform(np.arange(float(count)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
+    return Platform(np.arange(float(SAMPLES)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
 
 
 def stacked(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tuple[Array, tuple[str, ...]]:

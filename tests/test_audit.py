@@ -36,16 +36,18 @@ from tests.bench_logs import fourier, prescribed
 DATA = Path(__file__).parents[2] / "shared" / "data"
 CONTRACT = Path(__file__).parents[2] / "shared" / "CONTRACT.md"
 NAMES = ("clock", "stuck-channel", "outliers", "filtered-velocity", "commanded-torque", "acceleration-noise")
-BENCH = {"turret": 14.0, "thesis": 16.0, "handheld": 12.0}
+BENCH = {"turret": (14.0, 2e-3), "thesis": (16.0, 1e-3), "handheld": (12.0, 2e-3)}
+"""Bits of the encoders, and sampling interval, s."""
 FILTER = Filtering()
 
 
 @cache
 def bench(name: str) -> tuple[Rig, Log]:
     """A rig on the bench for twenty seconds, with one per cent of noise on the torque."""
-    rig = Rig.load(name)
-    rng = np.random.default_rng(5)
-    return rig, bench_run(nominal(rig), rng=rng, seconds=20.0, encoder_bits=BENCH[name])
+    rig, (encoder, dt) = Rig.load(name), BENCH[name]
+    model, rng = nominal(rig), np.random.default_rng(5)
+    law = tune(model, bandwidth_hz=4.0, dt=dt).controller
+    return rig, bench_run(model, law, rng=rng, seconds=20.0, encoder_bits=encoder)
 
 
 @pytest.fixture

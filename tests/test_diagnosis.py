@@ -135,7 +135,10 @@ DRIVE = ("actuator-lag", "delay", "joint-flexibility", "backlash", "armature", "
 FRICTION = (*(name for name in CAUSES if "friction" in name), "stribeck", "presliding", "torque-bias")
 PLANTED: list[tuple[tuple[str, ...], Iterable[str]]] = [
     (("cogging:pan:amplitude=0.02,harmonic=14", "stribeck:tilt:extra=0.03,speed=0.2"), CAUSES),
-    (("position-dependent-friction:pan:amplitude=0.02,harmonic=3", "dead-zone:tilt:width=0.02"), CAUSES),
+    (
+        ("position-dependent-friction:pan:amplitude=0.02,harmonic=3", "dead-zone:tilt:width=0.02"),
+        (*FRICTION, "cogging", "cable-spring", "dead-zone", "backlash"),
+    ),
     (("actuator-lag:tilt:time_constant=0.012",), DRIVE),
     (("load-dependent-friction:tilt:mu=0.1",), FRICTION),
 ]

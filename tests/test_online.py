@@ -35,6 +35,7 @@ from gimbal_pin.online.recursive import Known, Moments, loosened, solved
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering
 from gimbal_pin.signals import lowpass
+from gimbal_pin.tuning import tune
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused
 
@@ -53,13 +54,14 @@ SWAP, END = 15.0, 25.0
 
 
 @cache
-def quiet(rig: str, payload: str, late: bool = False) -> Log:
+def quiet(rig: str, payload: str, late: bool = False, dt: float = 2e-3) -> Log:
     """A simulated closed loop with the rig's own sensors: the part of one motion before the swap, or that after it."""
     body = Rig.load(rig, payload)
-    motion = fourier(body, 0, END)
+    motion = fourier(body, 0, END, dt)
     rows = motion.t >= SWAP if late else motion.t < SWAP
     part = Motion(motion.t[rows] - motion.t[rows][0], motion.q[rows], motion.v[rows], motion.a[rows])
-    return bench_run(nominal(body), rng=np.random.default_rng(0), reference=part)
+    law = tune(nominal(body), bandwidth_hz=4.0, dt=dt).controller
+    return bench_run(nominal(body), law, rng=np.random.default_rng(0), reference=part)
 
 
 def renoised(log: Log, seed: int) -> Log:
@@ -282,12 +284,13 @@ def test_a_clean_log_raises_no_alarm() -> None:
 
 def test_a_new_camera_on_a_known_gimbal() -> None:
     """With the gimbal known, ten seconds show the camera; friction keeps what is known of it."""
-    known = identify(Rig.load("turret", "infrared"), [quiet("turret", "infrared")], holdout="none").model
+    before, log = quiet("turret", "infrared", dt=1e-3), quiet("turret", "zoom-lens", late=True, dt=1e-3)
+    known = identify(Rig.load("turret", "infrared"), [before], holdout="none").model
     rig = Rig.load("turret", "zoom-lens")
     online = Online.of(rig, known=known)
-    memory = online.advance(online.start(), quiet("turret", "zoom-lens", late=True))
+    memory = online.advance(online.start(), log)
     estimate, free = online.estimate(memory).estimate, Online.of(rig)
-    alone = free.estimate(free.advance(free.start(), quiet("turret", "zoom-lens", late=True))).estimate
+    alone = free.estimate(free.advance(free.start(), log)).estimate
     assert np.all(np.abs(estimate.theta - truth(rig, online)) < 4 * estimate.std + 1e-6)
     assert np.all(estimate.std < 1.3 * alone.std) and np.median(estimate.std / alone.std) < 0.9
 

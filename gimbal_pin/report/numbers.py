@@ -64,10 +64,10 @@ def torque_unit(largest: float) -> tuple[float, str]:
     return (1e3, "mN m") if largest < 0.02 else (1.0, "N m")
 
 
-def torque_text(value: float, digits: int = 2) -> str:
+def torque_text(value: float) -> str:
     """Return a torque in N m as text with its unit."""
     scale, name = torque_unit(abs(value))
-    return f"{figures(scale * value, digits)} {name}"
+    return f"{figures(scale * value, 2)} {name}"
 
 
 CONTROLLERS = {
@@ -87,12 +87,12 @@ def controller_name(key: str) -> str:
     return CONTROLLERS.get(key, key.replace("-", " "))
 
 
-def percent(value: float, decimals: int = 1) -> str:
-    """Return per cent to so many decimals; what is not quite 100 does not read 100."""
+def percent(value: float) -> str:
+    """Return per cent to one decimal; what is not quite 100 does not read 100."""
     if isnan(value):
         return DASH
-    text = signed(value, decimals)
-    return f"> {100 - 10.0**-decimals:.{decimals}f}" if value < 100 and float(text.replace("−", "-")) == 100 else text
+    text = signed(value, 1)
+    return "> 99.9" if value < 100 and text == "100.0" else text
 
 
 def unit(text: str) -> str:

@@ -93,10 +93,10 @@ def facets(solid: Solid) -> three.Json:
     return {"type": "MeshPhongMaterial", "flatShading": True, "side": 2} if solid.facets else {}
 
 
-def pose_commands(rig: Rig, poses: Poses, root: str, k: int = 0) -> list[three.Json]:
-    """Return the commands that put the groups where frame k has them."""
-    positions = (poses.place[k], *poses.position[k])
-    attitudes = (poses.base[k], *poses.quaternion[k])
+def pose_commands(rig: Rig, poses: Poses, root: str) -> list[three.Json]:
+    """Return the commands that put the groups where the first frame has them."""
+    positions = (poses.place[0], *poses.position[0])
+    attitudes = (poses.base[0], *poses.quaternion[0])
     commands = []
     for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True):
         pose = np.eye(4)

@@ -8,18 +8,17 @@ from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import join, paragraph
 
 
-def animation(page: str, lead: str = "", title: str = "Animation") -> Section:
+def animation(page: str, lead: str) -> Section:
     """Return a section that plays a recording in a frame of its own; the recording lies in the report's file.
 
     Args:
         page: What `view.record` returned.
         lead: What is seen moving.
-        title: Heading.
     """
-    frame = Markup('<iframe class="scene" title="{}" srcdoc="{}" allow="fullscreen"></iframe>').format(title, page)
+    frame = Markup('<iframe class="scene" title="Animation" srcdoc="{}" allow="fullscreen"></iframe>').format(page)
     how = "Drag to turn, scroll to zoom; the bar plays, pauses and seeks."
     button = Markup('<button type="button" class="wide" onclick="{}">Full screen</button>').format(
         "this.closest('.animation').querySelector('iframe').requestFullscreen()"
     )
     below = Markup('<div class="below">{}{}</div>').format(paragraph(how), button)
-    return Section(title, Markup('<div class="animation">{}</div>').format(join([frame, below])), lead)
+    return Section("Animation", Markup('<div class="animation">{}</div>').format(join([frame, below])), lead)

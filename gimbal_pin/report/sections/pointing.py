@@ -142,9 +142,9 @@ def hardest(row: Row) -> tuple[str, float]:
     return row.runs[0].joints[int(np.argmax(shares))], float(shares.max())
 
 
-def angle(value: float, digits: int = 2) -> str:
+def angle(value: float) -> str:
     """Return an angle, rad, in degrees."""
-    return f"{figures(degrees(value), digits)}°"
+    return f"{figures(degrees(value), 2)}°"
 
 
 def diagrams(contest: Contest) -> list[Markup]:
