@@ -1,0 +1,27 @@
+"""Logs in, model with uncertainty out (THESIS 4.2, 4.5)."""
+
+from gimbal_pin.identification.assembling import assembled, given_beta, to_model, units, units_of
+from gimbal_pin.identification.fitting import identify, moved, refitted
+from gimbal_pin.identification.holding_out import split
+from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.judging import Accuracy, accuracy
+from gimbal_pin.identification.seen import check_seen, enough, unseen, within
+
+__all__ = [
+    "Accuracy",
+    "Identified",
+    "accuracy",
+    "assembled",
+    "check_seen",
+    "enough",
+    "given_beta",
+    "identify",
+    "moved",
+    "refitted",
+    "split",
+    "to_model",
+    "units",
+    "units_of",
+    "unseen",
+    "within",
+]

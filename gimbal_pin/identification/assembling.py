@@ -1,0 +1,99 @@
+"""From estimated parameters to a model, its accuracy and the nearest bodies that can exist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.consistency import LEANT, Consistent, nearest
+from gimbal_pin.estimators import Estimate
+from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.judging import accuracy
+from gimbal_pin.log import Array
+from gimbal_pin.model import Estimated, Model
+from gimbal_pin.reduction import Reduction
+from gimbal_pin.regressor import columns
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import (
+    Block,
+    Rows,
+    columns_of,
+)
+
+
+def assembled(
+    rows: Rows, blocks: Sequence[Block], estimate: Estimate, tested: Sequence[Block] | None, how: str
+) -> Identified:
+    """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
+
+    Args:
+        rows: The training rows.
+        blocks: Their blocks.
+        estimate: Parameters in the order of `rows.names`.
+        tested: Blocks that were held out, or None.
+        how: How they were parted.
+    """
+    rig, model = rows.rig, to_model(rows, estimate)
+    held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
+    consistent, shift = nearest_physical(rows, estimate)
+    change = rms([block.A[:, :, : len(shift)] @ shift for block in blocks])
+    return Identified(
+        model=model,
+        reduction=rows.reduction,
+        estimate=estimate,
+        names=rows.names,
+        units=units_of(rows),
+        train=accuracy(rig.joints, blocks, estimate.theta, "training part"),
+        held_out=held_out,
+        consistent=consistent,
+        torque_change=dict(zip(rig.joints, change.tolist())),
+        logs=tuple(log.name for log in rows.logs),
+        filtering=rows.filtering,
+        given=rig.phi,
+    )
+
+
+def to_model(rows: Rows, estimate: Estimate) -> Model:
+    """Return the model with these parameters: RNEA and regressor then predict the same torque.
+
+    Bodies that were fitted are taken as they are. Else the reduction's independent columns take the change; the others
+    stay as the URDF has them. No other split is more right, as no torque can tell them apart; `consistency.nearest`
+    looks for a physical one.
+    """
+    rig, width = rows.rig, len(rows.reduction.independent)
+    phi = rig.phi.copy() if estimate.phi is None else estimate.phi.copy()
+    if estimate.phi is None:
+        phi[columns_of(rig, rows.reduction)] += estimate.theta[:width] - given_beta(rig, rows.reduction)
+    known = Estimated(rows.names, units_of(rows), estimate.theta, estimate.covariance)
+    return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
+
+
+def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]:
+    """Return the physical parameters nearest to the estimate, and the change in base parameters, (b,)."""
+    width = len(rows.reduction.independent)
+    if estimate.phi is not None:
+        return Consistent(estimate.phi, 0.0), np.zeros(width)
+    found = nearest(rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width], LEANT)
+    return found, rows.mixing @ found.phi - estimate.theta[:width]
+
+
+def rms(parts: Sequence[Array]) -> Array:
+    """Root mean square over the rows of all parts, per joint, (n,)."""
+    return np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0))
+
+
+def given_beta(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters of the URDF as it stands, (b,)."""
+    return reduction.mixing @ rig.phi[columns(rig)[1]]
+
+
+def units_of(rows: Rows) -> tuple[str, ...]:
+    """SI units of theta, by the kind of each base parameter and by each coefficient."""
+    leading = [rows.reduction.names[j].rsplit(".", 1)[1] for j in rows.reduction.independent]
+    return units(leading) + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
+
+
+def units(symbols: Sequence[str]) -> tuple[str, ...]:
+    """SI units of inertial parameters by their symbols."""
+    return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)

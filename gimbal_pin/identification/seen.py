@@ -1,0 +1,64 @@
+"""What is refused: too little data, and parameters that leave no trace in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.estimators import Estimate
+from gimbal_pin.log import Log
+from gimbal_pin.rows import (
+    Block,
+    Filtering,
+    Rows,
+    settling,
+)
+
+DROWNED = 0.1
+"""Share of a joint's samples under which it is told that the others were masked out."""
+
+
+def within(log: Log, filters: Filtering) -> None:
+    """Raise `UsageError` if the cutoff leaves the filters nothing to remove."""
+    if len(log) > 1 and filters.cutoff * log.dt > 0.2:
+        what = f"of {filters.cutoff:g} Hz is too high for {1 / log.dt:.0f} samples a second"
+        raise UsageError(f"{log.name}: the cutoff", what, f"give at most {0.2 / log.dt:.3g} Hz")
+
+
+def enough(rows: Rows, blocks: Sequence[Block]) -> None:
+    """Raise `DataError` if there are fewer rows than three per parameter."""
+    have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
+    if have < want:
+        seconds = max((log.t[-1] - log.t[0] for log in rows.logs), default=0.0)
+        name = rows.logs[0].name if rows.logs else "no log"
+        what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
+        need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * settling(rows.filtering)
+        raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
+
+
+def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
+    """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
+    if hidden := unseen(names, blocks, estimate):
+        raise DataError(place, *untraced(blocks), hidden)
+
+
+def untraced(blocks: Sequence[Block]) -> tuple[str, str]:
+    """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
+    kept = min(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0).tolist())
+    if kept >= DROWNED:
+        return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
+    what = f"all but {100 * kept:.2g} % of a joint's samples are near standstill, or no faster than their rate's noise"
+    mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_) from a gyro"
+    return f"{what}; the rest leaves no trace of", mend
+
+
+def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+    """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
+    power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
+    torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
+    reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
+    std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
+    blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
+    return tuple(name for name, hidden in zip(names, blind) if hidden)

@@ -1,0 +1,117 @@
+"""The camera held on a platform that moves: who held it how still, and where the error goes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import degrees, isnan
+from typing import TYPE_CHECKING
+
+from gimbal_pin.text.cells import number, table
+
+if TYPE_CHECKING:
+    from gimbal_pin.pointing.contest import Row
+    from gimbal_pin.pointing.verify import Verified
+    from gimbal_pin.tracking import Tracking
+
+
+def verified(found: Verified) -> str:
+    """Every controller on all that was run, targets, and where the error goes, degrees."""
+    judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
+    parts = [circumstances(found), controllers(found), ""]
+    parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
+    parts += [*asking(found), *swept(found), *budget(found)]
+    parts += [f"compensated: {sentence}" for sentence in found.causes]
+    parts += [
+        f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
+    ]
+    return "\n".join(parts)
+
+
+def circumstances(found: Verified) -> str:
+    """What was run, with which margins."""
+    from gimbal_pin.pointing.roster import TUNED
+
+    contest, margins = found.contest, found.margins
+    ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
+    motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
+    made = "; tuned has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
+    if found.steps is not None:
+        sizes = ", ".join(f"{joint} {number(degrees(step), 3)}°" for joint, step in found.steps.steps.items())
+        made += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
+    return (
+        f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
+        f"with the drives that are known is at least {number(margins.disk_margin, 3)}, "
+        f"the PID crosses at {number(margins.crossover_hz, 3)} Hz "
+        f"(phase {number(margins.phase_margin_deg, 3)}°, delay {number(1e3 * margins.delay_margin, 2)} ms){made}"
+    )
+
+
+def controllers(found: Verified) -> str:
+    """One row per controller: how still it held the camera on each motion, and how it followed the steps."""
+    heads, columns = ["controller"], [[row.controller for row in found.contest.rows]]
+    for contest in found.contests:
+        first = contest.rows[0].runs[0]
+        of = "recorded " if len(found.contests) > 1 and first.platform == "log" else ""
+        heads += [f"{of}jitter ° rms", "° max", "drift °", *(f"{j} N m" for j in first.joints), "at limit %"]
+        columns += [list(column) for column in zip(*map(held_still, contest.rows))]
+    if found.steps is not None:
+        heads += ["steps ° rms", "overshoot %", "cross-axis °"]
+        columns += followed(found.steps, columns[0])
+    return table(*heads, rows=list(zip(*columns)))
+
+
+def held_still(row: Row) -> tuple[str, ...]:
+    """One controller's figures on one motion."""
+    sizes = (row.jitter_rms, row.jitter_max, row.drift)
+    torques = (number(torque, 3) for torque in row.torque_rms.values())
+    return (*(f"{degrees(x):.4f}" for x in sizes), *torques, number(100 * max(row.at_limit.values()), 2))
+
+
+def followed(steps: Tracking, names: Sequence[str]) -> list[list[str]]:
+    """Columns of what the steps say of each controller, by what it is on a base that stands."""
+    from gimbal_pin.pointing.steps import STANDING, Followed
+
+    found = Followed.of(steps)
+    rows = [found[STANDING[name]] if name in STANDING else None for name in names]
+    return [
+        ["" if row is None else f"{degrees(row.rms):.4f}" for row in rows],
+        ["" if row is None else number(row.overshoot_percent, 2) for row in rows],
+        ["" if row is None else f"{degrees(row.cross_axis_peak):.4f}" for row in rows],
+    ]
+
+
+def asking(found: Verified) -> list[str]:
+    """What a recorded motion asks of motors too weak for it, and how still the camera is where they are not."""
+    demand = found.demand
+    if demand is None:
+        return []
+    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
+    weak = ", ".join(f"{j} for up to {number(demand.peak[j], 3)} N m of its {limits[j]:g}" for j in demand.weak)
+    when = ", ".join(f"{first:.1f}" for first, _ in demand.moments)
+    rest = ", ".join(f"{name} {degrees(size):.4f}°" for name, size in demand.apart(found.contests[-1]).items())
+    told = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
+    if isnan(demand.least["unforeseen"]):
+        return told
+    blind, seeing = (f"{degrees(demand.least[name]):.4f}°" for name in ("unforeseen", "foreseen"))
+    bound = f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"
+    return [*told, f"{bound}, unless it rolls the camera instead"]
+
+
+def swept(found: Verified) -> list[str]:
+    """How wrong the model may be."""
+    return [] if found.sweep is None else ["", found.sweep.sentence]
+
+
+def budget(found: Verified) -> list[str]:
+    """One bar: what each thing that the controllers know takes off the world-frame PID's mean square error."""
+    from gimbal_pin.pointing.budget import BASELINE, STEPS
+
+    parted = found.contest.budget
+    if parted is None or not parted.telling:
+        names = ", ".join(name for _, name in STEPS)
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
+    rows = [
+        (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
+        for what, share in parted.parts.items()
+    ]
+    return ["", table("error budget", "% of b²", "°", "", rows=rows)]

@@ -1,0 +1,29 @@
+"""All that `auto` found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gimbal_pin.text.camera import verified
+from gimbal_pin.text.cells import table
+from gimbal_pin.text.loops import tracking, tuning
+from gimbal_pin.text.parameters import identified
+from gimbal_pin.text.wrong import diagnosis
+
+if TYPE_CHECKING:
+    from gimbal_pin.walk import Auto
+
+
+def auto(found: Auto) -> str:
+    """Everything that `auto` found, and where its files lie."""
+    files = table("file", "", rows=[(what, str(path)) for what, path in found.files.items()])
+    parts = [
+        identified(found.identified),
+        *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
+        tuning(found.tuning),
+        tracking(found.tracking, found.plant),
+        f"no camera held on a platform: {found.why}" if found.held is None else verified(found.held),
+        files,
+        f"open {found.files['report']}",
+    ]
+    return "\n\n".join(parts)

@@ -1,0 +1,118 @@
+"""Identified parameters with their uncertainty, of one camera or of several."""
+
+from __future__ import annotations
+
+from math import degrees, floor, inf, log10
+from typing import TYPE_CHECKING
+
+from gimbal_pin.text.cells import number, table
+
+if TYPE_CHECKING:
+    from gimbal_pin.bodies import Figure
+    from gimbal_pin.calibration import Mounting
+    from gimbal_pin.identification import Accuracy, Identified
+    from gimbal_pin.payloads import Several
+
+
+def identified(found: Identified) -> str:
+    """Parameters with uncertainty, accuracy, and how to balance the payload."""
+    from gimbal_pin.balance import balance
+
+    parts = [estimated(found), table(*HEADS, rows=[parameter(found, k) for k in range(len(found.names))])]
+    parts += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
+    parts.append("")
+    parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
+    parts += [f"note: {said}" for said in found.notes]
+    parts += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
+    change = max(found.torque_change.values())
+    parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
+    parts += physique(found)
+    if found.torn:  # advice from the parameters of neither rig would lead astray
+        return "\n".join(parts)
+    if found.bias is not None:
+        parts.append(found.bias.sentence)
+    balanced = balance(found)
+    parts += [] if balanced is None else balanced.sentences
+    return "\n".join(parts)
+
+
+HEADS = ("parameter", "value", "± 95 %", "± % of it", "unit", "URDF", "off by, std")
+
+
+def estimated(found: Identified) -> str:
+    """By what the parameters were estimated, and what their deviations stand on."""
+    method = found.estimate.method
+    held = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
+    return f"{len(found.names)} parameters by {method}{held}; deviations by {found.estimate.uncertainty}"
+
+
+def parameter(found: Identified, k: int) -> tuple[str, ...]:
+    """A parameter's row: its interval, and how far it is from what the URDF states."""
+    value, std = float(found.estimate.theta[k]), float(found.estimate.std[k])
+    share = number(100 * abs(1.96 * std / value), 2) if value and std else ""
+    interval = number(1.96 * std, 2) if std else "–"  # nothing was estimated: it was taken as it was known
+    stated = (number(float(found.stated[k])), f"{found.moved[k]:+.1f}" if found.moved[k] == found.moved[k] else "–")
+    return (found.names[k], number(value), interval, share, found.units[k], *stated)
+
+
+def physique(found: Identified) -> list[str]:
+    """The nearest bodies with 95 % intervals, and what of them is the URDF's."""
+    rows = []
+    for body in found.bodies:
+        com = ", ".join(within(figure, 1e3) for figure in body.com)
+        diagonal = ", ".join(within(body.inertia[k]) for k in (0, 2, 5))
+        products = ", ".join(within(body.inertia[k]) for k in (1, 3, 4))
+        rows.append((body.link, within(body.mass), com, diagonal, products))
+    heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz")
+    trust = f"± 95 %; *: not shown by the log, ± holds if the URDF is right to {100 * found.trust:.3g} % (--trust)"
+    return ["", table(*heads, rows=rows), trust, ""]
+
+
+def within(figure: Figure, factor: float = 1.0) -> str:
+    """A figure and its 95 % interval, no finer than that tells."""
+    half = 1.96 * figure.std * factor
+    places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
+    value = f"{figure.value * factor:.{places}f} ± {number(half, 2)}"
+    return value if figure.shown else f"{value}*"
+
+
+def several(found: Several) -> str:
+    """Every camera's own parameters, the accuracy with it and its balance; then the gimbal's parameters."""
+    from gimbal_pin.balance import balance
+
+    parts = []
+    for name, one in found.identified.items():
+        camera, balanced = found.cameras[name], balance(one)
+        rows = [
+            (symbol, number(value), number(1.96 * s, 2) if s else "–", unit, number(given))
+            for symbol, value, s, unit, given in zip(
+                camera.names, camera.value, camera.std, camera.units, camera.urdf.tolist()
+            )
+        ]
+        parts += [name, table("parameter", "value", "± 95 %", "unit", "URDF", rows=rows)]
+        parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
+        parts += [accuracy(part) for part in (one.train, one.held_out) if part is not None]
+        parts += ["" if balanced is None else "\n".join(balanced.sentences), ""]
+    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", identified(found.first)])
+
+
+def mounting(log: str, link: str, found: Mounting) -> str:
+    """How an IMU sits on its link, in degrees."""
+    turn, bias = (degrees(sum(x * x for x in vector.tolist()) ** 0.5) for vector in (found.misalignment, found.bias))
+    gap = f", its gyro then differs from the encoders by {number(degrees(found.after), 2)}°/s rms"
+    known = gap if found.after == found.after else ""
+    return f"{log}: IMU of {link} is turned by {number(turn, 3)}°, its gyro's bias is {number(bias, 3)}°/s{known}"
+
+
+def accuracy(part: Accuracy) -> str:
+    """Torque error of one part of the data."""
+    cells = [
+        f"{joint} {number(error, 3)} N m ({part.fit_percent[joint]:.2f} %)" for joint, error in part.torque_rmse.items()
+    ]
+    used = min(part.used.values())
+    judged = (
+        ""
+        if used > 0.9
+        else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
+    )
+    return f"{part.how}: torque error rms (fit)  " + ", ".join(cells) + judged

@@ -1,0 +1,67 @@
+"""What is bundled, what a rig is, and what of it can be identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+from typing import TYPE_CHECKING, Any
+
+from gimbal_pin.text.cells import number, table
+
+if TYPE_CHECKING:
+    from gimbal_pin.base import Base
+    from gimbal_pin.checking import Checked
+
+
+def rigs(listed: Mapping[str, Any]) -> str:
+    """The bundled rigs and payloads."""
+    bodies = [(name, rig["payload"] or "", rig["description"]) for name, rig in listed["rigs"].items()]
+    loads = [(name, payload["description"]) for name, payload in listed["payloads"].items()]
+    return table("rig", "payload", "", rows=bodies) + "\n\n" + table("payload", "", rows=loads)
+
+
+def check(found: Checked) -> str:
+    """A checked rig."""
+    rows = [
+        (
+            name,
+            joint.link,
+            number(joint.mass),
+            f"{number(degrees(joint.lower))} … {number(degrees(joint.upper))}",
+            number(degrees(joint.velocity)),
+            number(joint.tau_max),
+            number(round(joint.gravity_torque, 9), 3),
+        )
+        for name, joint in found.joints.items()
+    ]
+    heads = ("joint", "moves", "kg", "range °", "°/s", "tau_max N m", "gravity N m")
+    lines = [
+        f"{found.rig}"
+        + (f" with {found.payload}" if found.payload else "")
+        + ": tree, axes, limits and inertias are sound",
+        table(*heads, rows=rows),
+        f"camera frame  {found.camera_frame} (+x is the line of sight)",
+        f"identifiable  {found.identifiable} parameters, friction included (gimbal-pin base names them)",
+        f"a log needs   {', '.join(found.columns)}",
+        f"and may hold  {', '.join(found.optional)}",
+        *(f"note          {warning}" for warning in found.warnings),
+    ]
+    return "\n".join(lines)
+
+
+def base(found: Base) -> str:
+    """Base parameters."""
+    grouped = found.parameters - len(found.terms) - len(found.unidentifiable)
+    lines = [
+        f"{found.parameters} parameters: {len(found.terms)} identifiable, {grouped} only in sums with these, "
+        f"{len(found.unidentifiable)} without trace",
+        "identifiable",
+        *(f"  {name}" for name in found.names),
+        "without any trace in the torques",
+        *(f"  {name}" for name in found.unidentifiable),
+    ]
+    for motion, words in (("tilted", "leans or shifts"), ("rotating", "turns")):
+        names = [entry["name"] for entry in found.to_dict()["moving_base"][motion]["adds"]]
+        lines += [f"a base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"]
+        lines += [f"  {name}" for name in names]
+    return "\n".join(lines)

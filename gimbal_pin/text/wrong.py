@@ -1,0 +1,79 @@
+"""What the simulation gets wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+from typing import TYPE_CHECKING, Any
+
+from gimbal_pin.text.cells import number, table
+
+if TYPE_CHECKING:
+    from gimbal_pin.diagnosis import Diagnosis
+    from gimbal_pin.diagnosis.finding import Finding
+
+
+LIMIT = "(what would be found goes with the motion all log long; noise averages out over it, and may be larger)"
+
+
+def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
+    """Verdict, findings, what is left at each joint, and where the files lie."""
+    lines = [f"verdict: {found.verdict}"] + ([""] if found.spoiling or found.findings else [])
+    for fault in found.spoiling:
+        lines.append(f"{fault.sentence}; {fault.next_experiment}")
+        lines += [f"  {p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in fault.answer]
+    for finding in found.findings:
+        lines.append(finding.sentence)
+        if len(finding.alike) > 1:
+            lines.append(
+                f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}"
+            )
+            lines += [f"  {line}" for line in worse(finding)]
+        figures = [
+            f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
+        ]
+        loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters)
+        unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
+        lines.append(f"  {', '.join(figures) or unsized}".rstrip())
+    lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
+    rows = [
+        (
+            joint,
+            number(found.baseline["torque_rmse"][joint], 3),
+            number(found.extended["torque_rmse"][joint], 3),
+            number(found.detection_limit[joint], 2),
+            left.state + (f" {left.where}" if left.where else ""),
+        )
+        for joint, left in found.residual.items()
+    ]
+    if rows:
+        lines.append("")
+        lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
+        lines += [LIMIT] if any(left.state == "noise" for left in found.residual.values()) else []
+    lines += tracking_gain(found)
+    lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
+    lines += [f"note: {note}" for note in found.notes]
+    lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
+    hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
+    lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
+    return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def worse(finding: Finding) -> list[str]:
+    """Why rivals that explain less on these logs are not ruled out."""
+    from gimbal_pin.diagnosis.verdict import APART
+
+    apart = (rival for rival in finding.rivals if rival.cause in finding.alike and rival.z > APART)
+    rows = [f"{rival.cause} by {number(rival.z, 2)} deviations" for rival in apart]
+    reason = "yet they add nearly the same torque here (correlation over 0.95), and a formula that is a little off"
+    return (
+        [f"worse on these logs: {', '.join(rows)}; {reason} can make as much: not enough to name one"] if rows else []
+    )
+
+
+def tracking_gain(found: Diagnosis) -> list[str]:
+    """How closely a controller follows with the found causes compensated, and without, in degrees."""
+    rows = found.tracking.items()
+    cells = [(joint, *(number(degrees(row[key]), 2) for key in ("rms_before", "rms_after"))) for joint, row in rows]
+    told = ", ".join(f"{joint} {before}° → {after}°" for joint, before, after in cells)
+    return [f"tracking error in simulation, rms, without and with compensation: {told}"] if cells else []
