@@ -15,11 +15,7 @@ from gimbal_pin.model import Estimated, Model
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import (
-    Block,
-    Rows,
-    columns_of,
-)
+from gimbal_pin.rows import Block, Rows, columns_of
 
 
 def assembled(

@@ -18,13 +18,7 @@ from gimbal_pin.model import friction_effects
 from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import (
-    Filtering,
-    Regression,
-    Rows,
-    base_motion,
-    kept,
-)
+from gimbal_pin.rows import Filtering, Regression, Rows, base_motion, kept
 from gimbal_pin.suspicion import Asked, suspicion
 from gimbal_pin.threads import one_thread
 

@@ -9,9 +9,7 @@ import numpy as np
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log
-from gimbal_pin.rows import (
-    Filtering,
-)
+from gimbal_pin.rows import Filtering
 
 
 def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:

@@ -20,11 +20,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.regressor import columns
-from gimbal_pin.rows import (
-    Filtering,
-    camera_body,
-    over_phi,
-)
+from gimbal_pin.rows import Filtering, camera_body, over_phi
 from gimbal_pin.suspicion import Suspicion
 from gimbal_pin.urdf import with_friction
 

@@ -9,9 +9,7 @@ import numpy as np
 
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array
-from gimbal_pin.rows import (
-    Block,
-)
+from gimbal_pin.rows import Block
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,7 @@ import numpy as np
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.log import Log
-from gimbal_pin.rows import (
-    Block,
-    Filtering,
-    Rows,
-    settling,
-)
+from gimbal_pin.rows import Block, Filtering, Rows, settling
 
 DROWNED = 0.1
 """Share of a joint's samples under which it is told that the others were masked out."""
