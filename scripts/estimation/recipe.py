@@ -55,7 +55,7 @@ def recipe(logs: int = 40, rig: str = "turret", workers: int = CORES, resume: Pa
         out = np.abs([row[way] for row in rows]) > NORMAL
         held, many = 1 - float(out.mean()), int(np.sum(out.sum(axis=1) >= MANY))
         print(
-            f"{logs} logs of {rig}, parameters {words}: {100 * held:.1f} % of the 95 % intervals hold the truth "
+            f"{logs} logs of {rig}, parameters {words}: {100 * held:.1f} % of the 95 % intervals hold the truth"
             f"; in {many} logs {MANY} or more miss"
         )
     passed = BAND[0] <= held <= BAND[1]
