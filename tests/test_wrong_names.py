@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gimbal_pin import text
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.audit import CHECKS
@@ -36,6 +35,7 @@ from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
+from gimbal_pin.text import wrong
 from tests.bench_logs import prescribed
 
 ALIGNED = replace(BAND, alignment=0.0)
@@ -175,6 +175,6 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
     alike = ("delay", "actuator-lag", "cogging")
     found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
-    (line,) = text.worse(found)
+    (line,) = wrong.worse(found)
     assert "actuator-lag by 4.9 deviations" in line and "armature" not in line and "cogging" not in line
-    assert not text.worse(replace(found, rivals=rivals[2:]))
+    assert not wrong.worse(replace(found, rivals=rivals[2:]))

@@ -47,7 +47,7 @@ class Condition:
         sharpness: m.
     """
 
-    sharpness: float = 300.0
+    sharpness: float = 64.0
     name: str = "condition"
 
     def value(self, a: Array) -> float:

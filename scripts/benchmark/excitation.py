@@ -27,8 +27,6 @@ DENSER = 10
 """How much denser the grid is on which all are judged."""
 ITERATIONS, EVALUATIONS = 150, 40_000
 """Most iterations of SLSQP and evaluations of CMA-ES per start; both end before by the tolerance."""
-SMOOTH = 64.0
-"""Sharpness of the condition number that the others minimise: SLSQP ends earlier, and higher, on a sharper one."""
 STEP = 0.3
 """CMA-ES's first deviation as a share of the coefficients' mean size."""
 PENALTY = 100.0
@@ -112,7 +110,7 @@ def ratios(of: str, at: dict[str, list[Entry]], required: bool) -> Iterator[Figu
 
 def problem(rig: Rig, series: Series) -> Problem:
     """What all of them minimise, and the limits on the grid that all of them see."""
-    return Problem(nominal(rig), series, Columns.of(rig), Condition(SMOOTH), Envelope.of(rig, MARGIN), COARSE)
+    return Problem(nominal(rig), series, Columns.of(rig), Condition(), Envelope.of(rig, MARGIN), COARSE)
 
 
 def judged(rig: Rig, series: Series, coefficients: Array, seconds: float) -> Entry:

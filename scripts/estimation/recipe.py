@@ -51,14 +51,13 @@ def recipe(logs: int = 40, rig: str = "turret", workers: int = CORES, resume: Pa
         resume: File of results to go on from.
     """
     rows = results(partial(one, rig), range(logs), workers, resume)
-    missed = False
     for way, words in WAYS.items():
         out = np.abs([row[way] for row in rows]) > NORMAL
         held, many = 1 - float(out.mean()), int(np.sum(out.sum(axis=1) >= MANY))
-        passed = BAND[0] <= held <= BAND[1]
-        missed |= not passed
         print(
-            f"{logs} logs of {rig}, parameters {words}: {100 * held:.1f} % of the 95 % intervals hold the truth "
-            f"(93 to 97); in {many} logs {MANY} or more miss: {'PASS' if passed else 'FAIL'}"
+            f"{logs} logs of {rig}, parameters {words}: {100 * held:.1f} % of the 95 % intervals hold the truth"
+            f"; in {many} logs {MANY} or more miss"
         )
-    sys.exit(missed)
+    passed = BAND[0] <= held <= BAND[1]
+    print(f"README's own way, the last: {100 * held:.1f} % (93 to 97): {'PASS' if passed else 'FAIL'}")
+    sys.exit(not passed)
