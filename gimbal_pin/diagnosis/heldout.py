@@ -76,7 +76,7 @@ def torque_error(part: Part, model: Extended) -> Array:
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,).
 
-    What friction remembers at a start comes from the measured way to it. nan where no stretch is long enough, or where
+    What friction remembers at a start comes from the measured way to it, and it is as warm as the motors were. nan where no stretch is long enough, or where
     the fitted inertias are none that a body can have, as on slow motion that does not show them: such a model cannot be
     simulated, and that it cannot says nothing about its other torques.
     """
@@ -90,6 +90,7 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
         memory = plant.friction.remembered(part.channels.q)
         for start in starts(part, horizon):
             state = State(part.channels.q[start], part.channels.v[start], tuple(memory[start].tolist()))
+            plant.friction.warm = part.temperature[start].tolist()
             end = rolled(plant, part, tau, start, state, horizon)
             errors.append(end - part.channels.q[start + horizon])
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)

@@ -88,11 +88,27 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
         ]
         if not weak:
             break
-        i = min(weak)[1]
+        i = yielding(state, bases, min(weak)[1], rows[min(weak)[1]][0])
         if surest(bases[i], state.causes[i], rows[i][0]) <= limit and not material(bases[i], rows[i][0]):
             dropped.append(state.causes[i])
         state = solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state)
     return state, dropped
+
+
+def yielding(state: State, bases: Sequence[State], i: int, found: Score) -> int:
+    """Which goes where cause `i` does not stand: it, or one of its joint beside which alone it could not, if that costs less.
+
+    What some harmonics of the angle take over of a spring leaves it a coefficient that no spring has, though it explains
+    all but a little and they but that little. `bases` are the states without each cause, `found` how it scored.
+    """
+    cause = state.causes[i]
+    spoils = [
+        k
+        for k, (other, base) in enumerate(zip(state.causes, bases))
+        if found.gain <= 0 and other is not cause and other.of_joint and other.place == cause.place
+        if base.fit.cost < bases[i].fit.cost and measure(without(base, cause), cause).gain > 0
+    ]
+    return min(spoils, key=lambda k: bases[k].fit.cost, default=i)
 
 
 def surest(base: State, cause: Cause, found: Score) -> float:

@@ -24,6 +24,7 @@ class Resistance:
     Attributes:
         start: What the terms with a memory remember at rest.
         dry_joints: Joints that can stick.
+        warm: Temperature of each motor, °C.
     """
 
     def __init__(self, by_joint: Sequence[Sequence[Term]]) -> None:
@@ -44,6 +45,7 @@ class Resistance:
         self.keeping = keeping
         slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
         self.torques = [(j, [(term.torque, slots.get(id(term))) for term in terms]) for j, terms in self.rest]
+        self.warm = [AMBIENT] * len(by_joint)
         self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
 
     def left(self, tau: Sequence[float], slide: Sequence[float]) -> list[float]:
@@ -75,14 +77,15 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], AMBIENT, held, None))))
+                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None))))
             out[j] -= taken
         return out
 
     def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
         terms = self.dry[j]
-        return self.per_slide[j] + (way * total(terms, Sample(t, q, 0.0, 0.0, way, tau)) if terms else 0.0)
+        held = way * total(terms, Sample(t, q, 0.0, 0.0, way, tau, self.warm[j])) if terms else 0.0
+        return self.per_slide[j] + held
 
 
 def total(terms: Sequence[Term], at: Sample) -> float:
