@@ -20,6 +20,8 @@ ALIKE = (0.3, 3.0)
 """A drive's column fits if its coefficient, which is one, is found within these."""
 
 
+BENT = 1e-5
+"""Share of a friction's power under which how it bends shows on no log: three thousandths of its size."""
 PUSHED = 0.2
 """Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
 MOST_TAKEN = 0.9
@@ -37,6 +39,7 @@ class Columns:
         own: Whitened, (rows, c) at that joint, or (rows, n, c).
         lower: Bounds of the coefficients, (c,).
         upper: The same.
+        bulk: Their power over that of what sets them apart from Coulomb friction.
     """
 
     cause: Cause
@@ -45,6 +48,7 @@ class Columns:
     own: Array
     lower: Array
     upper: Array
+    bulk: float = 1.0
 
     @property
     def width(self) -> int:
@@ -165,7 +169,21 @@ def build(
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
-    return Columns(cause, evidence.rig.n, joint, own, lower, upper)
+    bulk = bulk_of(evidence, cause, own) if isinstance(cause, Effect) and cause.bristly else 1.0
+    return Columns(cause, evidence.rig.n, joint, own, lower, upper, bulk)
+
+
+def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
+    """Power of whitened columns of bending friction, (rows, c), over that of what of the first is no Coulomb friction.
+
+    Bristles slide most of the time, and then all of them is Coulomb friction: how they bend is judged by itself.
+    """
+    j = evidence.rig.joint_index(effect.joint)
+    slide = evidence.whiten([np.sign(part.channels.v[:, j]) for part in evidence.parts], j)
+    apart = own.copy()
+    apart[:, 0] -= slide
+    power, whole = float(np.sum(apart**2)), float(np.sum(own**2))
+    return whole / power if power > BENT * whole else 1.0
 
 
 def magnitude(cause: Cause) -> float:

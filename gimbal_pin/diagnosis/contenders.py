@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, pushes
+from gimbal_pin.diagnosis.columns import PUSHED, Columns, pushes
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.log import Array
 
 ENTER = 1e-4
 """A candidate whose own p is above this does not enter."""
@@ -71,15 +72,24 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    return not hushes(state, found, cause) and not drives(state, found, cause)
+    return not (hushes(state, found, cause) or drives(state, found, cause) or outbends(state, found, cause))
+
+
+def outbends(state: State, found: Score, cause: Cause) -> bool:
+    """Whether more friction would bend than there is: what is left of Coulomb friction would push."""
+    if not isinstance(cause, Effect) or not cause.bristly or not len(found.beta):
+        return False
+    at = len(state.problem.reduction.independent)
+    here = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.joint and effect.dry]
+    rest = float(np.sum(refitted_beside(state, found, cause)[here]))
+    return rest < -PUSHED * (rest + float(found.beta[0]))
 
 
 def drives(state: State, found: Score, cause: Cause) -> bool:
     """Whether dry friction at the cause's joint would have to push, all else refitted."""
     if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
         return False
-    added = state.fit.stacked(state.columns(cause).values) @ found.beta
-    theta = state.fit.theta - state.fit.information @ (state.fit.stack.T @ added)
+    theta = refitted_beside(state, found, cause)
     effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
     ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
     always = len(state.problem.friction)
@@ -89,6 +99,12 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
         if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or effect.dry)
     ]
     return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
+
+
+def refitted_beside(state: State, found: Score, cause: Cause) -> Array:
+    """Coefficients of all else once a cause is in, (k,)."""
+    added = state.fit.stacked(state.columns(cause).values) @ found.beta
+    return np.asarray(state.fit.theta - state.fit.information @ (state.fit.stack.T @ added))
 
 
 def hushes(state: State, found: Score, cause: Cause) -> bool:

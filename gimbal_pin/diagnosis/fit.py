@@ -28,6 +28,14 @@ class Placed(Protocol):
         """Columns there, (rows, c), or everywhere, (rows, n, c)."""
 
 
+class Shown(Placed, Protocol):
+    """Whitened columns of which it is asked how much of them shows."""
+
+    @property
+    def bulk(self) -> float:
+        """Their power over that of what sets them apart from the friction that is always fitted."""
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """``theta = argmin Σ_j ‖b_j - A_j theta‖²/φ_j`` on rows of unit noise.

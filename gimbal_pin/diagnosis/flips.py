@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import fdtri
 
-from gimbal_pin.diagnosis.fit import Fit, Placed, project
+from gimbal_pin.diagnosis.fit import Fit, Placed, Shown, project
 from gimbal_pin.diagnosis.score import (
     FEW,
     HIDDEN,
@@ -23,7 +23,7 @@ from gimbal_pin.diagnosis.score import (
 from gimbal_pin.log import Array
 
 
-def flipped(now: Fit, candidates: Sequence[Placed], rng: np.random.Generator, flips: int = 499) -> Array:
+def flipped(now: Fit, candidates: Sequence[Shown], rng: np.random.Generator, flips: int = 499) -> Array:
     """``min over candidates of p`` for random signs of the residual's blocks, (flips,), sorted.
 
     Where nothing is left to be found the blocks' signs do not matter: what the search makes of flipped residuals is

@@ -76,9 +76,9 @@ def torque_error(part: Part, model: Extended) -> Array:
 def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,).
 
-    What friction remembers at a start comes from the measured way to it, and it is as warm as the motors were. nan where no stretch is long enough, or where
-    the fitted inertias are none that a body can have, as on slow motion that does not show them: such a model cannot be
-    simulated, and that it cannot says nothing about its other torques.
+    What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was. nan where
+    no stretch is long enough, or where the fitted inertias are none that a body can have, as on slow motion that does
+    not show them: such a model cannot be simulated, and that it cannot says nothing about its other torques.
     """
     errors = []
     if not all(massive(model.model.rig, part.channels.q) for part in evidence.parts):

@@ -48,6 +48,7 @@ class Pattern:
     own: Array
     lower: Array
     upper: Array
+    bulk: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy import fft
 from scipy.ndimage import uniform_filter1d
 from scipy.special import fdtrc
 
-from gimbal_pin.diagnosis.fit import Fit, Placed, project
+from gimbal_pin.diagnosis.fit import Fit, Placed, Shown, project
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Flags
 
@@ -28,7 +28,7 @@ FEW = 12.0
 """Blocks under which their own scatter says too little."""
 
 
-class Candidate(Placed, Protocol):
+class Candidate(Shown, Protocol):
     """Whitened columns with bounds on their coefficients."""
 
     @property
@@ -120,7 +120,7 @@ def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list
     gram, s = whole - products(now.along(S, beside.joint), c), (residual @ S).reshape(-1, c)
     own = fitting(gram, s)
     lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
-    visible = share(gram, whole)
+    visible = share(gram, whole) * np.array([one.bulk for one in candidates])
     torque = (own[:, None] @ each(S, c))[:, 0]
     wrong = np.any((own < lower) | (own > upper), axis=1) | overdone(target, torque) | (visible < HIDDEN)
     beta = np.ones_like(own) if fixed else own
@@ -185,15 +185,15 @@ def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
     return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
 
 
-def visibility(now: Fit, candidates: Sequence[Placed]) -> Array:
-    """Share of each candidate's power that the fitted columns leave, (k,)."""
+def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
+    """Share of each candidate's power that the fitted columns leave, (k,): of what sets it apart from friction."""
     visible = np.zeros(len(candidates))
     for batch in batches(candidates):
         beside, c = Beside.of([candidates[i] for i in batch]), candidates[batch[0]].own.shape[-1]
         S = now.weighted(beside)
         whole = products(S, c)
         visible[batch] = share(whole - products(now.along(S, beside.joint), c), whole)
-    return visible
+    return visible * np.array([one.bulk for one in candidates])
 
 
 def share(left: Array, whole: Array) -> Array:

@@ -96,10 +96,10 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
 
 
 def yielding(state: State, bases: Sequence[State], i: int, found: Score) -> int:
-    """Which goes where cause `i` does not stand: it, or one of its joint beside which alone it could not, if that costs less.
+    """Which goes where cause `i` does not stand: it, or one of its joint without which it would, if that costs less.
 
-    What some harmonics of the angle take over of a spring leaves it a coefficient that no spring has, though it explains
-    all but a little and they but that little. `bases` are the states without each cause, `found` how it scored.
+    What harmonics of the angle take over of a spring leaves it a coefficient that no spring has, though it explains all
+    but a little, and they that little. `bases` are the states without each cause; `found`: how cause `i` scored.
     """
     cause = state.causes[i]
     spoils = [

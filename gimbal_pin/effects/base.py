@@ -74,6 +74,8 @@ class Effect(Cause):
     """Names, units and bounds of its coefficients; a subclass whose number of them varies overrides `coefficients`."""
     dry: ClassVar[bool] = False
     """True if its basis holds `slide`: its torque then takes part in sticking."""
+    bristly: ClassVar[bool] = False
+    """True if its first basis is dry friction that builds up: slid to the end it is `slide`."""
     affine: ClassVar[bool] = False
     """True if its basis is ``c0 + c1 slide + c2 v`` and reads nothing else: the simulation evaluates it but once."""
     loaded: ClassVar[bool] = False

@@ -37,6 +37,7 @@ class Presliding(Effect):
         Parameter("level", nan, "N m", 0.0, inf),
         Parameter("damping", 0.0, "N m s/rad", 0.0, inf),
     )
+    bristly: ClassVar[bool] = True
     experiment: ClassVar[str] = "small reversals, from a tenth of the stroke to ten strokes"
     compensation: ClassVar[str] = "friction feed-forward after full sliding; small reversals are left to the feedback"
 
