@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import PUSHED, Columns, pushes
+from gimbal_pin.diagnosis.columns import Columns, pushes
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
@@ -28,6 +28,8 @@ PENALTY = 4.0
 HUSHED = 1.5
 """Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
 
+OUTBENT = 0.5
+"""Share of a joint's dry friction by which more of it may bend: bristles of another form than these take so much."""
 CLEARED = 0.25
 """What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
 
@@ -82,7 +84,7 @@ def outbends(state: State, found: Score, cause: Cause) -> bool:
     at = len(state.problem.reduction.independent)
     here = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.joint and effect.dry]
     rest = float(np.sum(refitted_beside(state, found, cause)[here]))
-    return rest < -PUSHED * (rest + float(found.beta[0]))
+    return rest < -OUTBENT * (rest + float(found.beta[0]))
 
 
 def drives(state: State, found: Score, cause: Cause) -> bool:

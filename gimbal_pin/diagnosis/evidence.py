@@ -24,6 +24,7 @@ from gimbal_pin.platform import Platform
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import (
+    STANDSTILL,
     Channels,
     Filtering,
     Flags,
@@ -85,6 +86,11 @@ class Part(NamedTuple):
         wide = signal.ndim == 2
         spectrum = fft.rfft(signal * (gate[:, None] if wide else gate), axis=0)[: len(gain)]
         return fft.irfft(spectrum * (gain[:, None] if wide else gain), self.rows, axis=0) * (self.rows / len(gate))
+
+    @property
+    def still(self) -> Flags:
+        """Where a joint stands, as far as its rate tells, (m, n)."""
+        return np.asarray(np.abs(self.channels.v) < STANDSTILL * self.channels.rate_std)
 
     @property
     def time(self) -> Array:

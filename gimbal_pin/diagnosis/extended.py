@@ -38,12 +38,12 @@ class Extended:
         """What a joint bears along a part."""
         c, sample = part.channels, part.sample(joint)
         terms = [term for term in self.model.by_joint[joint] if brakes(term.effect)]
-        brake = sum((term.torque(sample) for term in terms), np.zeros(len(c.t)))
+        brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
         others = np.arange(c.a.shape[1]) != joint
         asked = self.model.inverse(
             c.q, c.v, c.a * others, t=part.time, temperature=part.temperature, platform=c.platform
         )
-        return Borne(brake, asked[:, joint] - brake)
+        return Borne.along(brake, asked[:, joint] - brake, c.tau[:, joint], part.still[:, joint])
 
 
 def extended(state: State) -> Extended:

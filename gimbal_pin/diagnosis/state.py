@@ -104,8 +104,13 @@ class State:
                 brake[:, j] += columns @ values
         inertial = [(x - y) @ theta[:at] for x, y in zip(problem.rigid_full, problem.resting)]
         totals = [x - y for x, y in zip(self.acting, self.unexplained)]
-        rows = [(brake, total - brake - x) for brake, total, x in zip(braked, totals, inertial)]
-        return [[Borne(x[:, j], y[:, j]) for x, y in rows] for j in range(problem.evidence.rig.n)]
+        evidence = problem.evidence
+        loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
+        rows = [(x, y, part.channels.tau, part.still) for x, y, part in zip(braked, loads, evidence.parts)]
+        return [
+            [Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j]) for x, y, tau, still in rows]
+            for j in range(evidence.rig.n)
+        ]
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""

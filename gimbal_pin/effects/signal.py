@@ -8,6 +8,7 @@ from math import inf
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from gimbal_pin.effects.cause import Cause
@@ -29,6 +30,12 @@ class Borne(NamedTuple):
 
     brake: Value
     load: Value
+
+    @classmethod
+    def along(cls, brake: Array, load: Array, command: Array, still: NDArray[np.bool_]) -> Borne:
+        """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
+        most = np.abs(brake)
+        return cls(np.where(still, np.clip(command - load, -most, most), brake), load)
 
 
 @dataclass(frozen=True)
