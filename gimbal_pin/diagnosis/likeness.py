@@ -74,7 +74,8 @@ def nearness(now: Fit, own: Array, others: Sequence[Columns]) -> Array:
         gram = whole - products(now.along(S, beside.joint), c)
         across = np.swapaxes((own[rows].T @ S).reshape(own.shape[1], -1, c), 0, 1)
         power, all_ = (np.diagonal(x, axis1=1, axis2=2) for x in (gram, whole))
-        unit = np.where(power > HIDDEN * all_, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
+        bulk = np.array([[others[i].bulk] for i in batch])
+        unit = np.where(power * bulk > HIDDEN * all_, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
         shown = gram * unit[:, :, None] * unit[:, None]
         across = across * unit[:, None]
         inside = across @ inverse(shown, 1e-12) @ across.mT
@@ -85,7 +86,7 @@ def nearness(now: Fit, own: Array, others: Sequence[Columns]) -> Array:
 def span(state: State, columns: Columns) -> Array:
     """Orthonormal columns that span what the state leaves of some others, (rows n, k); none where nothing is left."""
     whole, rest = state.fit.weighted(columns), project(state.fit, columns)
-    seen = np.sum(rest**2, axis=0) > HIDDEN * np.maximum(np.sum(whole**2, axis=0), 1e-300)
+    seen = np.sum(rest**2, axis=0) * columns.bulk > HIDDEN * np.maximum(np.sum(whole**2, axis=0), 1e-300)
     left, size, _ = np.linalg.svd(rest[:, seen], full_matrices=False)
     return np.asarray(left[:, size > 1e-6 * size.max(initial=0.0)])
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import combinations
 
+import numpy as np
+
 from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, hushes, net, possible, ranked
 from gimbal_pin.diagnosis.fit import improves
 from gimbal_pin.diagnosis.library import Library
@@ -16,6 +18,8 @@ from gimbal_pin.effects.harmonic import Harmonic
 
 STEPS = 16
 """Most steps of the search: every harmonic of a cause is one."""
+WORSE = 0.1
+"""Rise of what is left by which a step is none: what was there before stood on what a joint bears, and that moved."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
 SWAPS = 4
@@ -29,8 +33,16 @@ def forward(state: State, shelf: Library) -> State:
         if not rows:
             break
         new = foremost(state, rows)
-        state = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
+        after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
+        if left(after) > left(state) + WORSE:
+            break
+        state = after
     return state
+
+
+def left(state: State) -> float:
+    """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
+    return float(np.sum(np.log(state.fit.dispersion)))
 
 
 def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:
