@@ -6,13 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, pushes
+from gimbal_pin.diagnosis.columns import PUSHED, Columns, plain_columns, pushes
+from gimbal_pin.diagnosis.fit import LUCK
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.viscous import Viscous
+from gimbal_pin.log import Array
 
 ENTER = 1e-4
 """A candidate whose own p is above this does not enter."""
@@ -71,15 +74,35 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    return not hushes(state, found, cause) and not drives(state, found, cause)
+    return not (hushes(state, found, cause) or drives(state, found, cause) or falls(state, found, cause))
+
+
+def falls(state: State, found: Score, cause: Cause) -> bool:
+    """Whether friction that grows faster than the rate stands on viscous friction that would push, all else refitted.
+
+    Friction that falls with the rate before it grows is Stribeck's, whatever makes up for the fall.
+    """
+    if not isinstance(cause, Effect) or not cause.rising or not len(found.beta):
+        return False
+    effects, theta = state.problem.friction, with_it(state, found, cause)[len(state.problem.reduction.independent) :]
+    evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
+    own = np.concatenate(plain_columns(evidence, cause, state.torque)) @ found.beta
+    rate = np.concatenate([part.channels.v[:, j] for part in evidence.parts])
+    viscous = [x for one, x in zip(effects, theta) if isinstance(one, Viscous) and one.joint == cause.joint]
+    return bool(viscous[0] * np.linalg.norm(rate) < -PUSHED * np.linalg.norm(own))
+
+
+def with_it(state: State, found: Score, cause: Cause) -> Array:
+    """Coefficients of all that a state has, refitted with a cause in, (k,)."""
+    added = state.fit.stacked(state.columns(cause).values) @ found.beta
+    return state.fit.theta - state.fit.information @ (state.fit.stack.T @ added)
 
 
 def drives(state: State, found: Score, cause: Cause) -> bool:
     """Whether dry friction at the cause's joint would have to push, all else refitted."""
     if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
         return False
-    added = state.fit.stacked(state.columns(cause).values) @ found.beta
-    theta = state.fit.theta - state.fit.information @ (state.fit.stack.T @ added)
+    theta = with_it(state, found, cause)
     effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
     ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
     always = len(state.problem.friction)
@@ -95,6 +118,7 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too.
 
     What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
+    Where less is unexplained than the sensors' noise, noise is all that it could take away.
     """
     if not isinstance(cause, Signal) or not cause.linear:
         return False
@@ -103,7 +127,8 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
     loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
     gain = found.gain / float(state.fit.scale[j]) ** 2
-    return gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed
+    noise = evidence.rows * float(evidence.used()[j])
+    return loud < LUCK * noise or (gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed)
 
 
 def net(found: Score, cause: Cause) -> float:
