@@ -14,7 +14,6 @@ from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
-from gimbal_pin.effects.viscous import Viscous
 from gimbal_pin.log import Array
 
 ENTER = 1e-4
@@ -88,7 +87,7 @@ def falls(state: State, found: Score, cause: Cause) -> bool:
     evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
     own = np.concatenate(plain_columns(evidence, cause, state.torque)) @ found.beta
     rate = np.concatenate([part.channels.v[:, j] for part in evidence.parts])
-    viscous = [x for one, x in zip(effects, theta) if isinstance(one, Viscous) and one.joint == cause.joint]
+    viscous = [x for one, x in zip(effects, theta) if not one.dry and one.joint == cause.joint]
     return bool(viscous[0] * np.linalg.norm(rate) < -PUSHED * np.linalg.norm(own))
 
 
