@@ -10,11 +10,11 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.fit import Fit, fit, project
-from gimbal_pin.diagnosis.flips import flipped_wald
+from gimbal_pin.diagnosis.flips import flipped, flipped_wald
 from gimbal_pin.diagnosis.learned import bent, explained
 from gimbal_pin.diagnosis.leftover import Pattern
 from gimbal_pin.diagnosis.noiselike import peaked, rare, shared
-from gimbal_pin.diagnosis.score import chance, effective, grams, score
+from gimbal_pin.diagnosis.score import NIL, chance, effective, grams, score
 from gimbal_pin.log import Array
 
 ROWS, BLOCKS = 1200, 40
@@ -75,6 +75,23 @@ def test_signs_that_change_nothing_give_the_scores_own_wald(seed: int, width: in
     wald = flipped_wald(np.ones((1, BLOCKS)), scatter.T[None], gram)[0]
     assert wald[0] == pytest.approx(score(now, columns, False).wald, rel=1e-6)
     assert chance(wald[0], width, effective(now, rest)) == pytest.approx(score(now, columns, False).p)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.floats(-320.0, 5.0))
+def test_a_columns_size_is_nothing_to_its_chance(seed: int, width: int, power: float) -> None:
+    """Down to where it is none, and never with a warning: friction that dies away with speed leaves any size."""
+    rng = RNG(seed)
+    now, values = fitted(coloured(rng, 0.5)), rng.normal(size=(ROWS, width))
+    size = 10.0**power
+    with np.errstate(over="raise", invalid="raise", divide="raise"):
+        scaled = score(now, column(size * values), False)
+        flips = flipped(now, [column(size * values)], RNG(0), 50)
+    if size**2 * ROWS < 0.5 * NIL:
+        assert scaled.gain == 0.0 and scaled.visible == 0.0 and np.all(flips == 1.0)
+    elif size**2 * ROWS > 2 * NIL:
+        whole = score(now, column(values), False)
+        assert scaled.gain == pytest.approx(whole.gain, rel=1e-6) and scaled.p == pytest.approx(whole.p, rel=1e-6)
+        np.testing.assert_allclose(flips, flipped(now, [column(values)], RNG(0), 50), rtol=1e-6)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 1))

@@ -14,20 +14,30 @@ from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies, chosen
+from gimbal_pin.diagnosis.confirmed import LENT, asked
+from gimbal_pin.diagnosis.contenders import falls, hushes
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
-from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, judge
+from gimbal_pin.diagnosis.heldout import CONFIRMED
+from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, Residual, judge
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
 from gimbal_pin.diagnosis.noiselike import uneven
+from gimbal_pin.diagnosis.score import NOTHING
+from gimbal_pin.diagnosis.searched import Searched
+from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.together import once
+from gimbal_pin.diagnosis.trusted import Case, confirmed
 from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.rig_effect import RigEffect
+from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.log import Array, Log
@@ -178,3 +188,75 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     (line,) = wrong.worse(found)
     assert "actuator-lag by 4.9 deviations" in line and "armature" not in line and "cogging" not in line
     assert not wrong.worse(replace(found, rivals=rivals[2:]))
+
+
+# a drive that only silences
+
+
+def test_a_limit_that_always_bites_is_none() -> None:
+    """Of most commands but their sign would be left, and dry friction explains any sign."""
+    rig = Rig.load("thesis")
+    log = recorded(rig)
+    state = fitted(rig, log)
+    assert log.tau is not None
+    often, seldom = np.quantile(np.abs(log.tau[:, rig.joint_index("tilt")]), [0.3, 0.8])
+    assert np.any(state.columns(Saturation("tilt", float(seldom))).own)
+    assert not np.any(state.columns(Saturation("tilt", float(often))).own)
+
+
+def test_a_lag_in_less_than_the_sensors_noise_only_takes_that_away() -> None:
+    """However much it gains: a fit can leave less than the noise by luck, and a signal then leaves less still."""
+    rig, lag = Rig.load("thesis"), ActuatorLag("tilt", 0.02)
+    state, found = fitted(rig, recorded(rig)), NOTHING._replace(gain=1e9)
+    assert not hushes(state, found, lag)
+    assert hushes(replace(state, unexplained=[0.3 * x for x in state.unexplained]), found, lag)
+
+
+def test_a_drag_on_friction_that_pushes_is_none() -> None:
+    """Friction that falls with the rate before it grows is Stribeck's; a drag stands on friction that brakes."""
+    rig, drag = Rig.load("thesis"), QuadraticDrag("tilt", 1.75)
+    falling = fitted(rig, recorded(rig, "stribeck:tilt:extra=0.3,speed=0.6"))
+    growing = fitted(rig, recorded(rig, "quadratic-drag:tilt:drag=0.2,power=1.75"))
+    for state, wrong_ in ((falling, True), (growing, False)):
+        found = measure(state, drag)
+        assert found.gain > 0.0 and falls(state, found, drag) == wrong_
+
+
+# what is told beside something else
+
+
+def test_beside_structure_a_further_cause_must_gain_much() -> None:
+    rig = Rig.load("thesis")
+    drag, more = QuadraticDrag("tilt", 2.0), Stribeck("tilt", 0.2, 2)
+    state = fitted(rig, recorded(rig), drag, more)
+
+    def least(where: str) -> list[float]:
+        residual = tuple(Residual("structured" if joint == where else "noise", 1.0, 1.0, "") for joint in rig.joints)
+        found = Searched(shelf(state), state, state, state, residual, (), np.zeros(1))
+        return asked(found, state, [3.0, 1.1])
+
+    assert least("tilt") == [CONFIRMED, LENT]
+    assert least("roll") == [CONFIRMED, CONFIRMED]
+
+
+def test_a_cause_found_twice_is_told_once() -> None:
+    """As itself, and as the look-alike that takes up what its form leaves over."""
+
+    def one(cause: str, joint: str, share: float, *alike: str) -> Finding:
+        row = inspect.signature(Finding).parameters
+        known = {"cause": cause, "joint": joint, "explained_share": share, "alike": (cause, *alike)}
+        return Finding(**{name: known.get(name) for name in row})
+
+    spring, ripple = one("cable-spring", "pan", 0.9, "cogging"), one("torque-ripple", "pan", 0.2, "cable-spring")
+    less, elsewhere = one("cogging", "pan", 0.1), one("cogging", "tilt", 0.1)
+    assert once([less, ripple, elsewhere, spring]) == ([spring, ripple, elsewhere], [(less, spring)])
+
+
+def test_a_held_out_part_without_a_difference_denies_it() -> None:
+    rig = Rig.load("turret")
+    moved = plant_with(nominal(rig), [parse_effect("payload-shift:x=0.0042,y=0.002,z=-0.001", rig)]).plant
+    logs = [prescribed(one, 3, seconds=16.0, torque_noise=2e-3, dt=2e-3) for one in (moved, nominal(rig))]
+    state, bodies = fitted(rig, logs[0]), Bodies(difference(rig, logs[0]))
+    found, tried = chosen(bodies, BODIES)
+    same, other = (gather(rig, [log], ALIGNED, {log.name: 0.0}) for log in logs)
+    assert [confirmed(Case(state, bodies, found, tried, one), found.kinds[0]) for one in (same, other)] == [True, False]

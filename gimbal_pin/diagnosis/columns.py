@@ -26,6 +26,9 @@ PUSHED = 0.2
 """Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
 MOST_TAKEN = 0.9
 """A drive that takes more of the torque than this explains nothing: it silences the joint."""
+MOST_CAPPED = 0.5
+"""Share of the samples at which a drive's limit may bite: of more commands than that but their sign is left, and dry
+friction explains any sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +125,8 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
     if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything
         taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
-    return white if taken <= MOST_TAKEN**2 * most else np.zeros_like(white)
+    capped = np.isfinite(signal.largest) and np.mean(np.concatenate(loss) != 0) > MOST_CAPPED
+    return np.zeros_like(white) if capped or taken > MOST_TAKEN**2 * most else white
 
 
 def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array:

@@ -23,6 +23,9 @@ CLEAR = 1.1
 """Gain at the other angles from which it does not count that a cause loses by all of them."""
 ENOUGH = 0.2
 """Share of them that must be left to judge by."""
+LENT = 1.25
+"""Held-out error without a cause over that with it, from which one of several is believed where structure is left: by
+less than a fifth of the error, it may be what the others' forms and the unknown lend to it."""
 
 
 def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
@@ -38,8 +41,9 @@ def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Sear
         if known is not held:
             inside = confirmations(*figures(known, final), held, final)
             ratios = [own if own > CLEAR or all_ >= 1.0 else 0.0 for own, all_ in zip(inside, ratios)]
-        ratio, weakest = min(((x, i) for i, x in enumerate(ratios)), default=(np.inf, 0))
-        if ratio > CONFIRMED:
+        over = [x / least for x, least in zip(ratios, asked(found, final, ratios))]
+        ratio, weakest = min(((x, i) for i, x in enumerate(over)), default=(np.inf, 0))
+        if ratio > 1.0:
             break
         denied.append(final.causes[weakest])
         final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
@@ -48,6 +52,14 @@ def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Sear
         return found
     rest = solved(found.state.problem, [c for c in found.state.causes if c not in denied], found.state)
     return found._replace(residual=left_over(rest, found.doubtful, rng))
+
+
+def asked(found: Searched, final: State, ratios: Sequence[float]) -> list[float]:
+    """Least `confirmation` of each cause: more of all but the strongest, where structure is left at its joint."""
+    joints = final.problem.evidence.rig.joints
+    left = {joint for joint, one in zip(joints, found.residual) if one.state == "structured"}
+    most = max(ratios, default=0.0)
+    return [LENT if cause.place in left and x < most else CONFIRMED for cause, x in zip(final.causes, ratios)]
 
 
 def figures(held: Evidence, state: State) -> tuple[Figures, list[Figures]]:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, pushes
+from gimbal_pin.diagnosis.columns import PUSHED, Columns, plain_columns, pushes
+from gimbal_pin.diagnosis.fit import LUCK
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
@@ -74,7 +75,8 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    return not (hushes(state, found, cause) or drives(state, found, cause) or outbends(state, found, cause))
+    tests = (hushes, drives, outbends, falls)
+    return not any(test(state, found, cause) for test in tests)
 
 
 def outbends(state: State, found: Score, cause: Cause) -> bool:
@@ -85,6 +87,22 @@ def outbends(state: State, found: Score, cause: Cause) -> bool:
     here = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.joint and effect.dry]
     rest = float(np.sum(refitted_beside(state, found, cause)[here]))
     return rest < -OUTBENT * (rest + float(found.beta[0]))
+
+
+def falls(state: State, found: Score, cause: Cause) -> bool:
+    """Whether friction that grows faster than the rate stands on viscous friction that would push, all else refitted.
+
+    Friction that falls with the rate before it grows is Stribeck's, whatever makes up for the fall.
+    """
+    if not isinstance(cause, Effect) or not cause.rising or not len(found.beta):
+        return False
+    effects, at = state.problem.friction, len(state.problem.reduction.independent)
+    theta = refitted_beside(state, found, cause)[at:]
+    evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
+    own = np.concatenate(plain_columns(evidence, cause, state.torque)) @ found.beta
+    rate = np.concatenate([part.channels.v[:, j] for part in evidence.parts])
+    viscous = [x for one, x in zip(effects, theta) if not one.dry and one.joint == cause.joint]
+    return bool(viscous[0] * np.linalg.norm(rate) < -PUSHED * np.linalg.norm(own))
 
 
 def drives(state: State, found: Score, cause: Cause) -> bool:
@@ -113,6 +131,7 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too.
 
     What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
+    Where less is unexplained than the sensors' noise, noise is all that it could take away.
     """
     if not isinstance(cause, Signal) or not cause.linear:
         return False
@@ -121,7 +140,8 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
     loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
     gain = found.gain / float(state.fit.scale[j]) ** 2
-    return gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed
+    noise = evidence.rows * float(evidence.used()[j])
+    return loud < LUCK * noise or (gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed)
 
 
 def net(found: Score, cause: Cause) -> float:

@@ -14,6 +14,8 @@ from gimbal_pin.rows import Flags
 
 PASSES = 4
 FOLDS = 4
+LUCK = 0.5
+"""Least dispersion that is believed: what fits better than its sensors allow is luck, not knowledge."""
 
 
 class Placed(Protocol):
@@ -125,8 +127,7 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
             stacked = (R * weight[:, None]).reshape(-1, k + 1)
             theta = np.linalg.lstsq(stacked[:, :k], stacked[:, k], rcond=1e-10)[0]
             power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
-            # What fits better than its sensors allow is luck, not knowledge.
-            weight = 1.0 / np.sqrt(np.maximum(power, 0.5))
+            weight = 1.0 / np.sqrt(np.maximum(power, LUCK))
     stacked = (A * weight[:, None]).reshape(-1, k)
     target = (b * weight).ravel()
     theta = np.linalg.lstsq(stacked, target, rcond=1e-10)[0]

@@ -23,6 +23,7 @@ from gimbal_pin.diagnosis.mending import mended
 from gimbal_pin.diagnosis.platform_motion import Ridden
 from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
 from gimbal_pin.diagnosis.state import State, width
+from gimbal_pin.diagnosis.together import combined, doubled, once
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
@@ -50,8 +51,8 @@ def reported(
     hidden = verdict.untestable(found.first, found.shelf)
     mends = mended(found.final, found.shelf)
     rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
-    said = [*map(denial, found.denied), *starmap(mending, mends.items())]
-    each = combined([finding(found, *row, held, baseline, hidden, rng) for row in rows])
+    each, twice = once(combined([finding(found, *row, held, baseline, hidden, rng) for row in rows]))
+    said = [*map(denial, found.denied), *starmap(mending, mends.items()), *starmap(doubled, twice)]
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
@@ -157,20 +158,6 @@ def finding(
         sentence=said,
         next_experiment=cause.experiment if ambiguous else None,
     )
-
-
-def combined(found: Sequence[Finding]) -> list[Finding]:
-    """Merge findings of one cause of the whole rig, each about another of its figures: the stronger speaks for both."""
-    out: list[Finding] = []
-    for one in sorted(found, key=lambda f: -f.explained_share):
-        twin = next((f for f in out if f.joint is None and (f.cause, f.joint) == (one.cause, one.joint)), None)
-        if twin is None:
-            out.append(one)
-            continue
-        known = {p.name: p for p in one.parameters if p.std == p.std}
-        figures = tuple(known.get(p.name, p) for p in twin.parameters)
-        out[out.index(twin)] = replace(twin, parameters=figures)
-    return out
 
 
 def limit_of(state: State, joint: int, null: Array) -> float:

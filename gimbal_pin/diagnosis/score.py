@@ -65,6 +65,9 @@ BATCH = 16
 """Candidates that are computed at once: more do not stay in the processor's own memory."""
 HIDDEN = 1e-3
 """Share of a column's power below which the base columns hide it: three hundredths of its size."""
+NIL = 1e-24
+"""Power of a column, in units of noise, under which it is none: to show, its coefficient would have to be 1e12 of its
+units. Dry friction that dies away with speed leaves such columns, of which rounding and underflow are all there is."""
 
 
 def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
@@ -169,11 +172,14 @@ def fitting(gram: Array, s: Array) -> Array:
 
 
 def inverse(gram: Array, share: float) -> Array:
-    """Pseudo-inverse of symmetric positive G, (..., c, c), without what is under a share of its largest eigenvalue."""
+    """Pseudo-inverse of symmetric positive G, (..., c, c), without what is under a share of its largest eigenvalue.
+
+    Nor of what is under that share of nothing: see `NIL`.
+    """
     if gram.shape[-1] == 1:
-        return np.divide(1.0, gram, out=np.zeros_like(gram), where=gram > 0)
+        return np.divide(1.0, gram, out=np.zeros_like(gram), where=gram > share * NIL)
     size, axes = np.linalg.eigh(gram)
-    there = size > share * np.maximum(size[..., -1:], 0.0)
+    there = size > share * np.maximum(size[..., -1:], NIL)
     return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
 
 
@@ -197,9 +203,9 @@ def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
 
 
 def share(left: Array, whole: Array) -> Array:
-    """Traces of some matrices, (k, c, c), over those of others, (k,); 0 where that is nothing."""
+    """Traces of some matrices, (k, c, c), over those of others, (k,); 0 where that is `NIL`."""
     size = np.trace(whole, axis1=1, axis2=2)
-    return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > 0)
+    return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL)
 
 
 def overdone(target: Array, torque: Array) -> Flags:

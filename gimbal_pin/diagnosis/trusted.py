@@ -17,7 +17,8 @@ from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight
 from gimbal_pin.diagnosis.given import TOLD, given
 from gimbal_pin.diagnosis.heavier import inertias
-from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.heldout import CONFIRMED, rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.reported import denial
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.log import Array
@@ -50,11 +51,15 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     size = {kind: shares(state, bodies, fitted, kind) for kind in fitted.kinds}
     most = max((float(x.max()) for x in size.values()), default=0.0)
     material = [kind for kind in fitted.kinds if size[kind].max() > max(verdict.SHARE, FAINT * most)]
-    more = [finding(Case(state, bodies, fitted, tried, found.held), kind, size[kind]) for kind in material]
+    case = Case(state, bodies, fitted, tried, found.held)
+    sure = [kind for kind in material if confirmed(case, kind)]
+    denied = [denial(fitted.cause(kind)) for kind in material if kind not in sure]
+    more = [finding(case, kind, size[kind]) for kind in sure]
     less = [Slight(*named(kind), float(size[kind].max())) for kind in fitted.kinds if kind not in material]
     every = sorted([*found.findings, *more], key=lambda one: -one.explained_share)
     said = verdict.overall([one.status for one in every], list(found.residual.values()))
-    return replace(found, findings=tuple(every), verdict=said, immaterial=(*found.immaterial, *less))
+    notes, small = (*found.notes, *denied), (*found.immaterial, *less)
+    return replace(found, findings=tuple(every), verdict=said, immaterial=small, notes=notes)
 
 
 class Case(NamedTuple):
@@ -147,13 +152,23 @@ def rivals_of(case: Case, kind: Kind, rest: Sequence[Kind]) -> tuple[Rival, ...]
 
 def gains(case: Case, kind: Kind, joint: int) -> dict[str, float]:
     """Held-out errors of the given URDF without and with one cause at a joint."""
-    found = case.fitted
-    without = [(k, x) for k, x in zip(found.kinds, found.values) if k != kind]
-    models = [stated(case, [k for k, _ in without], [x for _, x in without]), stated(case, found.kinds, found.values)]
-    out: dict[str, float] = {}
+    models, out = models_of(case, kind), dict[str, float]()
     for name, figure in (("torque_rmse", torque_rmse), ("rollout_rmse", rollout_rmse)):
         out |= {f"{name}_{when}": float(figure(case.held, m)[joint]) for when, m in zip(("before", "after"), models)}
     return out
+
+
+def models_of(case: Case, kind: Kind) -> tuple[Extended, Extended]:
+    """The given URDF without and with one cause, and with all the others."""
+    found = case.fitted
+    rest = [(k, x) for k, x in zip(found.kinds, found.values) if k != kind]
+    return stated(case, [k for k, _ in rest], [x for _, x in rest]), stated(case, found.kinds, found.values)
+
+
+def confirmed(case: Case, kind: Kind) -> bool:
+    """Whether the given URDF predicts the held-out torque of any joint better with a cause; else it is not named."""
+    before, after = (torque_rmse(case.held, model) for model in models_of(case, kind))
+    return bool(np.any(before > CONFIRMED * after))
 
 
 def stated(case: Case, kinds: Sequence[Kind], values: Sequence[Array]) -> Extended:

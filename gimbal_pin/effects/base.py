@@ -80,6 +80,8 @@ class Effect(Cause):
     """True if its basis is ``c0 + c1 slide + c2 v`` and reads nothing else: the simulation evaluates it but once."""
     loaded: ClassVar[bool] = False
     """True if its basis reads `tau`: the model's total torque then depends on itself, and is iterated."""
+    rising: ClassVar[bool] = False
+    """True if it is friction that grows faster than the rate, beside viscous friction."""
     compensation: ClassVar[str] = "its torque at the reference is added to the controller's feed-forward"
 
     @property

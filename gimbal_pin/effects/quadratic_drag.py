@@ -33,6 +33,7 @@ class QuadraticDrag(Effect):
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("power", 2.0, "1", 1.2, 4.5),)
     chosen: ClassVar[tuple[str, ...]] = ("power",)
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", nan, "N m (s/rad)^power", 0.0, inf),)
+    rising: ClassVar[bool] = True
     experiment: ClassVar[str] = "the highest speeds that the rig allows, next to slow ones"
     compensation: ClassVar[str] = "drag feed-forward at the reference's rate"
 
