@@ -22,6 +22,10 @@ LEANS = 0.1
 """Specific force that is off what an upright base at rest feels by more than this counts as a lean, m/s² rms."""
 TURNS = 0.02
 """A rate that varies by more than this counts as turning, rad/s rms; a constant one is the gyro's own bias."""
+SWAYS = 0.005
+"""The same of its means over `SWAY`: slower motion stands clear of the gyro's noise where it is smaller."""
+SWAY = 0.1
+"""Time over which a rate is averaged to see slow turning, s."""
 CUTOFF = 20.0
 """Low-pass on a measured platform motion before it is prescribed, Hz."""
 
@@ -124,12 +128,26 @@ class Platform:
         return Platform(self.t, self.f - swing, self.w, self.dw, self.quat)
 
     @property
+    def slow(self) -> Array:
+        """The rate's means over consecutive stretches of `SWAY`, (M, 3)."""
+        span = float(self.t[-1] - self.t[0])
+        count = int(min(max(span / SWAY, 1.0), len(self)))
+        starts = np.linspace(0, len(self), count, endpoint=False).astype(int)
+        sizes = np.diff(np.append(starts, len(self)))
+        return np.asarray(np.add.reduceat(self.w, starts, axis=0) / sizes[:, None])
+
+    @property
     def motion(self) -> BaseMotion:
         """What kind of motion it is."""
-        if np.sqrt(np.sum(np.var(self.w, axis=0))) > TURNS:
+        if varies(self.w) > TURNS or varies(self.slow) > SWAYS:
             return "rotating"
         lean = np.sqrt(np.mean(np.sum((self.f - np.array([0.0, 0.0, GRAVITY])) ** 2, axis=1)))
         return "tilted" if lean > LEANS else "fixed"
+
+
+def varies(x: Array) -> float:
+    """Root mean square of what a vector, (N, 3), is off its mean."""
+    return float(np.sqrt(np.sum(np.var(x, axis=0))))
 
 
 def body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:

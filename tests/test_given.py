@@ -203,6 +203,17 @@ def test_a_weight_bolted_on_is_no_shifted_camera() -> None:
     assert figures["extra"] == pytest.approx(0.12, rel=0.2) and figures["x"] == pytest.approx(0.05, rel=0.2)
 
 
+def test_a_heavier_payload_that_was_moved_is_both() -> None:
+    """A weight bolted on somewhere would move the centre of mass alike; the inertias tell that it is none."""
+    rig = Rig.load("turret")
+    log = recorded(plant(rig, "payload-mass:extra=0.15", "payload-shift:x=0.0042,y=0.002,z=-0.001"), 9)
+    found = diagnosed(rig, log, "trusted")
+    figures = {one.cause: {p.name: p.value for p in one.parameters} for one in found.findings}
+    assert set(figures) == {"payload-mass", "payload-shift"}
+    assert figures["payload-mass"]["extra"] == pytest.approx(0.15, rel=0.1)
+    assert figures["payload-shift"]["x"] == pytest.approx(0.0042, rel=0.1)
+
+
 def test_a_nominal_urdf_makes_none_and_says_it_all_the_same() -> None:
     rig = Rig.load("turret")
     found = diagnosed(rig, recorded(plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001"), 6), "nominal")

@@ -240,6 +240,8 @@ def test_the_level_of_a_motion_is_told_from_it() -> None:
     noise = np.random.default_rng(0).normal(0, 0.005, (5000, 3))
     upright = Platform(t, UP + noise, noise + 0.01, 0 * noise)
     assert upright.motion == "fixed"
+    sway = np.outer(0.01 * np.sin(2 * np.pi * t), [1.0, 0.0, 0.0])
+    assert Platform(t, UP + noise, noise + sway, 0 * noise).motion == "rotating"
     assert Platform.still(t, 0.05).motion == "tilted"
     assert profile_s(t, np.random.default_rng(0), size=0.5).motion == "rotating"
 

@@ -13,7 +13,8 @@ from scipy.signal import lfilter
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.audit import CHECKS
-from gimbal_pin.diagnosis.bodies import Bodies, chosen
+from gimbal_pin.diagnosis.bodies import Bodies
+from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked
 from gimbal_pin.diagnosis.contenders import falls, hushes
 from gimbal_pin.diagnosis.difference import Difference

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from gimbal_pin.diagnosis.difference import RANK, Difference
-from gimbal_pin.effects import Cause, RigEffect
+from gimbal_pin.effects import RigEffect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -26,19 +25,15 @@ PLACES = 5
 """How many times it is tried smaller."""
 WORTH = 10.0
 """Steps that a parameter's standard deviation may have, or it counts as not shown."""
-ENTER = 1e-4
-"""Chance, over the whole list, from which a cause does not enter."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
-PASSES = 8
+PASSES = 30
 PARTS = (1.0, 0.5, 0.2, 0.05)
-"""Parts of a step that are tried: far from the given figures its slopes point too far."""
-FINER = (1.8, 1.35, 1.16, 1.08)
-"""Factors by which a profiled size is refined in turn."""
-MOST = 4
-"""Most causes that are composed."""
-UNEXPLAINED = 0.2
-"""Share of the difference that may be left, or no name deserves trust."""
+"""Parts of a step that are tried: far from where they were taken its slopes point too far."""
+GAINED = 1e-3
+"""Share of what is left; a pass that gains less is the last."""
+STARTS = 3
+"""Profiled sizes, those that leave least, from which a size is freed."""
 
 
 class Kind(NamedTuple):
@@ -55,9 +50,9 @@ class Kind(NamedTuple):
         return tuple(shape for shape in self.of.shapes if shape.name not in held)
 
     @property
-    def sizes(self) -> tuple[str, ...]:
-        """Those of the fixed ones that are not zero: they are profiled."""
-        return tuple(name for name, value in self.fixed if value)
+    def profiled(self) -> bool:
+        """Whether something that is not zero is held fixed: a size that is free with the rest in the end."""
+        return any(value for _, value in self.fixed)
 
     def at(self, values: Sequence[float]) -> RigEffect:
         """Return the cause with these figures, as far as its bounds allow."""
@@ -65,9 +60,10 @@ class Kind(NamedTuple):
         place = {"joint": self.joint} if self.of.of_joint else {}
         return self.of(**place, **inside, **dict(self.fixed))
 
-    def times(self, factor: float) -> Kind:
-        """Return it with what is profiled so many times as large."""
-        return self._replace(fixed=tuple((name, factor * value) for name, value in self.fixed))
+    def freed(self, values: Array) -> tuple[Kind, Array]:
+        """Return it with nothing held fixed, and all its figures, (p,), from those that were free."""
+        held = {**dict(self.fixed), **dict(zip((shape.name for shape in self.free), values.tolist()))}
+        return self._replace(fixed=()), np.array([held[shape.name] for shape in self.of.shapes])
 
 
 class Slope(NamedTuple):
@@ -100,6 +96,20 @@ class Fitted:
     def cause(self, kind: Kind) -> RigEffect:
         """Return a kind with its fitted figures."""
         return kind.at(self.values[self.kinds.index(kind)].tolist())
+
+    @property
+    def worth(self) -> tuple[float, int]:
+        """What is left and what its parameters gain by luck; of equal ones, the simplest first."""
+        return round(self.cost + PENALTY * self.freedom, 6), sum(len(x) for x in self.values)
+
+    @property
+    def excess(self) -> float:
+        """What it leaves per direction that it does not use, as a multiple of noise; one at least.
+
+        What no body explains, a gyro's bias or a clock, is far above the sensors' noise on a good log, and any cause
+        that is added takes up a part of it (quasi-likelihood: McCullagh and Nelder 1989, section 4.5).
+        """
+        return max(1.0, self.cost / max(len(self.response) - self.freedom, 1))
 
     def std(self, kind: Kind) -> Array:
         """Standard deviations of a kind's figures, (p,); nan where nothing is shown."""
@@ -134,6 +144,8 @@ class Bodies:
 
     def response(self, rig: Rig) -> tuple[Array, float]:
         """Base parameters that give the given rig the torques of another, less its own, and the share they cannot."""
+        if moves_alike(self.found.rig, rig):
+            return self.found.responses @ (rig.phi - self.found.rig.phi), 0.0
         columns, inverse, before = self.inverse
         torque = rnea(rig, *samples(rig)).ravel() - before
         change = inverse @ torque
@@ -175,27 +187,50 @@ class Bodies:
         """Sum of squares of a whitened change, over the inflation."""
         return float(np.sum((self.found.whitener @ left) ** 2)) / self.found.inflation
 
-    def fitted(self, kinds: Sequence[Kind]) -> Fitted | None:
+    def fitted(self, kinds: Sequence[Kind], start: Sequence[Array] | None = None) -> Fitted | None:
         """Fit kinds together by Gauss and Newton; None where no body allows what they would need."""
         found = self.found
-        slopes = [slope for kind in kinds if (slope := self.slope(kind)) is not None]
-        gain, freedom = self.solver(slopes)
-        values: list[Array] = [np.zeros(len(kind.free)) for kind in kinds]
-        start = self.made(kinds, values)
-        if start is None:
+        values = [np.zeros(len(kind.free)) for kind in kinds] if start is None else list(start)
+        response = self.made(kinds, values)
+        if response is None:
             return None
-        response = start
+        cost = self.cost(found.change - response)
         for _ in range(PASSES):
+            gain, _ = self.solver(self.slopes_at(kinds, values))
             step = np.split(gain @ (found.change - response), np.cumsum([len(x) for x in values])[:-1])
-            better = self.nearer(kinds, values, step, self.cost(found.change - response))
+            better = self.nearer(kinds, values, step, cost)
             if better is None:
                 break
             values, response = better
+            before, cost = cost, self.cost(found.change - response)
+            if before - cost < GAINED * max(1.0, cost):
+                break
         if not all(kind.at(x.tolist()).plausible(found.rig) for kind, x in zip(kinds, values)):
             return None
-        freedom += sum(len(kind.sizes) for kind in kinds)
-        cost = self.cost(found.change - response)
+        gain, freedom = self.solver(self.slopes_at(kinds, values))
+        freedom += sum(kind.profiled for kind in kinds)
         return Fitted(tuple(kinds), tuple(values), gain @ found.covariance @ gain.T, response, cost, freedom)
+
+    def slopes_at(self, kinds: Sequence[Kind], values: Sequence[Array]) -> list[Slope]:
+        """Slopes of each kind among the others, at their figures; at the given rig where no body allows a step."""
+        found = []
+        for i, kind in enumerate(kinds):
+            slope = self.slope(kind)
+            if slope is not None:
+                columns = [self.column(kinds, values, i, k, unit / WORTH) for k, unit in enumerate(slope.unit)]
+                kept = [own if new is None else new for new, own in zip(columns, slope.columns.T)]
+                found.append(Slope(np.stack(kept, axis=1), slope.unit))
+        return found
+
+    def column(self, kinds: Sequence[Kind], values: Sequence[Array], i: int, k: int, step: float) -> Array | None:
+        """Central difference in the k-th figure of the i-th kind, (b,)."""
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [x.copy() for x in values]
+            moved[i][k] += sign * step
+            ends.append(self.made(kinds, moved))
+        up, down = ends
+        return None if up is None or down is None else (up - down) / (2 * step)
 
     def made(self, kinds: Sequence[Kind], values: Sequence[Array]) -> Array | None:
         """Change in base parameters that kinds with these figures make, (b,); None where no body allows them."""
@@ -216,17 +251,16 @@ class Bodies:
         return None
 
     def best(self, rest: Sequence[Kind], kinds: Sequence[Kind]) -> Fitted | None:
-        """Fit one of some forms of a cause beside others, the form that leaves least, its profiled sizes refined."""
-        found = [(one.cost, one, kind) for kind in kinds if (one := self.fitted([*rest, kind])) is not None]
-        if not found:
-            return None
-        _, fit, kind = min(found, key=lambda row: row[0])
-        for factor in FINER if kind.sizes else ():
-            for other in (kind.times(factor), kind.times(1 / factor)):
-                new = self.fitted([*rest, other])
-                if new is not None and new.cost < fit.cost:
-                    fit, kind = new, other
-        return fit
+        """Fit one of some forms of a cause beside others, the form that leaves least, a profiled size freed."""
+        found = [one for kind in kinds if (one := self.fitted([*rest, kind])) is not None]
+        profiled = sorted((one for one in found if one.kinds[-1].profiled), key=lambda one: one.cost)[:STARTS]
+        freed = [one for fit in profiled if (one := self.freed(fit)) is not None]
+        return min([*found, *freed], key=lambda one: one.worth, default=None)
+
+    def freed(self, fit: Fitted) -> Fitted | None:
+        """Fit again with the last kind's profiled size free."""
+        kind, values = fit.kinds[-1].freed(fit.values[-1])
+        return self.fitted([*fit.kinds[:-1], kind], [*fit.values[:-1], values])
 
     def solver(self, slopes: Sequence[Slope]) -> tuple[Array, int]:
         """Weighted pseudo-inverse over the directions that are shown, (p, b), and how many there are."""
@@ -238,53 +272,14 @@ class Bodies:
         return unit[:, None] * inverse, int(shown.sum())
 
 
+def moves_alike(a: Rig, b: Rig) -> bool:
+    """Whether two rigs differ in the parameters of their bodies at most."""
+    same_places = all(x.isApprox(y, 0.0) for x, y in zip(a.model.jointPlacements, b.model.jointPlacements))
+    return same_places and bool(np.array_equal(a.model.gravity.linear, b.model.gravity.linear))
+
+
 def altered(rig: Rig, kinds: Sequence[Kind], values: Sequence[Array]) -> Rig:
     """Return the rig with causes of these kinds and figures in it; `UsageError` where no body allows them."""
     for kind, x in zip(kinds, values):
         rig = kind.at(x.tolist()).apply(rig)
     return rig
-
-
-def kinds_of(rig: Rig, causes: Mapping[str, type[Cause]]) -> list[list[Kind]]:
-    """Causes in the bodies, each in its forms: those of the given model, and what may be mistaken for them."""
-    every = [kind for kind in causes.values() if issubclass(kind, RigEffect)]
-    places = [(kind, joint) for kind in every for joint in (rig.joints if kind.of_joint else rig.joints[:1])]
-    return [[Kind(kind, joint, tuple(held.items())) for held in kind.forms(rig)] for kind, joint in places]
-
-
-def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, list[list[Kind]]]:
-    """Compose causes until none is worth its parameters; return the fit, and all that could be tried."""
-    shown = [[kind for kind in forms if bodies.slope(kind) is not None] for forms in kinds_of(bodies.found.rig, causes)]
-    tried = [forms for forms in shown if forms]
-    none = now = bodies.nothing()
-    while len(now.kinds) < MOST:
-        others = [
-            bodies.best(now.kinds, forms) for forms in tried if not any(same(forms[0], kind) for kind in now.kinds)
-        ]
-        worth = [(net(now, one), one) for one in others if one is not None and chance(now, one) * len(tried) < ENTER]
-        if not worth:
-            break
-        now = max(worth, key=lambda row: row[0])[1]
-    freedom = len(bodies.found.change)
-    unexplained = now.cost - freedom > UNEXPLAINED * max(none.cost - freedom, 0.0)
-    return none if unexplained else now, tried
-
-
-def same(a: Kind, b: Kind) -> bool:
-    """Whether two are forms of one cause at one place."""
-    return (a.of, a.joint) == (b.of, b.joint)
-
-
-def chance(less: Fitted, more: Fitted) -> float:
-    """Chance of the gain from one fit to a larger one if there is nothing, in units of what the larger one leaves.
-
-    What no body explains, a gyro's bias or a clock, is far above the sensors' noise on a good log, and any cause
-    that is added takes up a part of it (quasi-likelihood: McCullagh and Nelder 1989, section 4.5).
-    """
-    freedom, left = more.freedom - less.freedom, max(len(more.response) - more.freedom, 1)
-    return float(chi2.sf((less.cost - more.cost) / max(1.0, more.cost / left), freedom)) if freedom > 0 else 1.0
-
-
-def net(less: Fitted, more: Fitted) -> float:
-    """Gain less what as many free parameters gain by luck."""
-    return less.cost - more.cost - PENALTY * (more.freedom - less.freedom)

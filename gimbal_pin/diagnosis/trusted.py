@@ -10,7 +10,8 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.diagnosis import verdict
-from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered, chance, chosen, same
+from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered
+from gimbal_pin.diagnosis.composed import chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
@@ -137,17 +138,27 @@ def figures(fitted: Fitted, kind: Kind) -> tuple[Parameter, ...]:
 def rivals_of(case: Case, kind: Kind, rest: Sequence[Kind]) -> tuple[Rival, ...]:
     """Put every other cause in a kind's place: difference in log-likelihood, and its z for the two predictions."""
     best: dict[str, Rival] = {}
-    whiten, noise = case.bodies.found.whitener, np.sqrt(case.bodies.found.inflation)
-    for forms in case.tried:
-        mine = forms[0].of is kind.of or any(same(forms[0], chosen_) for chosen_ in case.fitted.kinds)
-        rival = None if mine else case.bodies.best(rest, forms)
-        if rival is None:
-            continue
-        delta = (rival.cost - case.fitted.cost) / 2 - (case.fitted.freedom - rival.freedom)
-        apart = float(np.linalg.norm(whiten @ (rival.response - case.fitted.response))) / noise
-        new = Rival(forms[0].of.name, delta, delta / max(apart, 1e-12))
-        best[new.cause] = min((new, best.get(new.cause, new)), key=lambda one: one.z)
+    found, whiten = case.fitted, case.bodies.found.whitener
+    noise = np.sqrt(case.bodies.found.inflation * found.excess)
+    for forms in (forms for forms in case.tried if forms[0].of is not kind.of):
+        for fit in instead(case, kind, rest, forms):
+            delta = (fit.cost - found.cost) / (2 * found.excess) - (found.freedom - fit.freedom)
+            apart = float(np.linalg.norm(whiten @ (fit.response - found.response))) / noise
+            new = Rival(forms[0].of.name, delta, delta / max(apart, 1e-12))
+            best[new.cause] = min((new, best.get(new.cause, new)), key=lambda one: one.z)
     return tuple(sorted(best.values(), key=lambda one: one.z))
+
+
+def instead(case: Case, kind: Kind, rest: Sequence[Kind], forms: Sequence[Kind]) -> list[Fitted]:
+    """Fits without a kind: another cause in its place, or one beside it that takes its part in another form.
+
+    A weight bolted on moves the centre of mass, and so do a heavier payload and a shift of it: one for the two.
+    """
+    others = [one for one in rest if not same(forms[0], one)]
+    plain = next(own for own in case.tried if same(own[0], kind))[0]
+    beside = [plain] if len(others) == len(rest) and kind != plain else []
+    fits = [case.bodies.best(others, forms), *(case.bodies.best([*others, one], forms) for one in beside)]
+    return [one for one in fits if one is not None]
 
 
 def gains(case: Case, kind: Kind, joint: int) -> dict[str, float]:

@@ -1,0 +1,77 @@
+"""Which causes make up what sets the bodies apart: composed one by one, as few as explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from scipy.stats import chi2
+
+from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind
+from gimbal_pin.effects import Cause, RigEffect
+from gimbal_pin.rig import Rig
+
+ENTER = 1e-4
+"""Chance, over the whole list, from which a cause does not enter."""
+MOST = 4
+"""Most causes that are composed."""
+UNEXPLAINED = 0.2
+"""Share of the difference that may be left, or no name deserves trust."""
+
+
+def kinds_of(rig: Rig, causes: Mapping[str, type[Cause]]) -> list[list[Kind]]:
+    """Causes in the bodies, each in its forms: those of the given model, and what may be mistaken for them."""
+    every = [kind for kind in causes.values() if issubclass(kind, RigEffect)]
+    places = [(kind, joint) for kind in every for joint in (rig.joints if kind.of_joint else rig.joints[:1])]
+    return [[Kind(kind, joint, tuple(held.items())) for held in kind.forms(rig)] for kind, joint in places]
+
+
+def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, list[list[Kind]]]:
+    """Compose causes until none is worth its parameters; return the fit, and all that could be tried.
+
+    A mass here and a payload moved there change first moments alike: whichever enters first hides the other, so that
+    each cause of the whole rig has its turn to be the first.
+    """
+    shown = [[kind for kind in forms if bodies.slope(kind) is not None] for forms in kinds_of(bodies.found.rig, causes)]
+    tried = [forms for forms in shown if forms]
+    none = bodies.nothing()
+    first = entering(bodies, none, tried)
+    starts = [one for one in first if one is first[0] or not one.kinds[0].of.of_joint]
+    best = fewest([one for start in starts for one in grown(bodies, start, tried)], len(tried)) or none
+    freedom = len(bodies.found.change)
+    unexplained = best.cost - freedom > UNEXPLAINED * max(none.cost - freedom, 0.0)
+    return none if unexplained else best, tried
+
+
+def entering(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]]) -> list[Fitted]:
+    """Fits with one cause more that is worth its parameters, the best first."""
+    others = [bodies.best(now.kinds, forms) for forms in tried if not any(same(forms[0], kind) for kind in now.kinds)]
+    worth = [one for one in others if one is not None and chance(now, one) * len(tried) < ENTER]
+    return sorted(worth, key=lambda one: one.worth)
+
+
+def grown(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]]) -> list[Fitted]:
+    """Compose further causes with a fit until none is worth its parameters; every fit on the way."""
+    found = [now]
+    while len(found[-1].kinds) < MOST and (worth := entering(bodies, found[-1], tried)):
+        found.append(worth[0])
+    return found
+
+
+def fewest(fits: Sequence[Fitted], many: int) -> Fitted | None:
+    """Return the fit of as few causes as may be: more of them must leave less than by chance, of so many tried."""
+    best: Fitted | None = None
+    for one in sorted(fits, key=lambda one: (len(one.kinds), one.worth)):
+        if best is None or (len(one.kinds) > len(best.kinds) and chance(best, one) * many < ENTER):
+            best = one
+    return best
+
+
+def same(a: Kind, b: Kind) -> bool:
+    """Whether two are forms of one cause at one place."""
+    return (a.of, a.joint) == (b.of, b.joint)
+
+
+def chance(less: Fitted, more: Fitted) -> float:
+    """Chance of the gain from one fit to a larger one if there is nothing, in units of what the larger one leaves."""
+    freedom = max(more.freedom - less.freedom, 1)
+    return float(chi2.sf((less.cost - more.cost) / more.excess, freedom))
