@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.errors import DataError
 from gimbal_pin.inertia import pseudo_inertia, strictly
 from gimbal_pin.log import Array
 
@@ -102,12 +103,19 @@ def nearest(
         beta: Estimated base parameters, (b,).
         covariance: P, their covariance, (b, b).
         weights: μ from stage to stage.
+
+    Raises:
+        DataError: The estimate is so far from all bodies that numbers end before one is reached.
     """
     # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
     std = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
     whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
-    return fitted(start, whiten @ mixing, whiten @ beta, weights)
+    try:
+        return fitted(start, whiten @ mixing, whiten @ beta, weights)
+    except np.linalg.LinAlgError as error:
+        mend = "look at the units of t, q and tau, and map them (--map)"
+        raise DataError("the identified parameters", "are near to no bodies that can exist", mend) from error
 
 
 def fitted(start: Array, rows: Array, target: Array, weights: Sequence[float] = WEIGHTS) -> Consistent:

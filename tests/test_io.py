@@ -173,7 +173,12 @@ def test_dialects_mean_the_same(
     np.testing.assert_array_equal(log.t, [0.0, 0.1])
     np.testing.assert_array_equal(log.q, [[1, 2], [5, 6]])
     np.testing.assert_array_equal(log.tau, [[3, 4], [7, 8]])
-    assert log.v is None and not log.imus and not log.events and log.joints == ("yaw", "tilt")
+    assert (
+        log.v is None
+        and not log.imus
+        and all(event.startswith("tau_") for event in log.events)
+        and log.joints == ("yaw", "tilt")
+    )
 
 
 def test_utf16_and_latin1_headers(rig: Rig, tmp_path: Path) -> None:
@@ -553,8 +558,15 @@ def test_only_links_of_the_rig(rig: Rig, tmp_path: Path) -> None:
     assert log.imus["arm"].accel is None
 
 
+def test_torque_far_beyond_the_motor_is_mentioned(rig: Rig, tmp_path: Path) -> None:
+    limit = float(rig.tau_max[0])
+    for size, count in ((1.2 * limit, 0), (1e3 * limit, 1)):
+        (tmp_path / "x.csv").write_text(f"{HEADER}\n0,1,2,{size},0\n1,1,2,{-size},0\n")
+        assert len(io.read_log(tmp_path / "x.csv", rig).events) == count
+
+
 def test_degrees_are_mentioned_only_where_sure(rig: Rig, tmp_path: Path) -> None:
-    (tmp_path / "x.csv").write_text(f"{HEADER}\n0,80,2,3,4\n1,-85,1.4,3,4\n")
+    (tmp_path / "x.csv").write_text(f"{HEADER}\n0,80,2,0.3,0.4\n1,-85,1.4,0.3,0.4\n")
     (event,) = io.read_log(tmp_path / "x.csv", rig).events
     assert "q_yaw" in event and "85" in event and "pi/180" in event
     assert io.read_log(tmp_path / "x.csv", rig, ["q_yaw=q_yaw*pi/180"]).events == ()

@@ -20,6 +20,7 @@ from gimbal_pin.control.equal import Equal
 from gimbal_pin.control.loop import margins
 from gimbal_pin.control.observer import Observer, observed_loop, observed_margins
 from gimbal_pin.effects.delay import Delay
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.imu import readings
 from gimbal_pin.log import Array, Imu
@@ -28,7 +29,7 @@ from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.bench import WANTED, Shaken, unbalanced
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Course, compete
-from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing
+from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing, parse_fault
 from gimbal_pin.pointing.forecast import TAPS, Forecast
 from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
@@ -42,9 +43,11 @@ from gimbal_pin.pointing.sight import STEEP, Sight, gyros_between, inverted
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.trust import holding, trusted
+from gimbal_pin.pointing.verify import planted_once
 from gimbal_pin.profile import profile_s
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import plant_with
 from gimbal_pin.tuning import tune
 
 DT = 1e-3
@@ -495,3 +498,26 @@ def test_a_run_knows_its_torque_and_its_limits() -> None:
     run = Pointing("a", "S", 0, ("yaw",), t, np.zeros((8000, 3)), tau, tau, quat, np.array([2.0]))
     assert run.counted.start == 2000 and run.at_limit["yaw"] == pytest.approx(1 / 3)
     assert run.torque_rms["yaw"] == pytest.approx(hypot(1.0, 1.0), rel=1e-9)
+
+
+def test_a_fault_is_read_as_it_is_written() -> None:
+    assert parse_fault("frozen:platform-imu:3:4") == Frozen(("w", "f"), 3.0, 4.0)
+    assert parse_fault("nan:camera-gyro:2") == Missing(("gyro",), 2.0)
+    assert parse_fault("dropped:3:3.01") == Dropped(3.0, 3.01)
+    assert parse_fault("clock:3:-1") == ClockStep(3.0, -1.0)
+
+
+@given(
+    text=st.one_of(st.text(), st.sampled_from(["frozen", "nan:eyes:1", "dropped:1", "clock:1:nan", "nan:encoders:x"]))
+)
+def test_what_is_no_fault_says_what_there_is(text: str) -> None:
+    with pytest.raises(UsageError, match="camera-gyro"):
+        parse_fault(text)
+
+
+def test_a_cause_that_the_log_shows_is_not_planted_twice() -> None:
+    rig = rig_of("thesis")
+    plant = plant_with(nominal(rig), [parse_effect("cogging:yaw:amplitude=0.1,harmonic=42", rig)]).plant
+    planted_once(plant, ["cogging:roll:amplitude=0.1,harmonic=42"])
+    with pytest.raises(UsageError, match="already"):
+        planted_once(plant, ["cogging:yaw:amplitude=0.2,harmonic=7"])

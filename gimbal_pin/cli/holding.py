@@ -69,6 +69,14 @@ class Holding:
     ] = None
     find: Annotated[bool, arg(help="let diagnose look for causes in that log, and compensate them")] = False
     effect: Effects = ()
+    fault: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(
+            metavar="KIND:SENSOR:START:END",
+            help="let a sensor fail: frozen:platform-imu:3:4, nan:camera-gyro:2, dropped:3:3.01, clock:3:-1, in s; "
+            "repeatable",
+        ),
+    ] = ()
     seeds: Annotated[int, arg(help="runs on a platform, each with its own motion and noise")] = 5
     seconds: Annotated[float, arg(help="length of each of these runs, s")] = 30.0
     jobs: Annotated[int, arg(help="processes that share these runs")] = 1
@@ -84,6 +92,8 @@ class Holding:
             raise UsageError(
                 "--steps", "goes with a motion; a controller's own steps are run anyway", f"give {MOTIONS}"
             )
+        if not self.moving and self.fault:
+            raise UsageError("--fault", "goes with a platform that moves", f"give {MOTIONS}")
         if self.learn_map and self.learn is None:
             raise UsageError("--learn-map", "has no log to map", "name it with --learn LOG")
         for option, value in (("--seconds", self.seconds), ("--seeds", self.seeds), ("--jobs", self.jobs)):
@@ -107,6 +117,7 @@ class Holding:
         sweep: bool,
     ) -> Verified:
         """Hold the camera, and judge it; what is given beside the rig is what `Asked` calls so, `late` its delay."""
+        from gimbal_pin.pointing.faults import parse_fault
         from gimbal_pin.pointing.verify import Asked, verify
 
         asked = Asked(
@@ -121,6 +132,7 @@ class Holding:
             names=None if self.controllers is None else tuple(self.controllers.split(",")),
             find=self.find,
             causes=tuple(self.effect),
+            faults=tuple(parse_fault(text) for text in self.fault),
             seeds=self.seeds,
             seconds=self.seconds,
             jobs=self.jobs,

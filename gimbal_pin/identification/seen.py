@@ -11,6 +11,8 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.log import Log
 from gimbal_pin.rows import Block, Filtering, Rows, settling
 
+SLOW = 0.2
+"""Sampling interval from which it is no rig's, but milliseconds that were taken for seconds, s."""
 DROWNED = 0.1
 """Share of a joint's samples under which it is told that the others were masked out."""
 
@@ -19,7 +21,10 @@ def within(log: Log, filters: Filtering) -> None:
     """Raise `UsageError` if the cutoff leaves the filters nothing to remove."""
     if len(log) > 1 and filters.cutoff * log.dt > 0.2:
         what = f"of {filters.cutoff:g} Hz is too high for {1 / log.dt:.0f} samples a second"
-        raise UsageError(f"{log.name}: the cutoff", what, f"give at most {0.2 / log.dt:.3g} Hz")
+        mend = f"give at most {0.2 / log.dt:.3g} Hz"
+        if log.dt > SLOW:
+            mend += "; if t is in ms, not s, map it: --map t=t*1e-3"
+        raise UsageError(f"{log.name}: the cutoff", what, mend)
 
 
 def enough(rows: Rows, blocks: Sequence[Block]) -> None:

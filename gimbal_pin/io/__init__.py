@@ -28,6 +28,8 @@ from gimbal_pin.io.parquet import open_parquet, write_parquet
 from gimbal_pin.log import Array, Imu, Log, Motion
 from gimbal_pin.rig import Rig
 
+TOO_STRONG = 3.0
+"""Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
 FORMATS: Mapping[str, Format] = {
     ".csv": Format(open_csv, write_csv),
     ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
@@ -80,7 +82,7 @@ def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str],
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=degrees(rig, data["q"]),
+        events=(*degrees(rig, data["q"]), *strong(rig, data.get("tau"))),
     )
 
 
@@ -195,6 +197,18 @@ def degrees(rig: Rig, q: Array) -> tuple[str, ...]:
             mend = f"if these are degrees, map q_{joint}=COLUMN*pi/180"
             sentences.append(f"q_{joint} reaches {reach:.4g} rad where the rig's limit is {bound:.3g}; {mend}")
     return tuple(sentences)
+
+
+def strong(rig: Rig, tau: Array | None) -> tuple[str, ...]:
+    """Return a sentence per joint whose torque can be no N m: it is far beyond what its motor has."""
+    if tau is None:
+        return ()
+    return tuple(
+        f"tau_{joint} reaches {reach:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in other "
+        f"units, map tau_{joint}=COLUMN*(N m per unit)"
+        for joint, limit, reach in zip(rig.joints, rig.tau_max, np.abs(tau).max(axis=0))
+        if reach > TOO_STRONG * limit
+    )
 
 
 def spline_derivative(t: Array, values: Array, order: int) -> Array:

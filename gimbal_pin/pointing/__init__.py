@@ -1,6 +1,7 @@
 """Holding the camera still while the platform moves (CONTROL): ``verify(rig, Asked())`` runs all of it."""
 
 from gimbal_pin.pointing.contest import Contest, Course, Row, compete
+from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing, parse_fault
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import Roster
@@ -10,8 +11,12 @@ from gimbal_pin.pointing.verify import Asked, Verified, verify
 
 __all__ = [
     "Asked",
+    "ClockStep",
     "Contest",
     "Course",
+    "Dropped",
+    "Frozen",
+    "Missing",
     "Pointer",
     "Pointing",
     "Roster",
@@ -20,6 +25,7 @@ __all__ = [
     "Station",
     "Verified",
     "compete",
+    "parse_fault",
     "point",
     "verify",
 ]

@@ -13,6 +13,7 @@ from tqdm import tqdm
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.loop import Margins
 from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.effects import Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import identify
@@ -25,7 +26,7 @@ from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES, TUNED
-from gimbal_pin.pointing.seen import Station
+from gimbal_pin.pointing.seen import Fault, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
 from gimbal_pin.pointing.sweep import Sweep, sweep
@@ -52,6 +53,7 @@ class Asked:
         log: The log that teaches; None: one is simulated.
         find: True lets `diagnose` look for causes in that log.
         causes: Causes planted in the plant, as text.
+        faults: What goes wrong with the sensors, in every run.
         seeds: Runs of each controller.
         seconds: Length of a run, s; a recorded motion may end it sooner.
         jobs: Processes.
@@ -70,6 +72,7 @@ class Asked:
     log: Log | None = None
     find: bool = False
     causes: tuple[str, ...] = ()
+    faults: tuple[Fault, ...] = ()
     seeds: int = 5
     seconds: float = 30.0
     jobs: int = 1
@@ -158,6 +161,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     if asked.log is not None and asked.plant is None:
         model, causes = modelled(rig, asked.log, asked)
         known = model or identify(rig, [asked.log], holdout="none").model
+        planted_once(known, asked.causes)
         plant = drawn(known, np.random.default_rng(LEARNED))
         return replace(verify(rig, replace(asked, plant=plant, known=known, find=False)), causes=causes)
     plant, drive = plant_with(
@@ -167,7 +171,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     log = shaken_log(plant, drive) if asked.log is None else asked.log
     model, causes = modelled(rig, log, asked)
     lesson = learned(rig, log, model=model)
-    station = Station.of(rig)
+    station = Station.of(rig, asked.faults)
     courses = [Course(plant, *motion, station, drive, asked.delay) for motion in grounds(rig, asked)]
     roster = replace(entered(lesson, courses[0]), law=asked.law)
     found = [shared(course, asked, names, roster) for course in courses]
@@ -181,6 +185,17 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     swept = sweep(courses[0], roster) if asked.sweep else None
     more = (found[1] if len(found) > 1 else None, demand, steps, swept)
     return Verified(found[0], tuple(judged), roster.equal.margins, causes, roster.leads, *more)
+
+
+def planted_once(known: Model, causes: Sequence[str]) -> None:
+    """Raise `UsageError` for a cause to be planted in a plant that has it, as the log that it is drawn from shows."""
+    there = {(cause.name, cause.place) for cause in (*known.drive, *(term.effect for term in known.terms))}
+    for text in causes:
+        planted = parse_effect(text, known.rig)
+        cause = planted.effect if isinstance(planted, Term) else planted
+        if (cause.name, cause.place) in there:
+            what = "is in the plant already: it was found in the log that the plant is drawn from"
+            raise UsageError(f"--effect {text}", what, "leave it out; plant only what that log does not show")
 
 
 def demanded(course: Course, wanted: Array) -> Demand | None:

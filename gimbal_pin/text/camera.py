@@ -42,7 +42,8 @@ def circumstances(found: Verified) -> str:
         f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
         f"with the drives that are known is at least {number(margins.disk_margin, 3)}, "
         f"the PID crosses at {number(margins.crossover_hz, 3)} Hz "
-        f"(phase {number(margins.phase_margin_deg, 3)}°, delay {number(1e3 * margins.delay_margin, 2)} ms){made}"
+        f"(margins of {number(margins.phase_margin_deg, 3)}° in phase and {number(1e3 * margins.delay_margin, 2)} ms "
+        f"in delay){made}"
     )
 
 
