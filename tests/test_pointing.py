@@ -140,7 +140,7 @@ def test_the_axes_meet_in_the_centre(name: str) -> None:
 
 def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     """Rate, angular acceleration and force of another draw of the profile, 1.5 ms ahead; gravity passes as it is."""
-    forecast = Forecast(spectrum(), PID, DT, (0.0015,))
+    forecast = Forecast(spectrum(), (PID,), DT, (0.0015,))
     weights, t = forecast.weights[0], DT / 2 * np.arange(4000)
     rate, force = weights[:2], weights[2]
     assert force.sum() == pytest.approx(1.0, abs=1e-3)
@@ -152,7 +152,7 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
     foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
-    coarse = Forecast(spectrum().until(200.0), PID, DT, (0.0015,)).weights[0]
+    coarse = Forecast(spectrum().until(200.0), (PID,), DT, (0.0015,)).weights[0]
     assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
     filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
@@ -188,7 +188,7 @@ def test_what_is_fast_is_the_plain_formula() -> None:
     rng = np.random.default_rng(5)
     J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
     np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
-    forecast, past = Forecast(spectrum(), PID, DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
+    forecast, past = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
     for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
         plain = [weights[2] @ past[:, 3:], weights[0] @ past[:, :3], weights[1] @ past[:, :3]]
         np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
@@ -314,14 +314,14 @@ def test_the_observers_loop_is_broken_at_the_plants_input() -> None:
 
 def test_the_observer_finds_a_constant_disturbance() -> None:
     observer, rate, true = Observer(20.0, DT), 0.0, 3.0
-    memory = observer.start(1)
+    memory = observer.start()
     commands = [0.0]
     for k in range(300):
         commands.append(np.sin(0.05 * k))
-        memory = observer.step(memory, [rate], [commands[-1]], [True])
+        memory = observer.step(memory, rate, commands[-1], True)
         rate -= DT * (commands[-2] + true)
-    assert memory.disturbance[0] == pytest.approx(true, rel=1e-6)
-    held = observer.step(memory, [rate + 1.0], [0.0], [False])
+    assert memory.disturbance == pytest.approx(true, rel=1e-6)
+    held = observer.step(memory, rate + 1.0, 0.0, False)
     assert held.disturbance == memory.disturbance
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import degrees, sqrt
 from typing import Any
@@ -14,11 +14,13 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.budget import Budget
+from gimbal_pin.pointing.events import summed
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS, Roster
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import Station
+from gimbal_pin.pointing.swinging import Swing, swinging
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,17 @@ class Row:
         """What happened in any of the runs, each once."""
         return tuple(dict.fromkeys(event for run in self.runs for event in run.events))
 
+    @property
+    def happened(self) -> tuple[str, ...]:
+        """The events of all runs, each kind once, with its count."""
+        return summed(event for run in self.runs for event in run.events)
+
+    @property
+    def swings(self) -> tuple[Swing, ...]:
+        """Per joint whose loop swings by itself in any of the runs, the largest."""
+        every = sorted((swing for run in self.runs for swing in run.swings), key=lambda swing: swing.share)
+        return tuple(sorted({swing.joint: swing for swing in every}.values(), key=lambda swing: -swing.share))
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `track`)."""
         return {
@@ -77,6 +90,7 @@ class Row:
             "torque_rms": dict(self.torque_rms),
             "at_limit": dict(self.at_limit),
             "events": list(self.events),
+            "unstable": [swing.to_dict() for swing in self.swings],
         }
 
 
@@ -101,8 +115,9 @@ class Contest:
 
     @property
     def gain(self) -> float | None:
-        """Jitter of the world-frame PID over ours; None where one did not run."""
-        return self.ratio(BASELINE, OURS)
+        """Jitter of the world-frame PID over ours; None where one did not run, or is unstable."""
+        unstable = {row.controller for row in self.rows if row.swings}
+        return None if unstable & {BASELINE, OURS} else self.ratio(BASELINE, OURS)
 
     @property
     def distance(self) -> float | None:
@@ -160,10 +175,11 @@ class Course:
 
     def held(self, pointer: Pointer, seed: int, name: str = "pointing") -> Pointing:
         """Run a controller that is there already."""
-        return point(
+        ground = self.ground(seed)
+        run = point(
             self.plant,
             pointer,
-            self.ground(seed),
+            ground,
             rng=np.random.default_rng([seed, 1]),
             seconds=self.seconds,
             station=self.station,
@@ -173,6 +189,7 @@ class Course:
             motion=self.motion,
             seed=seed,
         )
+        return replace(run, swings=swinging(self.plant, pointer.navigator.wanted, ground, run))
 
 
 Mapper = Callable[[Callable[[tuple[str, int]], Pointing], Iterable[tuple[str, int]]], Iterable[Pointing]]

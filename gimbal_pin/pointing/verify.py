@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.control.aim import Law
-from gimbal_pin.control.loop import Margins
+from gimbal_pin.control.loop import Margins, worst
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.effects import Term
 from gimbal_pin.effects.parse import parse_effect
@@ -25,7 +25,7 @@ from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import NAMES, TUNED
+from gimbal_pin.pointing.roster import BASELINE, NAMES, TUNED
 from gimbal_pin.pointing.seen import Fault, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
@@ -102,13 +102,14 @@ class Verified:
     Attributes:
         contest: Every controller's runs: on profile S, on a recorded motion where that was asked for alone.
         targets: The figures that count, beside their bounds.
-        margins: Of the loop that all controllers have equal margins to.
+        margins: Of the world-frame PID, the worst of its joints: all controllers have equal margins to it.
         causes: What `diagnose` found and the controllers compensate, in sentences.
         late: How far ahead the platform's motion is foreseen, s, per distinct drive.
         recorded: The runs on a recorded motion, where there are some on profile S as well.
         demand: What the recorded motion asks of the motors, where it asks for more than they have.
         steps: How the thesis's steps were followed, where that was asked for.
         sweep: Jitter against the model's error, where that was asked for.
+        loops: Controller → the margins of its loops, joint by joint.
     """
 
     contest: Contest
@@ -120,11 +121,17 @@ class Verified:
     demand: Demand | None = None
     steps: Tracking | None = None
     sweep: Sweep | None = None
+    loops: Mapping[str, tuple[Margins, ...]] = field(default_factory=dict)
 
     @property
     def contests(self) -> tuple[Contest, ...]:
         """The runs of every motion, profile S first."""
         return (self.contest,) if self.recorded is None else (self.contest, self.recorded)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names."""
+        return self.contest.rows[0].runs[0].joints
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `track`)."""
@@ -143,6 +150,9 @@ class Verified:
                 for t in self.targets
             ],
             "pointing_margins": vars(self.margins),
+            "pointing_loops": {
+                name: {joint: vars(own) for joint, own in zip(self.joints, found)} for name, found in self.loops.items()
+            },
             "compensated": list(self.causes),
             **more,
         }
@@ -184,7 +194,9 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     demand = demanded(courses[-1], roster.wanted)
     swept = sweep(courses[0], roster) if asked.sweep else None
     more = (found[1] if len(found) > 1 else None, demand, steps, swept)
-    return Verified(found[0], tuple(judged), roster.equal.margins, causes, roster.leads, *more)
+    loops = {name: roster.margins(name) for name in names}
+    least = worst(list(roster.margins(BASELINE)))
+    return Verified(found[0], tuple(judged), least, causes, roster.loops.leads, *more, loops)
 
 
 def planted_once(known: Model, causes: Sequence[str]) -> None:

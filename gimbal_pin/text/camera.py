@@ -7,6 +7,7 @@ from math import degrees, isnan
 from typing import TYPE_CHECKING
 
 from gimbal_pin.text.cells import number, table
+from gimbal_pin.text.loops import margins
 
 if TYPE_CHECKING:
     from gimbal_pin.pointing.contest import Row
@@ -18,20 +19,38 @@ def verified(found: Verified) -> str:
     """Every controller on all that was run, targets, and where the error goes, degrees."""
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
     parts = [circumstances(found), controllers(found), ""]
+    parts += [margins(found.loops, found.joints), ""] if found.loops else []
+    parts += unstable(found)
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
     parts += [*asking(found), *swept(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
-    parts += [
-        f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
-    ]
+    parts += [f"{row.controller}: {event}" for _, row in every(found) for event in row.happened]
     return "\n".join(parts)
+
+
+def every(found: Verified) -> list[tuple[str, Row]]:
+    """Every row of every motion, with what to call that motion: nothing where there is but one."""
+    several = len(found.contests) > 1
+    rows = [(contest.rows[0].runs[0].platform, row) for contest in found.contests for row in contest.rows]
+    return [(f" (platform {platform})" if several else "", row) for platform, row in rows]
+
+
+def unstable(found: Verified) -> list[str]:
+    """Who swings by itself: such a controller's figures say nothing."""
+    lines = [
+        f"{row.controller}{where} is unstable: {swing.joint} swings by itself at {number(swing.hz, 2)} Hz, with "
+        f"{number(100 * swing.share, 2)} % of its torque limit (rms), which the motion does not ask for"
+        for where, row in every(found)
+        for swing in row.swings
+    ]
+    return [*lines, ""] if lines else []
 
 
 def circumstances(found: Verified) -> str:
     """What was run, with which margins."""
     from gimbal_pin.pointing.roster import TUNED
 
-    contest, margins = found.contest, found.margins
+    contest, least = found.contest, found.margins
     ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
     motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
     made = "; tuned has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
@@ -40,10 +59,7 @@ def circumstances(found: Verified) -> str:
         made += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
     return (
         f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
-        f"with the drives that are known is at least {number(margins.disk_margin, 3)}, "
-        f"the PID crosses at {number(margins.crossover_hz, 3)} Hz "
-        f"(margins of {number(margins.phase_margin_deg, 3)}° in phase and {number(1e3 * margins.delay_margin, 2)} ms "
-        f"in delay){made}"
+        f"with the drives that are known is at least {number(least.disk_margin, 3)}{made}"
     )
 
 

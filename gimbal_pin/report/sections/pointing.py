@@ -298,6 +298,6 @@ def margins(found: Verified) -> list[Markup]:
 
 def told(found: Verified) -> list[Markup]:
     """Return what is compensated, and what happened."""
-    events = [f"{controller_name(row.controller)}: {event}" for row in found.contest.rows for event in row.events]
+    events = [f"{controller_name(row.controller)}: {event}" for row in found.contest.rows for event in row.happened]
     parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
     return [*parts, notice("What happened", bullets(events[:12]))] if events else parts
