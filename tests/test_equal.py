@@ -11,15 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin.control import Margins
 from gimbal_pin.control.equal import DISK, Equal
+from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import State
 from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed, unbalanced
+from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Course, Row
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.events import summed
+from gimbal_pin.pointing.loops import distinct
+from gimbal_pin.pointing.planted import missed
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES, Roster
 from gimbal_pin.pointing.run import Sensed
@@ -149,3 +154,41 @@ def test_an_unstable_baseline_makes_no_ratio() -> None:
     ours, pid = Row("switch", (run,)), Row("pid-world", (replace(run, swings=(Swing("yaw", 9.0, 0.9),)),))
     assert Contest("rig", None, (ours, pid)).gain is None
     assert Contest("rig", None, (ours, Row("pid-world", (run,)))).gain == pytest.approx(1.0)
+
+
+# --- What was planted and is not known ---------------------------------------------------------------------------
+
+
+def test_what_was_planted_and_not_found_is_told() -> None:
+    """Known causes are not; a look-alike in its stead is named beside it."""
+    texts = ["cogging:roll:amplitude=0.1,harmonic=42", "delay:yaw:time=0.005"]
+    known = late(0.005)
+    (alone,) = missed(known, texts, False, ())
+    assert alone.startswith("roll: cogging was planted, and nobody looked for it")
+    assert len(missed(plant(), texts, False, ())) == 2
+    stand_in = Finding(
+        "torque-ripple", "roll", "ambiguous", ("torque-ripple", "cogging"), (), {}, *[0.0] * 4, (), "", None
+    )
+    (told,) = missed(known, texts, True, (stand_in,))
+    assert "did not find it" in told and "it told torque-ripple" in told
+    assert "torque-ripple" not in missed(known, texts, True, (replace(stand_in, joint="tilt"),))[0]
+
+
+def test_the_budget_names_what_is_compensated_beside_friction() -> None:
+    """Cogging is no friction: its share is said to be both's, and the parts still add up."""
+    jitter = {"pid-world": 9.0, "computed-torque": 4.0, "with-friction": 1.0, "oracle": 0.5}
+    alone, both = Budget.of(jitter), Budget.of(jitter, ("cogging",))
+    assert alone is not None and both is not None
+    assert "friction" in alone.parts and both.parts["friction and cogging"] == alone.parts["friction"]
+    assert sum(both.parts.values()) == pytest.approx(1.0)
+
+
+def test_controllers_and_joints_of_the_same_margins_share_a_row() -> None:
+    one, two = Margins(58.0, 15.0, 1.07, 0.006, 25.0), Margins(50.0, 12.0, 1.07, 0.02, 6.0)
+    loops = {"a": (two, one, one), "b": (one, one, one), "c": (two, one, one)}
+    rows = distinct(loops, ("yaw", "roll", "tilt"))
+    assert rows == [
+        (["a", "c"], ["yaw"], two),
+        (["a", "c"], ["roll", "tilt"], one),
+        (["b"], ["yaw", "roll", "tilt"], one),
+    ]

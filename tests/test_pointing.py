@@ -35,6 +35,7 @@ from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.measures import cumulative, jitter
 from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.planted import planted_once
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES, Roster, without_hidden
 from gimbal_pin.pointing.run import point
@@ -43,7 +44,6 @@ from gimbal_pin.pointing.sight import STEEP, Sight, gyros_between, inverted
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.trust import holding, trusted
-from gimbal_pin.pointing.verify import planted_once
 from gimbal_pin.profile import profile_s
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.effects import Signal
-from gimbal_pin.model import Model
+from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.events import summed
@@ -102,11 +102,13 @@ class Contest:
         rig: Name of the rig.
         payload: Its payload, or None.
         rows: One per controller.
+        beside: Causes that the controllers compensate beside friction, which add torque.
     """
 
     rig: str
     payload: str | None
     rows: tuple[Row, ...]
+    beside: tuple[str, ...] = ()
 
     @cached_property
     def jitter(self) -> Mapping[str, float]:
@@ -132,7 +134,7 @@ class Contest:
     @property
     def budget(self) -> Budget | None:
         """Where the baseline's error goes."""
-        return Budget.of(self.jitter)
+        return Budget.of(self.jitter, self.beside)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rows and the budget, JSON's `pointing` and `pointing_budget`."""
@@ -201,7 +203,9 @@ def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, ma
     plan = [(name, seed) for seed in range(seeds) for name in names]
     runs = list(mapped(Entry(course, roster), plan))
     rows = [Row(name, tuple(run for run in runs if run.controller == name)) for name in names]
-    return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows))
+    plain = friction_effects(course.plant.rig.joints)
+    beside = dict.fromkeys(term.effect.name for term in roster.model.terms if term.effect not in plain)
+    return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows), tuple(beside))
 
 
 @dataclass(frozen=True, eq=False)

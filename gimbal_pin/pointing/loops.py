@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,3 +101,22 @@ class Loops:
         if name == "lyapunov":
             return tuple(equal.of(pid) for equal, pid in zip(self.equals, inner(self.slow, self.robust)))
         return tuple(equal.margins for equal in self.equals)
+
+
+def distinct(
+    loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]
+) -> list[tuple[list[str], list[str], Margins]]:
+    """Return controllers and joints that have the same margins, with these.
+
+    Args:
+        loops: Controller → the margins of its loops, joint by joint.
+        joints: Joint names.
+    """
+    same: dict[tuple[Margins, ...], list[str]] = {}
+    for name, found in loops.items():
+        same.setdefault(found, []).append(name)
+    return [
+        (names, [joint for joint, other in zip(joints, found) if other == own], own)
+        for found, names in same.items()
+        for own in dict.fromkeys(found)
+    ]

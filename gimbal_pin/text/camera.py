@@ -24,6 +24,8 @@ def verified(found: Verified) -> str:
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
     parts += [*asking(found), *swept(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
+    parts += [f"NOT compensated: {sentence}" for sentence in found.missed]
+    parts += remarks(found)
     parts += [f"{row.controller}: {event}" for _, row in every(found) for event in row.happened]
     return "\n".join(parts)
 
@@ -33,6 +35,24 @@ def every(found: Verified) -> list[tuple[str, Row]]:
     several = len(found.contests) > 1
     rows = [(contest.rows[0].runs[0].platform, row) for contest in found.contests for row in contest.rows]
     return [(f" (platform {platform})" if several else "", row) for platform, row in rows]
+
+
+def remarks(found: Verified) -> list[str]:
+    """What `switch` is, and why an observer may cost more than it gains."""
+    from gimbal_pin.pointing.roster import OURS
+
+    still, told = found.contest.jitter, list[str]()
+    if OURS in still:
+        told.append(f"{OURS}: all that with-gyros knows; on joints whose model is worth less than its uncertainty, PID")
+    plain, observed = still.get("with-gyros"), still.get("with-observer")
+    if plain is not None and observed is not None and observed > 1.02 * plain and found.loops:
+        fast, slow = (max(own.crossover_hz for own in found.loops[name]) for name in ("with-gyros", "with-observer"))
+        told.append(
+            f"with-observer shakes {number(observed / plain, 3)} times as much as with-gyros: at equal margins its "
+            f"loop crosses at {number(slow, 3)} Hz, not at {number(fast, 3)}, and what an observer makes up for "
+            "this model knows already"
+        )
+    return told
 
 
 def unstable(found: Verified) -> list[str]:

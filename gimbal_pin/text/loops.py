@@ -63,14 +63,9 @@ def tracking(found: Tracking, plant: str) -> str:
 
 def margins(loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]) -> str:
     """Margins of every controller's loops; controllers and joints whose loops are the same share a row."""
-    same: dict[tuple[Margins, ...], list[str]] = {}
-    for name, found in loops.items():
-        same.setdefault(found, []).append(name)
-    rows = []
-    for found, names in same.items():
-        for k, own in enumerate(dict.fromkeys(found)):
-            shared = ", ".join(joint for joint, other in zip(joints, found) if other == own)
-            rows.append(("" if k else listed(names, loops), shared, *shown(own)))
+    from gimbal_pin.pointing.loops import distinct
+
+    rows = [(listed(names, loops), ", ".join(places), *shown(own)) for names, places, own in distinct(loops, joints)]
     return table("loops of", "joint", "Hz", "phase margin °", "gain dB", "disk", "delay ms", rows=rows)
 
 
