@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors threads parameter reading log urdf config floating rig"
-SENSED = "signals platform profile calibration regressor imu"
+SENSED = "signals platform aboard profile calibration regressor imu"
 ROWS = "holes rows replay"
 MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators simulation"
 BEFORE = "suspicion halves identification excitation control trajectories"

@@ -115,11 +115,15 @@ class Contest:
         """Controller → jitter, rad rms."""
         return {row.controller: row.jitter_rms for row in self.rows}
 
+    @cached_property
+    def stable(self) -> Mapping[str, float]:
+        """The same of controllers whose loops do not swing by themselves."""
+        return {row.controller: row.jitter_rms for row in self.rows if not row.swings}
+
     @property
     def gain(self) -> float | None:
         """Jitter of the world-frame PID over ours; None where one did not run, or is unstable."""
-        unstable = {row.controller for row in self.rows if row.swings}
-        return None if unstable & {BASELINE, OURS} else self.ratio(BASELINE, OURS)
+        return self.ratio(BASELINE, OURS)
 
     @property
     def distance(self) -> float | None:
@@ -127,14 +131,14 @@ class Contest:
         return self.ratio(OURS, ORACLE)
 
     def ratio(self, above: str, below: str) -> float | None:
-        """One controller's jitter over another's, None where one did not run."""
-        have = self.jitter
+        """One controller's jitter over another's, None where one did not run, or is unstable."""
+        have = self.stable
         return have[above] / have[below] if above in have and below in have else None
 
     @property
     def budget(self) -> Budget | None:
-        """Where the baseline's error goes."""
-        return Budget.of(self.jitter, self.beside)
+        """Where the baseline's error goes, as far as controllers are stable."""
+        return Budget.of(self.stable, self.beside)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rows and the budget, JSON's `pointing` and `pointing_budget`."""

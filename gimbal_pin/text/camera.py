@@ -57,12 +57,12 @@ def remarks(found: Verified) -> list[str]:
 
 def unstable(found: Verified) -> list[str]:
     """Who swings by itself: such a controller's figures say nothing."""
-    lines = [
-        f"{row.controller}{where} is unstable: {swing.joint} swings by itself at {number(swing.hz, 2)} Hz, with "
-        f"{number(100 * swing.share, 2)} % of its torque limit (rms), which the motion does not ask for"
-        for where, row in every(found)
-        for swing in row.swings
-    ]
+    lines = []
+    for where, row in every(found):
+        sizes = [f"{s.joint} at {number(s.hz, 2)} Hz with {number(100 * s.share, 2)} %" for s in row.swings]
+        if sizes:
+            said = f"{row.controller}{where} is unstable, it swings by itself"
+            lines.append(f"{said}: {', '.join(sizes)} of the torque limit")
     return [*lines, ""] if lines else []
 
 
@@ -136,7 +136,7 @@ def asking(found: Verified) -> list[str]:
 
 def swept(found: Verified) -> list[str]:
     """How wrong the model may be."""
-    return [] if found.sweep is None else ["", found.sweep.sentence]
+    return [] if found.sweep is None or found.contest.gain is None else ["", found.sweep.sentence]
 
 
 def budget(found: Verified) -> list[str]:
@@ -146,7 +146,7 @@ def budget(found: Verified) -> list[str]:
     parted = found.contest.budget
     if parted is None or not parted.telling:
         names = ", ".join(name for _, name in STEPS)
-        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}, all of them stable"]
     rows = [
         (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()
