@@ -95,6 +95,7 @@ class Gains:
         arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty"),
     ] = None
     damping: Annotated[float, arg(help="damping of the tracking error")] = 1.0
+    integral: Annotated[float, arg(help="speed of the integral action, in bandwidths; 0: none")] = 0.2
     delay: Annotated[float, arg(help="time from measurement to torque, s, without the hold")] = 0.001
     robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False
 
