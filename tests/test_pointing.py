@@ -41,6 +41,7 @@ from gimbal_pin.pointing.roster import NAMES, Roster, without_hidden
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Seen, Station, rotations
 from gimbal_pin.pointing.sight import STEEP, Sight, gyros_between, inverted
+from gimbal_pin.pointing.singular import lost_turn
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.trust import holding, trusted
@@ -116,6 +117,17 @@ def test_near_roll_90_the_inverse_stays_bounded(roll: float) -> None:
     if not view.steep:
         np.testing.assert_allclose(view.inverse @ view.J, np.eye(3), atol=1e-10)
     assert view.steep == (1 / max(np.cos(roll), 1e-12) > STEEP) or abs(1 / np.cos(roll) - STEEP) < 0.3
+
+
+@pytest.mark.parametrize("roll", [70.0, 80.0, 88.0])
+def test_the_turn_that_is_lost_is_told_with_what_it_takes(roll: float) -> None:
+    """Yaw and tilt, whose axes close to sin 1/2 (90° - roll) of each other, share the motion: √2/2 of 1/sin of that."""
+    sight = Sight(rig_of("thesis"))
+    told = lost_turn(sight, np.array([0.3, radians(roll), 0.0]))
+    times = float(told.split("would have to turn ")[1].split()[0])
+    assert times == pytest.approx(np.sqrt(0.5) / np.sin(radians(90 - roll) / 2), rel=0.06)
+    assert "yaw and tilt" in told and "about z" in told
+    assert "without end" in lost_turn(sight, np.array([0.3, pi / 2, 0.0]))
 
 
 def test_more_axes_than_needed_take_the_shortest_way() -> None:
@@ -444,7 +456,7 @@ def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torqu
     course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig))
     run = course.run(roster(plant, wanted), "with-gyros", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
-    assert any("singular" in event for event in run.events)
+    assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
     weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
     run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
     assert any("torque limit" in event for event in run.events) and max(run.at_limit.values()) > 0.2
