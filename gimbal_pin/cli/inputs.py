@@ -107,10 +107,12 @@ def noted(notes: Sequence[str]) -> None:
         print(f"gimbal-pin: note: {note}", file=sys.stderr)
 
 
-def filtering(cutoff: float | None, alignment: float | None) -> Filtering:
-    """Return the filter that the options ask for, the defaults where they ask for nothing."""
+def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:
+    """Return the filter that the options ask for, None where they ask for nothing."""
     from gimbal_pin.rows import Filtering
 
+    if cutoff is None and alignment is None:
+        return None
     positive("--cutoff", 1.0 if cutoff is None else cutoff)
     return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
 

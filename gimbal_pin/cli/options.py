@@ -49,7 +49,11 @@ ModelFile = Annotated[
 Seed = Annotated[int, arg(help="seed of everything random")]
 Cutoff = Annotated[
     float | None,
-    arg(metavar="HZ", help="low-pass on every column and on the torque", help_behavior_hint="(default: 4)"),
+    arg(
+        metavar="HZ",
+        help="low-pass on every column and on the torque",
+        help_behavior_hint="(default: 4; 12 where the base turns)",
+    ),
 ]
 Alignment = Annotated[
     float | None,
