@@ -86,15 +86,15 @@ def test_each_drives_forecast_is_weighted_by_its_own_loops() -> None:
 
 
 def test_the_oracle_sees_the_platform_where_each_drive_acts() -> None:
-    """Exactly where a sample lies, between two of them in proportion, and no further than the motion goes."""
+    """Its mean over the hold there, between two samples in proportion, and no further than the motion goes."""
     model, t = plant(), DT * np.arange(101)
     ground = course(model, 0.1).ground(0)
     sensed = Sensed(model, ground, Station.of(model.rig), t, np.random.default_rng(0))
     seen = sensed.see(10, State(np.zeros(3), np.zeros(3)), (3.0, 13.5, 1e6))
     assert seen is not None and seen.true is not None
-    np.testing.assert_array_equal(seen.true[0].w, ground.w[23])
-    np.testing.assert_allclose(seen.true[1].f, (ground.f[33] + ground.f[34]) / 2, rtol=1e-12)
-    np.testing.assert_array_equal(seen.true[2].dw, ground.dw[-1])
+    np.testing.assert_allclose(seen.true[0].w, np.array([1, 4, 1]) / 6 @ ground.w[22:25], rtol=1e-12)
+    np.testing.assert_allclose(seen.true[1].f, np.array([1, 5, 5, 1]) / 12 @ ground.f[32:36], rtol=1e-12)
+    np.testing.assert_allclose(seen.true[2].dw, ground.dw[-1], rtol=1e-12)
 
 
 def test_no_forecast_beats_the_oracle_of_a_late_drive() -> None:

@@ -42,12 +42,16 @@ class Sensed:
         """Return what arrives of what the sensors say at sample k; the oracle sees `leads` half-samples ahead."""
         gyros = self.sight.rates(state.q, state.v, self.w[k]) + self.noise[k]
         w, f = self.told[k]
-        true = tuple([carried(self.at(2 * k + lead)) for lead in leads]) or None
+        true = tuple([carried(self.held(2 * k + lead)) for lead in leads]) or None
         arrived: Seen | None = Seen(self.t[k], self.station.angles(state.q), gyros[:3], w, f, gyros[3:], true)
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)
         self.before = self.before if arrived is None else arrived
         return arrived
+
+    def held(self, place: float) -> Array:
+        """Mean of the platform's true motion over the hold about a place, by Simpson's rule: what a torque answers."""
+        return (self.at(place - 1) + 4 * self.at(place) + self.at(place + 1)) / 6
 
     def at(self, place: float) -> Array:
         """The platform's true motion at a place among its samples, (9,), the last one beyond them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees, isnan
+from math import degrees, inf, isnan
 from typing import TYPE_CHECKING
 
 from gimbal_pin.text.cells import number, table
@@ -39,7 +39,7 @@ def every(found: Verified) -> list[tuple[str, Row]]:
 
 def remarks(found: Verified) -> list[str]:
     """What `switch` is, and why an observer may cost more than it gains."""
-    from gimbal_pin.pointing.roster import OURS
+    from gimbal_pin.pointing.roster import ORACLE, OURS
 
     still, told = found.contest.jitter, list[str]()
     if OURS in still:
@@ -52,6 +52,9 @@ def remarks(found: Verified) -> list[str]:
             f"loop crosses at {number(slow, 3)} Hz, not at {number(fast, 3)}, and what an observer makes up for "
             "this model knows already"
         )
+    least = min((jitter for name, jitter in found.contest.stable.items() if name != ORACLE), default=inf)
+    if least < 0.97 * still.get(ORACLE, 0.0):
+        told.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
     return told
 
 
