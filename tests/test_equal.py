@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin import text
 from gimbal_pin.control import Margins
 from gimbal_pin.control.equal import DISK, Equal
 from gimbal_pin.diagnosis.finding import Finding
@@ -32,6 +33,7 @@ from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.swinging import Swing, swinging
+from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.rig import Rig
 
 DT = 1e-3
@@ -192,3 +194,23 @@ def test_controllers_and_joints_of_the_same_margins_share_a_row() -> None:
         (["a", "c"], ["roll", "tilt"], one),
         (["b"], ["yaw", "roll", "tilt"], one),
     ]
+
+
+def test_the_text_says_who_swings_why_an_observer_costs_and_what_is_not_known() -> None:
+    t = DT * np.arange(4000)
+    sizes = {"pid-world": 9.0, "with-gyros": 1.0, "with-observer": 2.0, "switch": 1.0, "oracle": 1.5}
+    shake = 1e-5 * np.sin(60 * t)[:, None] * np.ones(3)
+    events = ("0.100 s: yaw at its torque limit for 0.05 s", "0.300 s: yaw at its torque limit for 0.05 s")
+    run = replace(made(np.zeros((4000, 3)), t), events=events)
+    rows = [Row(name, (replace(run, controller=name, error=size * shake),)) for name, size in sizes.items()]
+    rows[0] = Row("pid-world", (replace(rows[0].runs[0], swings=(Swing("yaw", 12.0, 0.8),)),))
+    fast, slow = Margins(58.0, 15.0, 1.07, 0.006, 25.0), Margins(56.0, 19.0, 1.07, 0.012, 12.0)
+    loops = {name: (slow if name == "with-observer" else fast,) * 3 for name in sizes}
+    contest = Contest("thesis", None, tuple(rows))
+    told = text.verified(Verified(contest, (), fast, (), (), loops=loops, missed=("roll: cogging was planted",)))
+    assert "pid-world is unstable, it swings by itself: yaw at 12 Hz with 80 % of the torque limit" in told
+    assert "all but with-observer" in told and told.count("yaw, roll, tilt") == 2
+    assert "with-observer shakes 2 times as much as with-gyros" in told and "crosses at 12 Hz, not at 25" in told
+    assert "NOT compensated: roll: cogging was planted" in told and "oracle: no bound here" in told
+    assert "pid-world: 0.100 s: yaw at its torque limit for 0.05 s (2 times)" in told
+    assert "no error budget" in told and contest.budget is None
