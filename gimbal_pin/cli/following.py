@@ -15,6 +15,7 @@ from tyro.conf import arg
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
+from gimbal_pin.cli.options import optional
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -32,29 +33,16 @@ class Following:
     follow: Annotated[
         bool, arg(help="learn from one growing CSV file, or from - (standard input), as it is written; Ctrl-C ends it")
     ] = False
-    forget: Annotated[
-        float | None,
-        arg(metavar="SECONDS", help="with --follow: what is older counts less", help_behavior_hint="(default: never)"),
-    ] = None
+    forget: Annotated[float | None, optional("SECONDS", "with --follow: what is older counts less", "never")] = None
     anew: Annotated[
         Literal["payload", "everything"],
         arg(help="with --follow: what is estimated anew when the payload has changed"),
     ] = "payload"
     idle: Annotated[
-        float | None,
-        arg(
-            metavar="SECONDS",
-            help="with --follow: end when the file has not grown for so long",
-            help_behavior_hint="(default: never)",
-        ),
+        float | None, optional("SECONDS", "with --follow: end when the file has not grown for so long", "never")
     ] = None
     plot: Annotated[
-        Path | None,
-        arg(
-            metavar="FILE",
-            help="with --follow: write the estimates over time: .png, .svg or .pdf",
-            help_behavior_hint="",
-        ),
+        Path | None, optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")
     ] = None
 
     def check(self, batch_only: Mapping[str, bool]) -> None:

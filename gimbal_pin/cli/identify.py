@@ -27,6 +27,7 @@ from gimbal_pin.cli.options import (
     RigName,
     Seed,
     Trust,
+    optional,
 )
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
@@ -41,9 +42,7 @@ def identify(
     logs: Logs,
     output: MaybeOutput = None,
     *,
-    urdf: Annotated[
-        Path | None, arg(metavar="FILE", help="write the rig's URDF with the parameters in it", help_behavior_hint="")
-    ] = None,
+    urdf: Annotated[Path | None, optional("FILE", "write the rig's URDF with the parameters in it")] = None,
     payload: Payload = None,
     map: Map = (),
     cutoff: Cutoff = None,
@@ -55,11 +54,7 @@ def identify(
     ] = False,
     known: Annotated[
         str | None,
-        arg(
-            metavar="MODEL",
-            help="a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do",
-            help_behavior_hint="",
-        ),
+        optional("MODEL", "a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do"),
     ] = None,
     bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
     trust: Trust = None,

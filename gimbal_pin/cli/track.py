@@ -50,7 +50,7 @@ def track(
         raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {MOTIONS}")
     held.check()
     pages.check(held.moving)
-    loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
+    loaded = load_rig(rig, payload or mounted(controller))
     late = delay_samples if delay_samples is not None else 1 if controller is None else lateness(controller)
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     log = held.taught(rig, loaded.payload) if held.moving else None
