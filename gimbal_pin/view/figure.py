@@ -97,13 +97,10 @@ def pose_commands(rig: Rig, poses: Poses, root: str) -> list[three.Json]:
     """Return the commands that put the groups where the first frame has them."""
     positions = (poses.place[0], *poses.position[0])
     attitudes = (poses.base[0], *poses.quaternion[0])
-    commands = []
-    for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True):
-        pose = np.eye(4)
-        pose[:3, :3] = pin.Quaternion(attitude).matrix()
-        pose[:3, 3] = position
-        commands.append(three.place(path, pose))
-    return commands
+    return [
+        three.place(path, three.pose(position, pin.Quaternion(attitude).matrix()))
+        for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True)
+    ]
 
 
 def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin.log import Array
 
@@ -41,6 +42,11 @@ class Part:
     casts: bool = False
     receives: bool = False
     order: int = 0
+
+
+def pose(origin: Array, turn: Array = IDENTITY[:3, :3]) -> Array:
+    """Return the pose whose origin is `origin`, m, (3,), turned by `turn`, (3, 3): (4, 4)."""
+    return np.asarray(pin.SE3(turn, np.asarray(origin, dtype=float)).homogeneous)
 
 
 def floats(values: Any) -> Any:
