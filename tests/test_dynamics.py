@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -15,10 +12,9 @@ from hypothesis.extra import numpy as hnp
 from lxml import etree
 
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_payloads
 from tests.mujoco_peer import rigid_bodies
-
-COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
+from tests.rigs import COMBINATIONS, bundled, spelled, states
 
 BODY = (
     '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'
@@ -50,29 +46,13 @@ ODD = {
 """Rigs that are no gimbals: joints of other kinds, branches, axes askew, links welded together."""
 
 
-@pytest.fixture(scope="module")
-def odd(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rig]:
-    rigs = {}
-    for name, body in ODD.items():
-        path = Path(tmp_path_factory.mktemp(name)) / f"{name}.urdf"
-        path.write_text(f'<robot name="{name}"><link name="base"/>{body}</robot>')
-        rigs[name] = Rig.load(path)
-    return rigs
-
-
-def states(n: int, seed: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
-    return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
+def odd(name: str) -> Rig:
+    return spelled(f'<robot name="{name}"><link name="base"/>{ODD[name]}</robot>')
 
 
 # --- the thesis: three concentric axes, modified Denavit-Hartenberg frames -----------------------------------------
 
 THREE = hnp.arrays(float, 3, elements=st.floats(-3, 3, allow_subnormal=False))
-
-
-@cache
-def thesis() -> Rig:
-    return Rig.load("thesis")
 
 
 def turns(q: np.ndarray) -> list[np.ndarray]:
@@ -137,7 +117,7 @@ def diagonal(rig: Rig) -> Rig:
 @settings(deadline=None, max_examples=30)
 @given(THREE)
 def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
-    rig = thesis()
+    rig = bundled("thesis")
     data = rig.model.createData()
     pin.forwardKinematics(rig.model, data, q)
     (c1, c2, c3), (s1, s2, s3) = np.cos(q), np.sin(q)
@@ -156,7 +136,7 @@ def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
 @settings(deadline=None, max_examples=30)
 @given(THREE)
 def test_jacobians_are_equations_3_32_and_3_33(q: np.ndarray) -> None:
-    rig = thesis()
+    rig = bundled("thesis")
     data = rig.model.createData()
     pin.computeJointJacobians(rig.model, data, q)
     for body, J in enumerate(spins(q), start=1):
@@ -170,7 +150,7 @@ def test_jacobians_are_equations_3_32_and_3_33(q: np.ndarray) -> None:
 def test_torque_is_the_thesis_closed_form(
     q: np.ndarray, v: np.ndarray, a: np.ndarray, seed: int, as_thesis: bool
 ) -> None:
-    rig = drawn(thesis(), seed)
+    rig = drawn(bundled("thesis"), seed)
     rig = diagonal(rig) if as_thesis else rig
     bodies = list(rig.model.inertias[1:])
     expected = D(q, bodies) @ a + C(q, v, bodies) @ v + G(q, bodies)
@@ -206,14 +186,14 @@ def mujoco_torque(rig: Rig, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.n
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
-    rig = Rig.load(name, payload)
+    rig = bundled(name, payload)
     at = states(rig.n, 2, 20)
     np.testing.assert_allclose(rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_torque_is_mujocos_on_any_other_urdf(odd: dict[str, Rig], name: str) -> None:
-    rig = odd[name]
+def test_torque_is_mujocos_on_any_other_urdf(name: str) -> None:
+    rig = odd(name)
     at = states(rig.n, 3, 20)
     scale = np.abs(rnea(rig, *at)).max()
     np.testing.assert_allclose(rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9 * max(1.0, scale))
@@ -249,9 +229,9 @@ def power_balance(rig: Rig, seed: int) -> None:
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_power_is_the_rate_of_energy_on_every_bundled_rig(name: str, payload: str) -> None:
-    power_balance(Rig.load(name, payload), seed=4)
+    power_balance(bundled(name, payload), seed=4)
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_power_is_the_rate_of_energy_on_any_other_urdf(odd: dict[str, Rig], name: str) -> None:
-    power_balance(odd[name], seed=5)
+def test_power_is_the_rate_of_energy_on_any_other_urdf(name: str) -> None:
+    power_balance(odd(name), seed=5)

@@ -17,7 +17,8 @@ from gimbal_pin.experiment import perturbed
 from gimbal_pin.inertia import physical, strictly, to_urdf
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import columns
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
+from gimbal_pin.rig import Rig, bundled_rigs, to_pinocchio
+from tests.rigs import COMBINATIONS
 
 
 def body(seed: int) -> np.ndarray:
@@ -64,7 +65,7 @@ def test_what_is_physical_stays(name: str) -> None:
     assert physical(found.phi) and found.distance < 1e-3
 
 
-@pytest.mark.parametrize(("name", "payload"), [(n, p) for n in bundled_rigs() for p in bundled_payloads()])
+@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
     """Pinocchio, yourdfpy and MuJoCo read it; every tag but the inertials is as it was."""
     import mujoco

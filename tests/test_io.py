@@ -22,6 +22,7 @@ from gimbal_pin.io import base, csv, files
 from gimbal_pin.io.mapping import Source, parse_entry, parse_expression, read_mapping
 from gimbal_pin.log import Imu, Log, Motion
 from gimbal_pin.rig import Rig
+from tests.rigs import spelled
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
@@ -48,12 +49,10 @@ HEADER = "t,q_yaw,q_tilt,tau_yaw,tau_tilt"
 ROWS = "0.0,1,2,3,4\n0.1,5,6,7,8\n"
 
 
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+@pytest.fixture
+def rig() -> Rig:
     """Two joints, three links."""
-    path = tmp_path_factory.mktemp("rig") / "two.urdf"
-    path.write_text(URDF)
-    return Rig.load(path)
+    return spelled(URDF)
 
 
 def same(a: Log, b: Log) -> None:
@@ -753,13 +752,11 @@ def test_odrive_counts_and_current() -> None:
     np.testing.assert_allclose(log.q, turns.q, rtol=1e-5)
 
 
-def test_file_without_a_header(tmp_path: Path) -> None:
+def test_file_without_a_header() -> None:
     path = measured("rub_gimbal") / "open_loop_steps.txt"
-    (tmp_path / "tilt.urdf").write_text(
-        '<robot name="one"><link name="base"/>' + LINK.format("cam") + JOINT.format("tilt", "base", "cam") + "</robot>"
-    )
+    one = f'<robot name="one"><link name="base"/>{LINK.format("cam")}{JOINT.format("tilt", "base", "cam")}</robot>'
     mapping = ["t=column1*1e-6", "q_tilt=column2*pi/180", "dq_tilt=column3*pi/180"]
-    log = io.read_log(path, Rig.load(tmp_path / "tilt.urdf"), mapping, need_tau=False)
+    log = io.read_log(path, spelled(one), mapping, need_tau=False)
     assert log.dt == pytest.approx(1 / 200) and log.q.shape == held(log.v).shape == (
         len(path.read_text().splitlines()),
         1,

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from itertools import pairwise, product
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -21,8 +19,9 @@ from scipy.integrate import solve_ivp
 from gimbal_pin.effects import Coulomb, Term, Viscous
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
-from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rig import Rig
 from tests.mujoco_peer import rigid_bodies
+from tests.rigs import bundled, spelled
 
 WHEEL = """<robot name="wheel"><link name="base"/>
   <link name="wheel"><inertial><mass value="3"/>
@@ -51,15 +50,10 @@ PENDULUM = f"""<robot name="pendulum"><link name="base"/>
 """A double pendulum: its joints push each other hard, unlike a gimbal's."""
 
 
-@cache
 def known(name: str) -> Rig:
     """A bundled rig or one of the three above."""
-    if name in bundled_rigs():
-        return Rig.load(name)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.urdf"
-        path.write_text({"wheel": WHEEL, "sledge": SLEDGE, "pendulum": PENDULUM}[name])
-        return Rig.load(path)
+    own = {"wheel": WHEEL, "sledge": SLEDGE, "pendulum": PENDULUM}
+    return spelled(own[name]) if name in own else bundled(name)
 
 
 def rubbing(rig: Rig, dry: Sequence[float], viscous: Sequence[float] = ()) -> Model:

@@ -38,6 +38,7 @@ from gimbal_pin.tracking import Tracking, track
 from gimbal_pin.tuning import Tuning, tune
 from gimbal_pin.view import record
 from tests.browsing import needs_browser, visit, wide
+from tests.rigs import spelled
 
 EVIL = "<script>alert(1)</script> & \"$x$ _{a}$ 'b'"
 """A name that breaks pages, attributes and formulas that do not escape it."""
@@ -400,10 +401,8 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
     assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None, "pid"))
 
 
-def test_sliding_joints_are_shown_in_millimetres(tmp_path: Path) -> None:
-    path = tmp_path / "slider.urdf"
-    path.write_text(SLIDER, encoding="utf-8")
-    rig = Rig.load(path)
+def test_sliding_joints_are_shown_in_millimetres() -> None:
+    rig = spelled(SLIDER)
     (joint,) = joints_of(rig)
     assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
     design = excite(rig, seconds=4.0, harmonics=2, starts=1, rng=np.random.default_rng(0), dt=0.01)

@@ -1,0 +1,36 @@
+"""Rigs for tests: the bundled ones, each loaded once, and those that a URDF's text spells."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
+
+COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
+"""Every bundled rig with every payload."""
+
+
+@cache
+def bundled(name: str, payload: str | None = None) -> Rig:
+    """A bundled rig."""
+    return Rig.load(name, payload)
+
+
+@cache
+def spelled(urdf: str) -> Rig:
+    """The rig of a URDF's text."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "spelled.urdf"
+        path.write_text(urdf, encoding="utf-8")
+        return Rig.load(path)
+
+
+def states(n: int, seed: int, count: int = 20) -> tuple[Array, Array, Array]:
+    """Angles, rates and accelerations of a size that rigs know, (count, n) each."""
+    draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
+    return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
