@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,6 @@ from gimbal_pin.report.evaluation import Evaluated, Part
 from gimbal_pin.report.joints import Joint
 from gimbal_pin.report.numbers import torque_unit
 from gimbal_pin.report.sections.residual import JUDGED
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Flags = NDArray[np.bool_]
 
@@ -59,7 +55,7 @@ def rounded(t: Array, values: Array, between: int = 4) -> tuple[Array, Array]:
     return fine, smooth
 
 
-def overlays(joints: tuple[Joint, ...], part: Part) -> Figure:
+def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
     """Draw each joint's torques, and its residual below."""
     count, ratios = len(joints), [0.35, 3, 1.2] * len(joints)
     looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
@@ -84,7 +80,7 @@ def overlays(joints: tuple[Joint, ...], part: Part) -> Figure:
     return figure
 
 
-def shade(axes: Axes, t: Array, still: Flags) -> None:
+def shade(axes: plots.Axes, t: Array, still: Flags) -> None:
     """Shade the stretches of time in which a joint is near standstill."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     for first, last in edges.reshape(-1, 2).tolist():

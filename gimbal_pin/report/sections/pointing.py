@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from math import degrees, isfinite, isnan
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -29,7 +28,6 @@ from gimbal_pin.report.html import (
     join,
     notice,
     paragraph,
-    picture,
     table,
     toned,
 )
@@ -37,9 +35,6 @@ from gimbal_pin.report.numbers import DASH, controller_name, figures, listed
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.gaze import gazes
 from gimbal_pin.report.sections.margins import GAIN_DB, PHASE_DEG, tone
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
 OWN = chart.COLOURS[OURS]
@@ -163,7 +158,7 @@ def diagrams(contest: Contest) -> list[Markup]:
     return [
         *parts,
         heading("The line of sight, and its price"),
-        picture(plots.drawn(partial(curves, rows), alt), caption),
+        plots.picture(partial(curves, rows), alt, caption),
     ]
 
 
@@ -176,11 +171,11 @@ def wrong_models(sweep: Sweep) -> list[Markup]:
         f"inertias by one share{sides if sweep.uncertain else ''}. "
         f"Dashed: the {controller_name(BASELINE)}, which takes nothing but inertias from the model."
     )
-    picture_of = plots.drawn(partial(against_error, sweep), f"Jitter against the model's error. {said}")
-    return [heading("How wrong the model may be"), paragraph(said), picture(picture_of, caption)]
+    drawn = plots.picture(partial(against_error, sweep), f"Jitter against the model's error. {said}", caption)
+    return [heading("How wrong the model may be"), paragraph(said), drawn]
 
 
-def against_error(sweep: Sweep) -> Figure:
+def against_error(sweep: Sweep) -> plots.Figure:
     """Draw jitter against the model's error, per cent and, where the model has a covariance, standard deviations."""
     swept = [(sweep.scaled, 100.0), ({**sweep.uncertain, 0.0: sweep.scaled[0.0]}, 1.0)]
     swept = swept if sweep.uncertain else swept[:1]
@@ -211,11 +206,10 @@ def budget_picture(budget: Budget) -> Markup:
         f"{controller_name(BASELINE)}'s mean square of {angle(budget.baseline)} rms, by what knowing one thing more "
         f"takes off it, from left to right. What is left at the end, {angle(budget.floor)} rms, none of them undoes."
     )
-    drawn = plots.drawn(partial(bar, budget), f"Error budget: {said}")
-    return picture(drawn, caption[:1].upper() + caption[1:])
+    return plots.picture(partial(bar, budget), f"Error budget: {said}", caption[:1].upper() + caption[1:])
 
 
-def bar(budget: Budget) -> Figure:
+def bar(budget: Budget) -> plots.Figure:
     """Draw the budget."""
     height = 0.75 + 0.24 * -(-len(budget.parts) // 3)
     figure, panels = plots.panels(1, 1, height, left=0.12)
@@ -227,7 +221,7 @@ def bar(budget: Budget) -> Figure:
     return figure
 
 
-def curves(rows: Sequence[Row]) -> Figure:
+def curves(rows: Sequence[Row]) -> plots.Figure:
     """Draw line of sight, cumulative spectrum and torque."""
     figure, panels = plots.panels(2, 2, 6.0, gaps=(0.75, 0.75))
     grid = panels[0, 0].get_gridspec()

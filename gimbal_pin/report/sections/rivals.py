@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Finding
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.report import plots
-from gimbal_pin.report.html import Content, bar, folded, picture, table, toned
+from gimbal_pin.report.html import Content, bar, folded, table, toned
 from gimbal_pin.report.numbers import figures
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 APART, SURE = 2.0, 20.0
 """Vuong's z from which two causes are told apart, and at which the bar is full."""
@@ -46,11 +42,11 @@ def alike_map(known: Likeness, colour: str) -> list[Markup]:
         f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
         f"two, from {ALIKE} on they are outlined and share one name."
     )
-    drawn = picture(plots.drawn(partial(cells, known, colour), alt), caption)
+    drawn = plots.picture(partial(cells, known, colour), alt, caption)
     return [folded(f"What looks like {known.causes[0]} here", drawn)]
 
 
-def cells(known: Likeness, colour: str) -> Figure:
+def cells(known: Likeness, colour: str) -> plots.Figure:
     """Draw the map: the finding in the first row, the darker the more alike."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
