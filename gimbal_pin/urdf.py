@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     import yourdfpy
 
 MOVABLE = ("revolute", "continuous", "prismatic")
+
+ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+"""Attribute, row and column of the entries of a URDF's inertia."""
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -214,7 +217,7 @@ def check_inertial(link: etree._Element, place: str) -> None:
     if inertia is None:
         raise RigError(where, "has a mass but no inertia", "give <inertia> in kg m²")
     lower_triangle = np.zeros((3, 3))
-    for name, row, column in inertia_entries():
+    for name, row, column in ENTRIES:
         lower_triangle[column, row] = float(inertia.get(name))
     small, middle, large = np.linalg.eigvalsh(lower_triangle, UPLO="L")
     if not small > 0:
@@ -260,33 +263,22 @@ def with_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> str
     robot = parse(text, "URDF")
     for joint in robot.findall("joint"):
         if joint.get("name") in friction:
-            dynamics = joint.find("dynamics")
-            if dynamics is None:
-                dynamics = etree.SubElement(joint, "dynamics")
             for name, value in zip(("friction", "damping"), friction[joint.get("name")]):
-                dynamics.set(name, f"{max(value, 0.0):.17g}")
+                child(joint, "dynamics").set(name, f"{max(value, 0.0):.17g}")
     return to_text(robot)
 
 
 def write_inertial(link: etree._Element, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
     """Set one link's ``<inertial>``, turned to the link's axes (rpy = 0)."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        inertial = etree.SubElement(link, "inertial")
-    parts = {}
-    for tag in ("origin", "mass", "inertia"):
-        found = inertial.find(tag)
-        parts[tag] = etree.SubElement(inertial, tag) if found is None else found
-    parts["origin"].set("xyz", " ".join(f"{x:.17g}" for x in com))
-    parts["origin"].set("rpy", "0 0 0")
-    parts["mass"].set("value", f"{mass:.17g}")
-    for name, row, column in inertia_entries():
-        parts["inertia"].set(name, f"{inertia[row, column]:.17g}")
+    origin, heavy, inert = (child(child(link, "inertial"), tag) for tag in ("origin", "mass", "inertia"))
+    origin.set("xyz", " ".join(f"{x:.17g}" for x in com))
+    origin.set("rpy", "0 0 0")
+    heavy.set("value", f"{mass:.17g}")
+    for name, row, column in ENTRIES:
+        inert.set(name, f"{inertia[row, column]:.17g}")
 
 
-def inertia_entries() -> Iterator[tuple[str, int, int]]:
-    """Yield (attribute, row, column) of the six entries of a URDF inertia."""
-    for row, first in enumerate("xyz"):
-        for column, second in enumerate("xyz"):
-            if column >= row:
-                yield f"i{first}{second}", row, column
+def child(parent: etree._Element, tag: str) -> etree._Element:
+    """Return the element's first child of a tag, made where there is none."""
+    found = parent.find(tag)
+    return etree.SubElement(parent, tag) if found is None else found

@@ -118,13 +118,9 @@ class CsvTable:
                 what = f"has {len(fields)} values under {width} column names"
                 raise LogError(f"{self.name}:{line}", what, uneven_mend(len(fields), width, self.separator))
             if not sound(fields, index.values()):
-                self.refuse(line, fields, index)
-
-    def refuse(self, line: int, fields: Sequence[str], index: Mapping[str, int]) -> None:
-        """Raise `LogError` at the first field in the columns `index` that is no number."""
-        for column, place in index.items():
-            if found := flaw(fields[place].strip()):
-                raise LogError(f"{self.name}:{line} column '{column}'", *found)
+                for column, place in index.items():
+                    if found := flaw(fields[place].strip()):
+                        raise LogError(f"{self.name}:{line} column '{column}'", *found)
 
 
 def open_csv(path: Path) -> CsvTable:
