@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.control import ComputedTorque, JointPid, Pid
+from gimbal_pin.drive import borne
 from gimbal_pin.effects import CAUSES, Coulomb, Effect, Signal, Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
@@ -22,7 +23,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Drive, Sensors, borne, plant_with, simulate
+from gimbal_pin.simulation import Drive, Sensors, plant_with, simulate
 
 DT = 0.001
 
