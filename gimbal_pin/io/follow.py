@@ -16,7 +16,8 @@ from gimbal_pin import urdf
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io import check_targets, columns_of, split_payload, to_log
 from gimbal_pin.io.base import log_groups, read_groups
-from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, as_utf8, headed
+from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, headed
+from gimbal_pin.io.csv_text import as_utf8
 from gimbal_pin.io.mapping import read_mapping
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
