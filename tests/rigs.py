@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from gimbal_pin.log import Array
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 """Every bundled rig with every payload."""
@@ -28,6 +29,16 @@ def spelled(urdf: str) -> Rig:
         path = Path(folder) / "spelled.urdf"
         path.write_text(urdf, encoding="utf-8")
         return Rig.load(path)
+
+
+def taken_by_all(urdf: str, joints: int) -> bool:
+    """Whether Pinocchio, yourdfpy and MuJoCo read a URDF of so many joints."""
+    import mujoco
+    import yourdfpy
+
+    robot = yourdfpy.URDF.load(io.BytesIO(urdf.encode()), load_meshes=False, build_scene_graph=False).robot
+    counts = (to_pinocchio(urdf, "written").nv, mujoco.MjModel.from_xml_string(urdf).nv)
+    return counts == (joints, joints) and len(robot.links) > joints
 
 
 def states(n: int, seed: int, count: int = 20) -> tuple[Array, Array, Array]:

@@ -17,19 +17,17 @@ from gimbal_pin.identification import given_beta, identify, moved
 from gimbal_pin.imu import noisy, readings
 from gimbal_pin.io import read_log, write_motion
 from gimbal_pin.log import Array, Imu, Log
-from gimbal_pin.model import Model, friction_effects, nominal
+from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import MOTIONS, BaseMotion, Platform, rotations
 from gimbal_pin.profile import profile_s
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import GRAVITY, bundled_rigs
-from gimbal_pin.rows import Filtering, Rows
 from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
-from tests.bench_logs import fourier
+from tests.bench_logs import EXACT, fourier, rows_of, true_theta
 from tests.command_line import Run, refused, result
 from tests.rigs import bundled
 
-EXACT = Filtering(alignment=0.0)
 PHANTOM = Path(__file__).parents[2] / "shared" / "data" / "phantom4_motion" / "path_1.csv"
 
 
@@ -143,9 +141,8 @@ def test_the_true_parameters_leave_no_residual_whatever_is_fitted(name: str, mot
     """The base moves; with fewer base parameters than it shows, the rig as given stands for the others."""
     rig = bundled(name)
     log = carried(nominal(rig), swaying(times(8.0)), 8.0)
-    rows = Rows(rig, reduce(rig, base=motion), friction_effects(rig.joints), (log,), EXACT)
-    true = np.concatenate([given_beta(rig, rows.reduction), rig.friction.ravel()])
-    for block in rows:
+    true = true_theta(rig, motion)
+    for block in rows_of(rig, log, base=motion):
         assert np.abs(block.A @ true - block.b).max() < 2e-4 * np.abs(block.b).max()
 
 
