@@ -24,7 +24,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.report import Section, html, numbers, plots, svg
 from gimbal_pin.report.base import anchors
-from gimbal_pin.report.evaluation import Evaluated, Part, evaluate, weighted_rms
+from gimbal_pin.report.evaluation import Evaluated, Part, evaluate
 from gimbal_pin.report.joints import PALETTE, joint_colours, joints_of
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.known import known
@@ -166,7 +166,7 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 
 @given(TEXTS)
 @example(EVIL)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     card = html.Card(text, text, text)
     parts = html.join(
@@ -192,7 +192,6 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
 
 
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
-@settings(deadline=None)
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
     found = anchors(titles)
     assert len(set(found)) == len(found) == len(titles)
@@ -206,7 +205,7 @@ def test_joints_keep_the_colours_of_the_rigs() -> None:
 
 
 @given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 5))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
     rng = np.random.default_rng(seed)
     t, values = np.arange(float(count)), rng.standard_normal(count)
@@ -264,6 +263,11 @@ def test_tick_labels_keep_all_their_digits() -> None:
 
 
 # -- what is said ------------------------------------------------------------------------------------------------------
+
+
+def weighted_rms(values: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Root mean square of masked values, per column, as `Accuracy` counts the rows."""
+    return np.sqrt(np.sum(values**2, axis=0) / np.sum(share**2, axis=0))
 
 
 @pytest.mark.parametrize("holdout", [None, "none", "log:1", "last-third"])

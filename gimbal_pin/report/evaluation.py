@@ -123,11 +123,6 @@ def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Arra
     )
 
 
-def weighted_rms(values: Array, share: Array) -> Array:
-    """Root mean square of masked values, per column, as `Accuracy` counts the rows, (n,)."""
-    return np.asarray(np.sqrt(np.sum(values**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300)))
-
-
 def column_rms(blocks: Sequence[Block]) -> Array:
     """Root mean square of each joint's columns, N m per unit, (n, k)."""
     power = np.sum([np.sum(block.A**2, axis=0) for block in blocks], axis=0)

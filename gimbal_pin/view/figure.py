@@ -40,8 +40,8 @@ def figure(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
     for joint, path in enumerate(paths(rig, root)):
         own = moved_by(rig, solids, joint)
         parts = [
-            three.Part(solid.geometry, placement, solid_material(solid), casts=solid.rgba[3] >= 1, receives=True)
-            for solid, placement in own
+            three.Part(s.geometry, at, three.glossy(s.rgba, **facets(s)), casts=s.rgba[3] >= 1, receives=True)
+            for s, at in own
         ]
         commands += [three.draw(f"{path}/solids", three.group(parts, prefix(joint)))] if parts else []
     return commands
@@ -81,11 +81,6 @@ def moved_by(rig: Rig, solids: Sequence[Solid], joint: int) -> list[tuple[Solid,
         for solid in solids
         if frames[solid.link].parentJoint == joint
     ]
-
-
-def solid_material(solid: Solid) -> three.Json:
-    """Return the look of a solid."""
-    return three.glossy(solid.rgba, **facets(solid))
 
 
 def facets(solid: Solid) -> three.Json:

@@ -69,10 +69,12 @@ def corner(several: Sequence[gaze.Picture]) -> str:
 
 def data(shown: Motion, drawn: Scene) -> str:
     """Return the commands and the times as JSON; each command is packed as meshcat's server would send it."""
+    import umsgpack
+
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
     return json.dumps(
         {
-            "commands": packed(commands),
+            "commands": [base64.b64encode(umsgpack.packb(command)).decode() for command in commands],
             "start": float(shown.t[0]),
             "end": float(shown.t[-1]),
             "duration": float(shown.clock[-1]),
@@ -81,13 +83,6 @@ def data(shown: Motion, drawn: Scene) -> str:
             "aspect": stage.ASPECT,
         }
     )
-
-
-def packed(commands: Sequence[three.Json]) -> list[str]:
-    """Return each command as base64 of its msgpack."""
-    import umsgpack
-
-    return [base64.b64encode(umsgpack.packb(command)).decode() for command in commands]
 
 
 def legend(shown: Motion) -> str:

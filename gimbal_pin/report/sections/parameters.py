@@ -36,6 +36,7 @@ def parameters(found: Identified, evaluated: Evaluated | None = None, given: Rig
     """
     every = known(found, evaluated, given)
     rigid = every[: len(found.reduction.independent)]
+    apart, told = None if given is None else stated(Difference.of_identified(given, found)), balance(found)
     parts = [paragraph(overall(found, every))]
     if evaluated is not None:
         parts.append(chart(every))
@@ -43,24 +44,12 @@ def parameters(found: Identified, evaluated: Evaluated | None = None, given: Rig
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         base_table(rigid, given is not None, evaluated is not None),
-        *([] if given is None else [paragraph(line) for line in payload_lines(found, given)]),
-        *balance_part(found),
+        *([] if apart is None else [paragraph(f"Against the URDF: {line}.") for line in apart.lines]),
+        *([] if told is None else [heading("Balance"), bullets(told.sentences)]),
         heading("Friction and other effects"),
         *friction(found, every, evaluated),
     ]
     return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
-
-
-def payload_lines(found: Identified, rig: Rig) -> tuple[str, ...]:
-    """Say what the base parameters mean for the payload: where it sits and what it weighs, against its URDF."""
-    told = stated(Difference.of_identified(rig, found))
-    return () if told is None else tuple(f"Against the URDF: {line}." for line in told.lines)
-
-
-def balance_part(found: Identified) -> list[Markup]:
-    """Say how to balance the payload, what that saves, and whether the motors hold it as it is."""
-    told = balance(found)
-    return [] if told is None else [heading("Balance"), bullets(told.sentences)]
 
 
 def overall(found: Identified, every: Sequence[Known]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import degrees, isnan
 
 import numpy as np
@@ -137,20 +136,17 @@ def controllers(contest: Contest) -> Markup:
     rows = contest.rows
     head: list[Content] = ["Controller", "Jitter, ° rms", "Largest, °", "Drift, °"]
     head += [f"{joint}, N m rms" for joint in rows[0].runs[0].joints] + ["At torque limit"]
-    every = [[row.jitter_rms for row in rows], [row.jitter_max for row in rows]]
+    fair = [row for row in rows if row.controller != ORACLE]  # it cannot be built, and competes with nobody
     body: list[list[Content]] = []
-    for k, row in enumerate(rows):
+    jitters, largest = [row.jitter_rms for row in fair], [row.jitter_max for row in fair]
+    for row in rows:
         own: list[Content] = [controller_name(row.controller)]
-        own += [marked(figures(degrees(values[k])), values[k], every_real(values, rows)) for values in every]
+        for value, every in ((row.jitter_rms, jitters), (row.jitter_max, largest)):
+            own.append(marked(figures(degrees(value)), value, every))
         own += [figures(degrees(row.drift)), *(figures(torque) for torque in row.torque_rms.values())]
         own += [f"{figures(100 * max(row.at_limit.values()), 2)} %"]
         body.append(own)
     return table(head, body, label="Controllers on the platform")
-
-
-def every_real(values: Sequence[float], rows: Sequence[Row]) -> list[float]:
-    """Return the values of what can be built: the oracle competes with nobody."""
-    return [value for value, row in zip(values, rows) if row.controller != ORACLE]
 
 
 def targets(found: Verified) -> Markup:
