@@ -69,7 +69,7 @@ def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: s
     assert last.after < 0.1 * last.before
 
 
-@settings(deadline=None, max_examples=4)
+@settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1))
 def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> None:
     rig, log = bundled("turret"), true_log("turret")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -108,7 +108,7 @@ def logs(draw: st.DrawFn) -> Log:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt", PARQUET])
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25)
 @given(log=logs())
 def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path) -> None:
     path = tmp_path / f"log{suffix}"
@@ -118,7 +118,7 @@ def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", PARQUET])
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30)
 @given(log=logs(), data=st.data())
 def test_motion_reads_back_exactly(suffix: str, log: Log, data: st.DataObject, rig: Rig, tmp_path: Path) -> None:
     v, a = (data.draw(hnp.arrays(np.float64, log.q.shape, elements=numbers)) for _ in range(2))
@@ -257,7 +257,7 @@ def test_bad_csv_says_where_and_how(content: str, place: str, what: str, mend: s
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25)
 @given(
     row=st.integers(0, 30),
     place=st.integers(0, 4),
@@ -510,7 +510,7 @@ def test_yaml_maps_like_entries(tmp_path: Path) -> None:
 
 
 @given(scale=st.floats(1e-3, 1e3), data=hnp.arrays(np.float64, (4, 3), elements=st.floats(-100, 100)))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25)
 def test_mapping_scales_columns(scale: float, data: np.ndarray, rig: Rig, tmp_path: Path) -> None:
     columns = dict(zip(("us", "a", "b", "c"), np.vstack([np.arange(4) * 2000.0, data.T])))
     csv.write_csv(columns, tmp_path / "x.csv")
@@ -570,7 +570,7 @@ def test_two_channels_of_one_name_are_refused() -> None:
         base.columns_of(groups, "rig x")
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25)
 @given(
     coefficients=hnp.arrays(np.float64, (4, 2), elements=st.floats(-2, 2)),
     drop=st.sampled_from([("a",), ("v", "a"), ("v",)]),
@@ -618,7 +618,7 @@ def test_replacing_leaves_the_old_file_when_the_block_fails(tmp_path: Path) -> N
 
 
 @given(content=st.binary() | st.text(st.characters(exclude_categories=["Cs"])))
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=25)
 def test_atomic_write_writes_every_byte(content: str | bytes, tmp_path: Path) -> None:
     files.atomic_write(tmp_path / "x", content)
     assert (tmp_path / "x").read_bytes() == (content.encode() if isinstance(content, str) else content)
@@ -668,7 +668,7 @@ trees = st.recursive(
 
 
 @given(tree=trees)
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25)
 def test_yaml_and_json_round_trip(tree: object, tmp_path: Path) -> None:
     files.write_yaml(tree, tmp_path / "x.yaml")
     assert reading.read_yaml(tmp_path / "x.yaml") == tree

@@ -255,7 +255,7 @@ def planted(draw: st.DrawFn) -> tuple[np.ndarray, list[int], list[int], np.ndarr
     return rng.normal(size=(rows, len(free))) @ mixing, free, zero, mixing
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(planted())
 def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int], np.ndarray]) -> None:
     matrix, free, zero, mixing = case
@@ -268,7 +268,7 @@ def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int
         spans_agree(reduction, matrix)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(1, 15), st.integers(0, 2**32 - 1))
 def test_full_rank_reduces_to_itself(p: int, seed: int) -> None:
     matrix = np.random.default_rng(seed).normal(size=(3 * p + 5, p))
@@ -280,7 +280,7 @@ def test_full_rank_reduces_to_itself(p: int, seed: int) -> None:
     assert subspace(matrix).shape == (p, p)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_units_of_the_columns_do_not_choose_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
