@@ -8,12 +8,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 """Every bundled rig with every payload."""
+
+BODY = (
+    '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'
+    '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.002" ixz="-0.003" iyz="0.004"/></inertial></link>'
+)
+"""A link of a mass, askew in every way."""
 
 
 @cache
@@ -45,3 +52,10 @@ def states(n: int, seed: int, count: int = 20) -> tuple[Array, Array, Array]:
     """Angles, rates and accelerations of a size that rigs know, (count, n) each."""
     draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
     return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
+
+
+def energy(rig: Rig, q: Array, v: Array) -> float:
+    """Kinetic and potential energy of one state, J."""
+    data = rig.model.createData()
+    kinetic = pin.computeKineticEnergy(rig.model, data, q, v)
+    return float(kinetic + pin.computePotentialEnergy(rig.model, data, q))

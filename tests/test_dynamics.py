@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,13 +12,9 @@ from lxml import etree
 
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig, bundled_payloads
-from tests.mujoco_peer import rigid_bodies
-from tests.rigs import COMBINATIONS, bundled, spelled, states
+from tests.mujoco_peer import rigid_bodies, torque
+from tests.rigs import BODY, COMBINATIONS, bundled, energy, spelled, states
 
-BODY = (
-    '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'
-    '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.002" ixz="-0.003" iyz="0.004"/></inertial></link>'
-)
 JOINT = (
     '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>'
     '<origin xyz="0.1 0.2 -0.3" rpy="0.4 0.5 -0.6"/><axis xyz="{4}"/>'
@@ -170,18 +165,7 @@ def test_bundled_thesis_rig_is_the_closed_form(payload: str) -> None:
 
 
 def mujoco_torque(rig: Rig, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """mj_inverse, in the rig's order of joints."""
-    model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
-    data = mujoco.MjData(model)
-    at = [int(model.joint(name).dofadr[0]) for name in rig.joints]
-    assert model.nv == rig.n
-    out = np.empty_like(q)
-    for row, *state in zip(out, q, v, a):
-        for channel, value in zip((data.qpos, data.qvel, data.qacc), state):
-            channel[at] = value
-        mujoco.mj_inverse(model, data)
-        row[:] = data.qfrc_inverse[at]
-    return out
+    return torque(rigid_bodies(etree.fromstring(rig.urdf.encode())), rig.joints, q, v, a)
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
@@ -200,12 +184,6 @@ def test_torque_is_mujocos_on_any_other_urdf(name: str) -> None:
 
 
 # --- energy ---------------------------------------------------------------------------------------------------------
-
-
-def energy(rig: Rig, q: np.ndarray, v: np.ndarray) -> float:
-    data = rig.model.createData()
-    kinetic = pin.computeKineticEnergy(rig.model, data, q, v)
-    return float(kinetic + pin.computePotentialEnergy(rig.model, data, q))
 
 
 def power_balance(rig: Rig, seed: int) -> None:

@@ -21,7 +21,7 @@ from gimbal_pin.profile import ACCELERATION, ATTITUDE, profile_s
 from gimbal_pin.reduction import columns, reduce, scan, stacked
 from gimbal_pin.regressor import regressor, rnea
 from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
-from tests.mujoco_peer import rigid_bodies
+from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import COMBINATIONS, bundled, states
 from tests.test_reduction import subspace
 
@@ -109,19 +109,14 @@ def mujoco_model(rig: Rig) -> mujoco.MjModel:
 
 def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, world: Array) -> Array:
     """mj_inverse with the base where the world sees it: MuJoCo's free joint has its rate in the body's frame."""
-    model, rng = mujoco_model(rig), np.random.default_rng(0)
-    data = mujoco.MjData(model)
-    at = [int(model.joint(name).dofadr[0]) for name in rig.joints]
-    assert model.nv == rig.n + 6 and platform.quat is not None
-    out = np.empty_like(q)
-    for k, row in enumerate(out):
-        data.qpos[:3], data.qpos[3:7] = rng.normal(size=3), platform.quat[k]
-        data.qvel[:3], data.qvel[3:6] = rng.normal(size=3), platform.w[k]
-        data.qacc[:3], data.qacc[3:6] = world[k], platform.dw[k]
-        data.qpos[[j + 1 for j in at]], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
-        mujoco.mj_inverse(model, data)
-        row[:] = data.qfrc_inverse[at]
-    return out
+    assert platform.quat is not None
+    place, speed = np.random.default_rng(0).normal(size=(2, len(q), 3))  # no joint feels them
+    pose, rate, push = (
+        np.hstack([place, platform.quat]),
+        np.hstack([speed, platform.w]),
+        np.hstack([world, platform.dw]),
+    )
+    return torque(mujoco_model(rig), rig.joints, q, v, a, list(zip(pose, rate, push)))
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)

@@ -14,7 +14,7 @@ from gimbal_pin.model import friction_effects
 from gimbal_pin.reduction import TOLERANCE, Reduction, reduce, samples, scan, stacked
 from gimbal_pin.regressor import columns, regressor, rnea
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from tests.rigs import bundled, spelled
+from tests.rigs import BODY, bundled, spelled
 
 TABLE = (
     {"spine.Iyy": 1, "fork.Izz": 1},
@@ -32,10 +32,6 @@ TABLE = (
 ZERO = ("spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my")
 """(4.33)."""
 
-BODY = (
-    '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'
-    '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.002" ixz="-0.003" iyz="0.004"/></inertial></link>'
-)
 JOINT = (
     '<joint name="to_{2}" type="{0}"><parent link="{1}"/><child link="{2}"/><origin xyz="{3}"/><axis xyz="{4}"/>'
     '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
