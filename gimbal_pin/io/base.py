@@ -163,7 +163,7 @@ def log_columns(log: Log) -> dict[str, Array]:
         if (values := getattr(log, attribute)) is not None:
             columns |= zip(joint_group(prefix, log.joints).columns, values.T)
     for link, imu in log.imus.items():
-        for attribute, group in zip(IMU_COLUMNS, imu_groups(link).values()):
-            if (values := getattr(imu, attribute)) is not None:
-                columns |= zip(group.columns, values.T)
+        groups = imu_groups(link)
+        for name, values in imu.channels.items():
+            columns |= zip(groups[f"{name}_{link}"].columns, values.T)
     return columns

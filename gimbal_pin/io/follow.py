@@ -20,6 +20,7 @@ from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, headed
 from gimbal_pin.io.csv_text import as_utf8
 from gimbal_pin.io.mapping import read_mapping
 from gimbal_pin.log import Log
+from gimbal_pin.reading import readable
 from gimbal_pin.rig import Rig
 
 PIPE = "-"
@@ -106,10 +107,5 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         return
     if path.suffix.lower() == ".parquet":
         raise UsageError(str(path), "is Parquet, which is written whole", "follow a CSV file")
-    try:
-        with path.open("rb", buffering=0) as file:
-            yield file
-    except FileNotFoundError as error:
-        raise LogError(str(path), "does not exist", "give the path of a file") from error
-    except OSError as error:
-        raise LogError(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
+    with readable(path, LogError), path.open("rb", buffering=0) as file:
+        yield file
