@@ -17,7 +17,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 DATA = "errors threads parameter reading log urdf_checks urdf config floating rig_files rig"
 SENSED = "signals platform profile calibration regressor imu"
 ROWS = "holes rows replay"
-LOOP = "sensors drive simulation"
+LOOP = "sensors planting drive simulation"
 MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"
 BEFORE = "suspicion halves identification excitation control trajectories"
 VERBS = f"{BEFORE} tuning experiment tracking diagnosis base pointing"
@@ -36,7 +36,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "meshcat", "pandas"}
-NAMELESS = {"identification", "simulation", "diagnosis"}
+NAMELESS = {"identification", "planting", "drive", "simulation", "diagnosis"}
 """Verbs that know causes, but none of them by name."""
 
 
