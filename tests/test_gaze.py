@@ -28,7 +28,7 @@ from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Asked, Verified, verify
 from gimbal_pin.report import pointing, render
-from gimbal_pin.report.numbers import CONTROLLERS, figures
+from gimbal_pin.report.numbers import figures
 from gimbal_pin.report.sections.gaze import gazes
 from gimbal_pin.report.sections.pointing import asked_for, headline, numbers
 from gimbal_pin.rig import Rig
@@ -123,7 +123,7 @@ def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_came
     _, corners = afar.marks(bundled("thesis"), (), shown, WANTED, 0.5)
     away = corners[:8].mean(axis=0) - rays(bundled("thesis"), shown)[0].mean(axis=0)
     np.testing.assert_allclose(away, afar.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
-    scene = onboard(bundled("thesis"), run, outlook(contest(), WANTED), WANTED, CONTROLLERS)
+    scene = onboard(bundled("thesis"), run, outlook(contest(), WANTED), WANTED)
     for word in ("Bolted to the platform", "Held by full model-based control", "joints locked", "horizon", "target"):
         assert word in scene
 
@@ -163,7 +163,7 @@ def test_a_contest_without_the_usual_names_is_shown_too() -> None:
     assert headline(alone).startswith("Computed torque leaves ") and headline(alone).endswith(" rms of jitter.")
     assert headline(pair).endswith(": 5.0 times as much.") and pair.budget is None
     seen = outlook(alone, WANTED, seconds=0.5)
-    assert len(gaze.pictures(seen, CONTROLLERS)) == 3 and "computed torque, to one scale" in gazes(seen, WANTED)
+    assert len(gaze.pictures(seen)) == 3 and "computed torque, to one scale" in gazes(seen, WANTED)
 
 
 def test_the_headline_compares_at_equal_margins() -> None:
@@ -222,7 +222,7 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
     said = visit(path.as_uri(), wide(1380), *looks, wide(420), *looks)
     assert (said.complaints, said.requests) == ([], [path.as_uri()])
     seen = outlook(contest(), WANTED)
-    several = gaze.pictures(seen, CONTROLLERS)
+    several = gaze.pictures(seen)
     expected = [
         gaze.placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
     ]

@@ -355,14 +355,14 @@ def swapped(result: Tracking, joint: str) -> Tracking:
 
 
 def test_the_verdict_names_the_axis_on_which_the_model_does_not_help(walk: Walk) -> None:
-    better = ratios(walk.result, "pid")
+    better = ratios(walk.result)
     assert set(better) == set(walk.rig.joints) and min(better.values()) > 1
-    assert "on every axis" in verdict(99.0, better, "pid")
-    worse = ratios(swapped(walk.result, "tilt"), "pid")
+    assert "on every axis" in verdict(99.0, better)
+    worse = ratios(swapped(walk.result, "tilt"))
     assert worse["tilt"] == pytest.approx(1 / better["tilt"])
-    said = verdict(99.0, worse, "pid")
+    said = verdict(99.0, worse)
     assert "on tilt, PID tracks at least as well" in said and "pan" not in said
-    assert "unexplained" in verdict(50.0, better, "pid") and "tracks" not in verdict(50.0, better, "pid")
+    assert "unexplained" in verdict(50.0, better) and "tracks" not in verdict(50.0, better)
 
 
 def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:
@@ -387,7 +387,7 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
     calm = swapped(walk.result, "pan")
-    assert cautions(None, calm, "pid") == []
+    assert cautions(None, calm) == []
     stuck = replace(
         calm,
         experiments=tuple(
@@ -395,14 +395,14 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
             for e in calm.experiments
         ),
     )
-    (said,) = cautions(None, stuck, "pid")
+    (said,) = cautions(None, stuck)
     assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
     text = parsed(str(report.summary(walk.rig, walk.found, None, stuck).html)).text_content()
     assert "on every axis" not in text and said in text
     vague = walk.found.model.estimated
     assert vague is not None
     unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
-    assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None, "pid"))
+    assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None))
 
 
 def test_sliding_joints_are_shown_in_millimetres() -> None:

@@ -37,7 +37,7 @@ def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estim
     """
     if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
         raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
-    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)], "instrumental")
+    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
 
 
 def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
@@ -57,19 +57,18 @@ def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
     middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
     half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
     # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
-    return iterated(middle, [(block.A, block.A) for block in middle], "instrumental", half)
+    return iterated(middle, [(block.A, block.A) for block in middle], half)
 
 
 Pairs = Sequence[tuple[Array, Array]]
 
 
-def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence[Array] = ()) -> Estimate:
+def iterated(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
     """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
 
     Args:
         blocks: Rows; their A is what residuals are taken with.
         pairs: Per block (Z, A).
-        method: The estimate's name.
         noise: Per block D, whose power is taken off; none where Z and A share no noise.
     """
     rows, width = effective_rows(blocks), blocks[0].A.shape[2]
@@ -85,7 +84,7 @@ def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence
     spread = spread + inverse @ products(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
-    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), method)
+    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "instrumental")
 
 
 def products(noise: Sequence[Array], theta: Array, weight: Array) -> Array:

@@ -9,7 +9,6 @@ from gimbal_pin.pointing.outlook import outlook, shown
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
-from gimbal_pin.report.numbers import CONTROLLERS
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.view.onboard import onboard
@@ -43,4 +42,4 @@ def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str)
 def moving(rig: Rig, held: Verified) -> str:
     """Return the page that shows the rig, held by the best of the controllers, on the platform."""
     run = shown(held.contest)[-1].runs[0]
-    return onboard(rig, run, outlook(held.contest, WANTED), WANTED, CONTROLLERS)
+    return onboard(rig, run, outlook(held.contest, WANTED), WANTED)

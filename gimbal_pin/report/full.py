@@ -15,10 +15,10 @@ from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.html import paragraph
-from gimbal_pin.report.numbers import controller_name
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
+from gimbal_pin.view.names import controller_name
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
 HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."

@@ -11,10 +11,11 @@ from markupsafe import Markup
 from gimbal_pin.report import plots
 from gimbal_pin.report.html import table
 from gimbal_pin.report.joints import Joint, joints_of, units
-from gimbal_pin.report.numbers import DASH, controller_name
+from gimbal_pin.report.numbers import DASH
 from gimbal_pin.report.sections.experiments import chosen, controller_looks, marked
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, Tracking
+from gimbal_pin.view.names import controller_name
 
 
 def cross_table(rig: Rig, result: Tracking, singles: Sequence[str]) -> Markup:

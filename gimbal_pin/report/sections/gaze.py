@@ -12,9 +12,10 @@ from gimbal_pin.log import Array
 from gimbal_pin.pointing.outlook import Outlook
 from gimbal_pin.report import plots
 from gimbal_pin.report.html import join
-from gimbal_pin.report.numbers import CONTROLLERS, controller_name, figures, listed
+from gimbal_pin.report.numbers import figures, listed
 from gimbal_pin.view import gaze
 from gimbal_pin.view.gaze import ASPECT, Picture, Scenery
+from gimbal_pin.view.names import controller_name
 
 EXPOSURES = 14
 """Moments that a wide picture shows on top of each other."""
@@ -23,8 +24,8 @@ RED = "#d8321f"
 
 def gazes(seen: Outlook, wanted: Array) -> Markup:
     """Return the cameras' pictures as an animation, and on top of each other as a still that can be printed."""
-    several = gaze.pictures(seen, CONTROLLERS)
-    page = gaze.page(seen, wanted, CONTROLLERS)
+    several = gaze.pictures(seen)
+    page = gaze.page(seen, wanted)
     played = Markup('<div class="animation"><iframe class="gaze" title="{}" srcdoc="{}"></iframe></div>').format(
         "What the cameras see", page
     )

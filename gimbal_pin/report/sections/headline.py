@@ -8,9 +8,11 @@ import numpy as np
 
 from gimbal_pin.identification import Identified
 from gimbal_pin.report.html import Card
-from gimbal_pin.report.numbers import between, controller_name, figures, percent, torque_text
+from gimbal_pin.report.numbers import between, figures, percent, torque_text
+from gimbal_pin.report.sections.experiments import BASELINE
 from gimbal_pin.report.sections.torque import grade
 from gimbal_pin.tuning import Tuning
+from gimbal_pin.view.names import controller_name
 
 
 def fit_card(found: Identified) -> Card:
@@ -47,14 +49,13 @@ def margin_card(tuning: Tuning) -> Card:
     return Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {figures(disk, 2)}, worst joint")
 
 
-def ratio_card(ratio: Mapping[str, float], baseline: str, fair: bool = True) -> Card:
+def ratio_card(ratio: Mapping[str, float], fair: bool = True) -> Card:
     """Return how many times closer the model-based controller follows, on the axis where it gains least.
 
     Args:
         ratio: Joint → error of the baseline over that of the model-based controller.
-        baseline: The baseline's name.
         fair: False where the baseline is no fair rival: the card then praises nothing.
     """
     joint, times = min(ratio.items(), key=lambda pair: pair[1])
-    note = f"than {controller_name(baseline)}: rms error, all axes together, least on {joint}"
+    note = f"than {controller_name(BASELINE)}: rms error, all axes together, least on {joint}"
     return Card("Tracks closer", f"{figures(times, 2)} ×", note, "poor" if times <= 1 else "good" if fair else "")

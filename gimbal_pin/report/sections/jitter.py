@@ -18,7 +18,8 @@ from gimbal_pin.report.html import (
     heading,
     paragraph,
 )
-from gimbal_pin.report.numbers import controller_name, figures, listed
+from gimbal_pin.report.numbers import figures, listed
+from gimbal_pin.view.names import controller_name
 
 OWN = chart.COLOURS[OURS]
 

@@ -10,8 +10,9 @@ from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import Content, bullets, heading, join, paragraph, table, toned
 from gimbal_pin.report.joints import Joint, joints_of
-from gimbal_pin.report.numbers import controller_name, figures
+from gimbal_pin.report.numbers import figures
 from gimbal_pin.tuning import Tuning
+from gimbal_pin.view.names import controller_name
 
 GAINS = (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))
 PHASE_DEG, GAIN_DB = 45.0, 6.0

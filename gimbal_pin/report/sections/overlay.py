@@ -19,6 +19,8 @@ Flags = NDArray[np.bool_]
 
 WINDOW = 15.0
 """Longest stretch drawn in full, s."""
+BETWEEN = 4
+"""Pieces that a curve is drawn in from row to row."""
 
 
 def worst(evaluated: Evaluated) -> tuple[Part, bool]:
@@ -46,11 +48,11 @@ def broken(t: Array, values: Array) -> Array:
     return out
 
 
-def rounded(t: Array, values: Array, between: int = 4) -> tuple[Array, Array]:
+def rounded(t: Array, values: Array) -> tuple[Array, Array]:
     """Return a curve through the rows, which are as far apart as the filter allows, without corners; broken at gaps."""
-    fine = np.interp(np.arange((len(t) - 1) * between + 1) / between, np.arange(len(t)), t)
+    fine = np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
     smooth = signals.resample(t, values[:, None], fine)[:, 0] if len(t) > 2 else values
-    holes = np.repeat(np.isnan(broken(t, values))[1:], between)
+    holes = np.repeat(np.isnan(broken(t, values))[1:], BETWEEN)
     smooth[1:][holes] = np.nan
     return fine, smooth
 

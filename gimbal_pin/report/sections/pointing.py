@@ -25,11 +25,12 @@ from gimbal_pin.report.html import (
     table,
     toned,
 )
-from gimbal_pin.report.numbers import DASH, controller_name, figures, listed
+from gimbal_pin.report.numbers import DASH, figures, listed
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.gaze import gazes
 from gimbal_pin.report.sections.jitter import angle, diagrams, wrong_models
 from gimbal_pin.report.sections.margins import GAIN_DB, PHASE_DEG, tone
+from gimbal_pin.view.names import controller_name
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}

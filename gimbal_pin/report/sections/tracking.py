@@ -16,11 +16,12 @@ from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import Content, heading, join, paragraph, table
 from gimbal_pin.report.joints import Joint, joints_of
-from gimbal_pin.report.numbers import DASH, DEGREE, controller_name, figures, listed
+from gimbal_pin.report.numbers import DASH, DEGREE, figures, listed
 from gimbal_pin.report.sections.crosstalk import cross_picture, cross_table
-from gimbal_pin.report.sections.experiments import TOGETHER, chosen, controller_looks, marked, names
+from gimbal_pin.report.sections.experiments import BASELINE, TOGETHER, chosen, controller_looks, marked, names
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
+from gimbal_pin.view.names import controller_name
 
 LEAST = 1e-3 / DEGREE
 """Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
@@ -50,16 +51,16 @@ COLUMNS = (
 )
 
 
-def tracking(result: Tracking, rig: Rig, note: str = "", baseline: str = "pid") -> Section:
+def tracking(result: Tracking, rig: Rig, note: str = "") -> Section:
     """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
 
     Args:
         result: What `track` returned.
         rig: The rig, for units and limits.
         note: What the plant was, as a sentence.
-        baseline: The controller that the others are compared with: drawn in grey, behind them.
     """
-    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != baseline)))
+    # The baseline is drawn in grey, behind the others.
+    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != BASELINE)))
     joints = joints_of(rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
     parts = [paragraph(f"Minimum-jerk steps of {steps}. {note}".strip())]
