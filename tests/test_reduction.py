@@ -83,20 +83,6 @@ def test_full_inertias_regroup_the_diagonal_ones_alike() -> None:
     assert [terms for terms in kept if terms] == list(TABLE)
 
 
-def test_names_are_the_thesis_sums() -> None:
-    assert reduce(bundled("thesis"), diagonal=True).base_names == (
-        "spine.Iyy + fork.Izz",
-        "fork.Ixx - fork.Izz + cradle.Izz",
-        "fork.Iyy + cradle.Izz",
-        "fork.mx",
-        "fork.mz + cradle.my",
-        "cradle.Ixx - cradle.Izz",
-        "cradle.Iyy",
-        "cradle.mx",
-        "cradle.mz",
-    )
-
-
 @pytest.mark.parametrize(("gravity", "full", "diagonal"), [((0, 0, -9.81), 15, 9), ((3, -4, -8), 17, 11)])
 def test_counts_of_the_thesis_rig_upright_and_tilted(
     gravity: tuple[float, float, float], full: int, diagonal: int
@@ -108,12 +94,6 @@ def test_counts_of_the_thesis_rig_upright_and_tilted(
     tilted = replace(rig, model=model)
     assert len(reduce(tilted).independent) == full
     assert len(reduce(tilted, diagonal=True).independent) == diagonal
-
-
-@pytest.mark.parametrize("name", bundled_rigs())
-def test_count_of_full_inertias_is_seven_a_joint_and_one_for_the_upright_first(name: str) -> None:
-    rig = bundled(name)
-    assert len(reduce(rig).independent) == 7 * (rig.n - 1) + 1
 
 
 def test_textbook_counts_and_levers() -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin.control import ComputedTorque, JointPid, Pid
 from gimbal_pin.drive import borne
-from gimbal_pin.effects import CAUSES, Coulomb, Effect, Signal, Term
+from gimbal_pin.effects import CAUSES, Effect, Signal, Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.resistance import Resistance
@@ -255,16 +255,3 @@ def test_causes_on_two_joints_are_told_apart() -> None:
     truth = np.array([*terms[0].values, *terms[1].values, 0.0, 0.0, 0.0])
     assert np.all(np.abs(found.theta[-6:] - truth) < 4 * found.std[-6:])
     assert np.all(found.std[-6:] < 0.01)
-
-
-def test_dry_friction_of_nothing_but_coulomb_holds_a_balanced_rig() -> None:
-    """A torque within the friction moves nothing at all; a little more does."""
-    balanced = replace(rig(), model=rig().model.copy())
-    balanced.model.gravity.linear = np.zeros(3)
-    system = Plant(Model(balanced, (Term(Coulomb("pan"), (0.1,)), Term(Coulomb("tilt"), (0.1,)))))
-    state = State(np.array([0.3, 0.4]), np.zeros(2))
-    for k in range(50):
-        state = system.step(k * DT, state, np.array([0.0999, -0.0999]), DT)
-    np.testing.assert_array_equal(state.q, [0.3, 0.4])
-    moved = system.step(0.0, state, np.array([0.1001, 0.0]), DT)
-    assert moved.v[0] > 0 and moved.v[1] == 0
