@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
@@ -56,10 +56,20 @@ def excite(
     loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
     plant = plant_of(model, loaded)
     shown = to_show(plant, effect)
-    options: Any = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "dt": 1 / rate, "effects": shown}
-    options |= {"margin": margin, "clearance": clearance, "speed": speed, "torque_model": plant}
-    options |= {"criterion": sequential(plant.rig, read, seconds, shown) if read else criterion}
-    found = run(plant.rig, **options, rng=np.random.default_rng(seed))
+    found = run(
+        plant.rig,
+        seconds=seconds,
+        harmonics=harmonics,
+        starts=starts,
+        criterion=sequential(plant.rig, read, seconds, shown) if read else criterion,
+        effects=shown,
+        torque_model=plant,
+        margin=margin,
+        clearance=clearance,
+        speed=speed,
+        dt=1 / rate,
+        rng=np.random.default_rng(seed),
+    )
     write_motion(found.motion, found.joints, output)
     present(text.excitation(found), found.to_dict(), json)
 
