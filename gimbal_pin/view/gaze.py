@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from gimbal_pin.log import Array
 from gimbal_pin.view.names import controller_name
+from gimbal_pin.view.template import filled
 
 if TYPE_CHECKING:
     from gimbal_pin.pointing.outlook import Outlook, Shot
@@ -188,11 +189,7 @@ def page(seen: Outlook, wanted: Array) -> str:
         seen: What they saw.
         wanted: R_d, (3, 3).
     """
-    from jinja2 import Environment, StrictUndefined
-
-    source = files("gimbal_pin.view").joinpath("gaze.html.j2").read_text(encoding="utf-8")
     several = pictures(seen)
     # A name may hold anything: what ends a script inside one must not end this one.
     numbers = json.dumps(data(seen, wanted, several), ensure_ascii=True).replace("</", "<\\/")
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    return environment.from_string(source).render(pictures=several, script=script(), data=numbers)
+    return filled("gimbal_pin.view", "gaze.html.j2", pictures=several, script=script(), data=numbers)
