@@ -95,6 +95,11 @@ class Rig:
         return f"Rig(name={self.name!r}, payload={self.payload!r}, joints={self.joints})"
 
     @property
+    def title(self) -> str:
+        """Its name, and what it carries."""
+        return f"{self.name} with {self.payload}" if self.payload else self.name
+
+    @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.joints)

@@ -15,7 +15,6 @@ from gimbal_pin.view.onboard import onboard
 
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
 OTHER = "Camera, recorded motion"
-NOTE = "The plant is {}, with the rig's sensors, delay and torque limits."
 
 
 def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
@@ -32,11 +31,10 @@ def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str)
         parts += [sections.pointing(replace(held, recorded=None)), sections.animation(moving(rig, held), SCENE)]
         alone = [replace(held, contest=other, recorded=None, targets=()) for other in held.contests[1:]]
         parts += [sections.pointing(one, title=OTHER) for one in alone]
-        parts += [] if held.steps is None else [sections.tracking(held.steps, rig, NOTE.format("that of the camera"))]
+        parts += [] if held.steps is None else [sections.tracking(held.steps, rig, "that of the camera")]
     if steps is not None:
-        parts.append(sections.tracking(steps, rig, NOTE.format(plant)))
-    mounted = f" with {rig.payload}" if rig.payload else ""
-    return render(f"{rig.name}{mounted}", [*parts, sections.rig_section(rig)], rig.config.description)
+        parts.append(sections.tracking(steps, rig, plant))
+    return render(rig.title, [*parts, sections.rig_section(rig)], rig.config.description)
 
 
 def moving(rig: Rig, held: Verified) -> str:

@@ -63,12 +63,9 @@ def full(
         lambda: sections.torque(found, evaluated),
         *([] if wrong is None else [partial(sections.diagnosis, wrong)]),
         lambda: sections.margins(*tunings.values()),
-        lambda: sections.tracking(
-            result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
-        ),
+        lambda: sections.tracking(result, rig, plant),
         *([] if held is None else [partial(sections.pointing, held, HELD.format(held_on))]),
         *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why else []),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
-    mounted = f" with {rig.payload}" if rig.payload else ""
-    return render(f"{rig.name}{mounted}", every, rig.config.description)
+    return render(rig.title, every, rig.config.description)

@@ -49,7 +49,7 @@ def page(rig: Rig, log: Log, shown: Motion, drawn: Scene, inset: Inset | None = 
     return filled(
         "gimbal_pin.view",
         "page.html.j2",
-        title=rig.name + (f" with {rig.payload}" if rig.payload else ""),
+        title=rig.title,
         subtitle=log.name,
         legend=legend(shown),
         ramp=shown.colour is not None,

@@ -51,19 +51,20 @@ COLUMNS = (
 )
 
 
-def tracking(result: Tracking, rig: Rig, note: str = "") -> Section:
+def tracking(result: Tracking, rig: Rig, plant: str = "") -> Section:
     """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
 
     Args:
         result: What `track` returned.
         rig: The rig, for units and limits.
-        note: What the plant was, as a sentence.
+        plant: What was simulated, within a sentence.
     """
     # The baseline is drawn in grey, behind the others.
     result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != BASELINE)))
     joints = joints_of(rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
-    parts = [paragraph(f"Minimum-jerk steps of {steps}. {note}".strip())]
+    note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
+    parts = [paragraph(f"Minimum-jerk steps of {steps}.{note}")]
     together = chosen(result, TOGETHER)
     if together:
         parts += [heading("All axes together"), metrics_table(joints, together), responses(rig, together)]
