@@ -87,8 +87,8 @@ def mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     turns, biases = [np.eye(3)] * len(links), [np.zeros(3)] * len(links)
     first = seen.difference(seen.gyro)
     noise = float(np.sqrt(np.mean(first**2)))
+    now = seen.gyro
     for _ in range(PASSES):
-        now = np.stack([(g - b) @ M.T for g, M, b in zip(seen.gyro, turns, biases)])
         known = np.array([[*pin.log3(M), *b] for M, b in zip(turns, biases)])
         step, std = seen.step(now, known, max(noise, 1e-9))
         biases = [b + M.T @ change[3:] for b, M, change in zip(biases, turns, step)]
