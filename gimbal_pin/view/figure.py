@@ -10,7 +10,7 @@ import pinocchio as pin
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import three
-from gimbal_pin.view.motion import Motion, Poses
+from gimbal_pin.view.motion import Frames, Poses
 from gimbal_pin.view.solid import Solid
 
 GHOST = (0.16, 0.45, 0.95)
@@ -113,7 +113,7 @@ def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
     return found
 
 
-def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Motion, root: str) -> Tracks:
+def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Frames, root: str) -> Tracks:
     """Return what turns each moved link from its own colours (0) to red (1); empty without `motion.colour`."""
     found: Tracks = {}
     if motion.colour is None:

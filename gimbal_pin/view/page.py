@@ -12,7 +12,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import afar, gaze, sight, stage, three
-from gimbal_pin.view.motion import Motion, motion
+from gimbal_pin.view.motion import Frames, motion
 from gimbal_pin.view.scene import Scene, scene
 from gimbal_pin.view.template import filled
 
@@ -43,7 +43,7 @@ Inset = tuple[Sequence[gaze.Picture], gaze.Json]
 """What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
 
 
-def page(rig: Rig, log: Log, shown: Motion, drawn: Scene, inset: Inset | None = None) -> str:
+def page(rig: Rig, log: Log, shown: Frames, drawn: Scene, inset: Inset | None = None) -> str:
     """Return the page of a scene, with pictures in its corner where there are any."""
     pictures, seen = ((), None) if inset is None else inset
     return filled(
@@ -61,7 +61,7 @@ def page(rig: Rig, log: Log, shown: Motion, drawn: Scene, inset: Inset | None = 
     )
 
 
-def data(shown: Motion, drawn: Scene) -> str:
+def data(shown: Frames, drawn: Scene) -> str:
     """Return the commands and the times as JSON; each command is packed as meshcat's server would send it."""
     import umsgpack
 
@@ -79,7 +79,7 @@ def data(shown: Motion, drawn: Scene) -> str:
     )
 
 
-def legend(shown: Motion) -> list[tuple[str, str]]:
+def legend(shown: Frames) -> list[tuple[str, str]]:
     """Return colours, and what they mean."""
     marks = [(sight.MEASURED, "line of sight")]
     if shown.q_ref is not None:
