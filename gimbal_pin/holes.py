@@ -56,9 +56,7 @@ def filled(log: Log, cutoff: float) -> Filled:
     h is the hole's length and a the acceleration on both sides of it and across it. What fills it is a cubic, which
     lies closer still. Longer holes than `LONGEST`, and those without motion enough around them, stay holes.
 
-    Args:
-        log: The log.
-        cutoff: Highest frequency that will be looked at, Hz.
+    `cutoff`: the highest frequency that will be looked at, Hz.
     """
     found = holes(log, cutoff)
     if not len(found):

@@ -25,9 +25,7 @@ class Altered(NamedTuple):
 def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     """Return the plant that a model becomes with some causes on top: more terms, signals in its drive, its rig changed.
 
-    Args:
-        model: The model to start from.
-        causes: Terms, drive signals (in the order in which the command passes them) and rig effects.
+    Signals stand in the order in which the command passes them.
 
     Raises:
         UsageError: A joint that the rig does not have, or dry friction that would push somewhere.

@@ -122,8 +122,7 @@ class Platform:
 
         ``f' = f - ω̇×r - ω×(ω×r)``. A profile says how a platform turns and shakes, not about which of its points.
 
-        Args:
-            point: r, in the base link's frame, m, (3,).
+        `point`: r, in the base link's frame, m, (3,).
         """
         swing = np.cross(self.dw, point) + np.cross(self.w, np.cross(self.w, point))
         return Platform(self.t, self.f - swing, self.w, self.dw, self.quat)

@@ -70,9 +70,7 @@ class Rig:
     def load(rig: str | Path, payload: str | Path | None = None) -> Rig:
         """Load a bundled rig by name, a URDF, or a YAML that names a URDF.
 
-        Args:
-            rig: Bundled name, or path of a URDF or YAML file.
-            payload: Bundled payload's name or URDF path; None mounts the YAML's default.
+        `payload`: a bundled one's name or a URDF's path; None mounts the YAML's default.
 
         Raises:
             RigError: Anything that keeps it from being a rig, with file and mend.

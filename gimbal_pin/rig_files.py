@@ -32,9 +32,7 @@ def bundled_payloads() -> tuple[str, ...]:
 def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
     """Return the URDF's path and the configuration of a bundled name, URDF or YAML path.
 
-    Args:
-        rig: Bundled name or path.
-        above: The YAML files that led here, resolved: none may name itself, directly or in a circle.
+    `above`: the YAML files that led here, resolved: none may name itself, directly or in a circle.
     """
     path = bundled() / f"{rig}.urdf" if str(rig) in bundled_rigs() else Path(rig)
     if not path.is_file():

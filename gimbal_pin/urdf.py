@@ -139,9 +139,7 @@ def inertials(text: str) -> dict[str, tuple[float, np.ndarray, np.ndarray]]:
 def with_inertials(text: str, inertials: Mapping[str, tuple[float, np.ndarray, np.ndarray]]) -> str:
     """Return the URDF with the named links' ``<inertial>`` values replaced and every other tag kept.
 
-    Args:
-        text: URDF.
-        inertials: Link → (mass kg, centre of mass m (3,), inertia about it kg m² (3, 3)), in the link's frame.
+    `inertials`: link → mass, kg, centre of mass, m, (3,), inertia about it, kg m², (3, 3), in the link's frame.
     """
     robot = parse(text, "URDF")
     for link in robot.findall("link"):

@@ -76,12 +76,7 @@ WHOLE = Following()
 def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, lines: bool) -> Identified:
     """Learn from a growing log until it ends or Ctrl-C is pressed, a line a second.
 
-    Args:
-        online: The estimator.
-        log: The file, or - for standard input.
-        mapping: What its columns are called.
-        wish: How long to wait for more, and where the way is drawn in the end.
-        lines: Print JSON, not text.
+    With `lines` as JSON, else as text; `wish` says how long to wait for more, and where the way is drawn in the end.
     """
     from gimbal_pin.io.files import replacing, to_json
     from gimbal_pin.io.follow import follow

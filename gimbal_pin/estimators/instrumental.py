@@ -28,9 +28,7 @@ def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estim
     of the same regressor from another source: the reference trajectory, a second sensor, other samples (Reiersøl 1941;
     Janot, Vandanjon and Gautier 2014 for robots).
 
-    Args:
-        blocks: Rows ``A theta = b``.
-        instruments: Per block its Z, (m, n, k), filtered and masked like A.
+    `instruments`: per block its Z, (m, n, k), filtered and masked like A.
 
     Raises:
         UsageError: There is not one Z of A's shape for every block.
@@ -45,9 +43,7 @@ def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
 
     ``theta = (Σ AᵀWB + BᵀWA)⁻¹ Σ (A + B)ᵀWb``: the same whichever comes first.
 
-    Args:
-        blocks: Rows ``A theta = b``.
-        twins: The same rows with the regressor B in the place of A.
+    `twins` are the same rows with the regressor B in the place of A.
 
     Raises:
         UsageError: The two do not have the same shapes.
@@ -66,10 +62,7 @@ Pairs = Sequence[tuple[Array, Array]]
 def iterated(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
     """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
 
-    Args:
-        blocks: Rows; their A is what residuals are taken with.
-        pairs: Per block (Z, A).
-        noise: Per block D, whose power is taken off; none where Z and A share no noise.
+    `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
     """
     rows, width = effective_rows(blocks), blocks[0].A.shape[2]
     weight = np.ones(blocks[0].b.shape[1])

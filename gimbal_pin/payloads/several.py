@@ -78,12 +78,7 @@ def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> It
 
 
 def alike(parts: Sequence[Sequence[Block]], theta: Array) -> list[Block]:
-    """Multiply each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's.
-
-    Args:
-        parts: Blocks of each camera.
-        theta: A first estimate.
-    """
+    """Scale each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's."""
     left = [np.sqrt(np.mean(np.concatenate([residuals(b, theta) for b in part]) ** 2, axis=0)) for part in parts]
     weights = [np.mean(left, axis=0) / np.maximum(one, 1e-300) for one in left]
     return [

@@ -30,13 +30,7 @@ class Section:
 
 
 def render(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
-    """Return the report as one HTML page: no script or picture from elsewhere, every text escaped.
-
-    Args:
-        title: Heading of the page.
-        sections: Its sections, in order.
-        subtitle: A line under the heading.
-    """
+    """Return the report as one HTML page: no script or picture from elsewhere, every text escaped."""
     entries = list(zip(anchors([section.title for section in sections]), sections))
     return filled("gimbal_pin.report", "page.html.j2", title=title, subtitle=subtitle, entries=entries)
 

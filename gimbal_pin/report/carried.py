@@ -20,11 +20,7 @@ OTHER = "Camera, recorded motion"
 def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
     """Return the report of a tracking as HTML.
 
-    Args:
-        rig: The rig.
-        held: What `verify` returned, if it was run.
-        steps: What `track` returned, if it was run.
-        plant: What was simulated, within a sentence.
+    `plant`: what the steps were simulated on, within a sentence.
     """
     parts: list[Section] = []
     if held is not None:

@@ -83,12 +83,7 @@ class Evaluated:
 
 
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
-    """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out.
-
-    Args:
-        found: What `identify` returned.
-        logs: The logs it was given.
-    """
+    """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
     train, test, how = split(logs, holdout(found), found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
     rig = found.model.rig

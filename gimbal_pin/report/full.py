@@ -40,18 +40,8 @@ def full(
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
-    Args:
-        rig: The rig as given.
-        logs: Its logs.
-        found: What `identify` returned.
-        tunings: Name → tuning, the one that the animation shows first.
-        result: What `track` returned.
-        animation: What `view.record` returned.
-        wrong: What `diagnose` returned, if it was run.
-        plant: What the steps were simulated on, within a sentence.
-        held: What `verify` returned, if the camera was held on a moving platform.
-        held_on: What that was simulated on, within a sentence.
-        why: Why it was not, if that is to be said.
+    The animation shows the first of the tunings. `plant` and `held_on` say within a sentence what the steps, and the
+    camera on a moving platform, were simulated on; `why`: why the camera was not held, if that is to be said.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [

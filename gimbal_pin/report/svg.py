@@ -72,10 +72,8 @@ def style(colours: Sequence[str] = PALETTE) -> Iterator[None]:
 def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
     """Return the figure that `make` draws in the report's style as SVG for a page.
 
-    Args:
-        make: Draws it; called within `style`.
-        alt: What is to be seen, for those who cannot see it.
-        colours: Colours of the curves that ask for none.
+    `make` is called within `style`; `alt` is for those who cannot see it; `colours` are those of curves that ask for
+    none.
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 

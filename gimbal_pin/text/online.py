@@ -13,9 +13,7 @@ if TYPE_CHECKING:
 def following(found: Progress, told: int) -> str:
     """One line on an online estimate: time, torque error, the most telling parameters; then what happened anew.
 
-    Args:
-        found: The state.
-        told: How many events were told before.
+    So many events were `told` before.
     """
     error = ", ".join(f"{joint} {number(value, 2)}" for joint, value in found.torque_error.items())
     parts = [f"{found.t:8.1f} s", *([f"off by {error} N m;"] if error else [])]

@@ -28,12 +28,7 @@ def marks(
 ) -> tuple[list[three.Json], Array]:
     """Return the commands that draw target, horizon and platform, and the points that the view must hold, (K, 3).
 
-    Args:
-        rig: The rig.
-        solids: What it draws.
-        poses: How it moves.
-        wanted: The camera's attitude that should be kept, (3, 3).
-        size: Radius of the rig, m.
+    `wanted`: the camera's attitude that should be kept, (3, 3); `size`: radius of the rig, m.
     """
     eye = rays(rig, poses)[0].mean(axis=0)
     place = eye + DISTANCE * size * wanted[:, 0]

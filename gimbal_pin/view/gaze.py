@@ -97,9 +97,7 @@ def grid() -> Array:
 def placed(points: Array, turned: Array) -> Array:
     """Return where directions lie in the picture of a camera turned by e, (K, 2); nan for what is not ahead.
 
-    Args:
-        points: Directions in the wanted camera's frame, (K, 3).
-        turned: e, rad, (3,).
+    `points`: directions in the wanted camera's frame, (K, 3); `turned`: e, rad, (3,).
     """
     x, y, z = (points @ pin.exp3(turned)).T
     ahead = np.where(x > NEAR, x, np.nan)
@@ -185,9 +183,7 @@ def script() -> str:
 def page(seen: Outlook, wanted: Array) -> str:
     """Return a page that plays what the cameras saw, with a control, and needs nothing but a browser.
 
-    Args:
-        seen: What they saw.
-        wanted: R_d, (3, 3).
+    `wanted`: R_d, (3, 3).
     """
     several = pictures(seen)
     # A name may hold anything: what ends a script inside one must not end this one.

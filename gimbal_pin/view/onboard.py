@@ -24,11 +24,7 @@ def onboard(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> str:
 
     The ghost is the rig with its joints locked where a level platform's camera looks as wanted.
 
-    Args:
-        rig: The rig.
-        run: The run; the stretch of `seen` is played.
-        seen: What the cameras saw.
-        wanted: R_d, (3, 3).
+    The stretch of `seen` is played; `wanted`: R_d, (3, 3).
     """
     log = shown(rig, run, seen, wanted)
     moved = replace(motion(rig, log, FPS, 1.0, True, None), pivot=Sight(rig).centre, wanted=wanted)

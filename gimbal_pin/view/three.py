@@ -154,9 +154,7 @@ def track(name: str, kind: str, times: Array, values: Array) -> Json:
 def animate(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
     """Return the command that plays the tracks of each scene path, for ever.
 
-    Args:
-        clips: Scene path → its tracks.
-        path: Where the server keeps the command: it replays its tree in order, so a path made last is sent last.
+    `path`: where the server keeps the command: it replays its tree in order, so a path made last is sent last.
     """
     animations = [
         {"path": where, "clip": {"fps": 1, "name": "motion", "tracks": list(tracks)}} for where, tracks in clips.items()

@@ -44,10 +44,7 @@ def coefficients(found: Identified) -> Iterator[Coefficient]:
 def friction(found: Identified, every: Sequence[Known], evaluated: Evaluated | None = None) -> list[Markup]:
     """Return a table of the effects' coefficients and a picture of their torque over the rate.
 
-    Args:
-        found: What `identify` returned.
-        every: What is known of all parameters, in order.
-        evaluated: Rows that say how fast the joints moved.
+    Over the rates of the rows in `evaluated`.
     """
     head = ["Joint", "Effect", "Coefficient", "Unit", "Value", "95 % interval", "Relative deviation", "of torque limit"]
     head += ["URDF"] * any(one.given is not None for one in every)

@@ -52,9 +52,8 @@ def margin_card(tuning: Tuning) -> Card:
 def ratio_card(ratio: Mapping[str, float], fair: bool = True) -> Card:
     """Return how many times closer the model-based controller follows, on the axis where it gains least.
 
-    Args:
-        ratio: Joint → error of the baseline over that of the model-based controller.
-        fair: False where the baseline is no fair rival: the card then praises nothing.
+    `ratio`: joint → error of the baseline over that of the model-based controller. Where the baseline is no fair rival
+    the card praises nothing.
     """
     joint, times = min(ratio.items(), key=lambda pair: pair[1])
     note = f"than {controller_name(BASELINE)}: rms error, all axes together, least on {joint}"

@@ -29,10 +29,7 @@ LONGEST = 4
 def parameters(found: Identified, evaluated: Evaluated | None = None, given: Rig | None = None) -> Section:
     """Return base parameters and friction with 95 % intervals.
 
-    Args:
-        found: What `identify` returned.
-        evaluated: Rows on which to say how much torque each parameter moves.
-        given: The rig before identification, to set its numbers beside the identified ones.
+    With the torque that each moves on the rows in `evaluated`, and beside them what the rig as given states.
     """
     every = known(found, evaluated, given)
     rigid = every[: len(found.reduction.independent)]

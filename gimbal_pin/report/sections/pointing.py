@@ -39,10 +39,7 @@ VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     """Return what the camera sees on a platform that moves, the error and its parts, torque and margins.
 
-    Args:
-        found: What `verify` returned.
-        note: What the plant and the model were, as sentences.
-        title: Heading.
+    `note`: what the plant and the model were, as sentences.
     """
     contest = found.contest
     parts = [

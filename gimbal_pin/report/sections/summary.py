@@ -44,14 +44,7 @@ def summary(
 ) -> Section:
     """Return the verdict on a rig's identification, controller and tracking.
 
-    Args:
-        rig: The rig.
-        found: What `identify` returned.
-        tuning: What `tune` returned, if it was run.
-        result: What `track` returned, if it was run.
-        logs: The logs, for their length.
-        plant: What was simulated in `result`.
-        wrong: What `diagnose` returned, if it was run.
+    On what was run; `plant`: what the steps were simulated on, within a sentence.
     """
     ratio = {} if result is None else ratios(result)
     fair = result is None or at_limit(result, BASELINE)[1] <= SATURATED

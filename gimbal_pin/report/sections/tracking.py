@@ -54,10 +54,7 @@ COLUMNS = (
 def tracking(result: Tracking, rig: Rig, plant: str = "") -> Section:
     """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
 
-    Args:
-        result: What `track` returned.
-        rig: The rig, for units and limits.
-        plant: What was simulated, within a sentence.
+    `plant`: what was simulated, within a sentence.
     """
     # The baseline is drawn in grey, behind the others.
     result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != BASELINE)))
