@@ -18,7 +18,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.report import sections
 from gimbal_pin.report.joints import joints_of
 from gimbal_pin.report.sections.gain import measures
-from gimbal_pin.report.sections.missed import about_gain, extended_card, missed
+from gimbal_pin.report.sections.headline import about_gain, extended_card, missed
 from gimbal_pin.report.sections.residuals import ranked
 from gimbal_pin.report.sections.summary import verdict
 from gimbal_pin.rig import Rig

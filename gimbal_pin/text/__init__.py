@@ -4,11 +4,11 @@ from gimbal_pin.text.camera import verified as verified
 from gimbal_pin.text.everything import auto as auto
 from gimbal_pin.text.loops import tracking as tracking
 from gimbal_pin.text.loops import tuning as tuning
-from gimbal_pin.text.motion import excitation as excitation
-from gimbal_pin.text.online import following as following
+from gimbal_pin.text.parameters import following as following
 from gimbal_pin.text.parameters import identified as identified
 from gimbal_pin.text.parameters import several as several
 from gimbal_pin.text.rig import base as base
 from gimbal_pin.text.rig import check as check
+from gimbal_pin.text.rig import excitation as excitation
 from gimbal_pin.text.rig import rigs as rigs
 from gimbal_pin.text.wrong import diagnosis as diagnosis

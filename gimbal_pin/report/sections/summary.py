@@ -15,14 +15,16 @@ from gimbal_pin.report.joints import joints_of
 from gimbal_pin.report.numbers import SURE, between, figures, file_name, listed, rows_named, torque_text
 from gimbal_pin.report.sections.experiments import BASELINE, TOGETHER, chosen
 from gimbal_pin.report.sections.headline import (
+    about_gain,
     bandwidth_card,
     error_card,
+    extended_card,
     fit_card,
     margin_card,
+    missed,
     parameter_card,
     ratio_card,
 )
-from gimbal_pin.report.sections.missed import about_gain, extended_card, missed
 from gimbal_pin.report.sections.torque import FAIR, GOOD, grade
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
