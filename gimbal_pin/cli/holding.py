@@ -153,8 +153,8 @@ class Pages:
         """Write them."""
         from gimbal_pin.io.files import atomic_write, replacing
         from gimbal_pin.pointing.chart import chart
-        from gimbal_pin.report.carried import carried as whole
-        from gimbal_pin.report.carried import moving
+        from gimbal_pin.report.full import carried as whole
+        from gimbal_pin.report.full import moving
 
         if self.plot is not None and held is not None:
             with replacing(self.plot) as temporary:

@@ -11,8 +11,7 @@ from gimbal_pin.estimators.base import residuals
 from gimbal_pin.identification import assembled, check_seen, enough
 from gimbal_pin.log import Array, Log
 from gimbal_pin.payloads.camera import BARE, Several
-from gimbal_pin.payloads.carried import Carried
-from gimbal_pin.payloads.parts import camera, change, chosen, mapped, parted, rigid
+from gimbal_pin.payloads.parts import Carried, camera, change, chosen, mapped, parted, rigid
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, kept

@@ -6,11 +6,11 @@
 from gimbal_pin.report.base import Section as Section
 from gimbal_pin.report.base import render as render
 from gimbal_pin.report.base import write as write
-from gimbal_pin.report.carried import carried as carried
-from gimbal_pin.report.carried import moving as moving
 from gimbal_pin.report.evaluation import Evaluated as Evaluated
 from gimbal_pin.report.evaluation import evaluate as evaluate
+from gimbal_pin.report.full import carried as carried
 from gimbal_pin.report.full import full as full
+from gimbal_pin.report.full import moving as moving
 from gimbal_pin.report.sections import animation as animation
 from gimbal_pin.report.sections import data as data
 from gimbal_pin.report.sections import excitation as excitation
