@@ -35,8 +35,7 @@ class Following:
     ] = False
     forget: Annotated[float | None, optional("SECONDS", "with --follow: what is older counts less", "never")] = None
     anew: Annotated[
-        Literal["payload", "everything"],
-        arg(help="with --follow: what is estimated anew when the payload has changed"),
+        Literal["payload", "everything"], arg(help="with --follow: what is estimated anew when the payload has changed")
     ] = "payload"
     idle: Annotated[
         float | None, optional("SECONDS", "with --follow: end when the file has not grown for so long", "never")

@@ -15,7 +15,6 @@ from gimbal_pin.cli.following import WHOLE, Following, by_line, concluded, follo
 from gimbal_pin.cli.inputs import alone, filtering, load_logs
 from gimbal_pin.cli.options import (
     Alignment,
-    Bootstrap,
     Cutoff,
     EstimatorName,
     Holdout,
@@ -26,7 +25,6 @@ from gimbal_pin.cli.options import (
     Payload,
     RigName,
     Seed,
-    Trust,
     optional,
 )
 from gimbal_pin.cli.present import present
@@ -60,8 +58,18 @@ def identify(
         optional("MODEL", "a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do"),
     ] = None,
     bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
-    trust: Trust = None,
-    bootstrap: Bootstrap = 0,
+    trust: Annotated[
+        float | None,
+        optional(
+            "SHARE",
+            "how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
+            "0.3",
+        ),
+    ] = None,
+    bootstrap: Annotated[
+        int,
+        arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour"),
+    ] = 0,
     seed: Seed = 0,
     online: Annotated[Following, OmitArgPrefixes] = WHOLE,
     json: Json = None,

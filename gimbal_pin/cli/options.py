@@ -53,18 +53,6 @@ Holdout = Annotated[
     str | None, optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several")
 ]
 EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
-Trust = Annotated[
-    float | None,
-    optional(
-        "SHARE",
-        "how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
-        "0.3",
-    ),
-]
-Bootstrap = Annotated[
-    int, arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour")
-]
-Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin.cli.inputs import carried, load_rig, mounted, plant_of, play, read_controller, shown_somewhere
-from gimbal_pin.cli.options import (
-    Bandwidth,
-    Effects,
-    Map,
-    MaybeOutput,
-    ModelFile,
-    Payload,
-    PlatformSize,
-    RigName,
-    Seed,
-    optional,
-)
+from gimbal_pin.cli.options import Effects, Map, MaybeOutput, ModelFile, Payload, PlatformSize, RigName, Seed, optional
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Log, Motion
@@ -78,7 +67,7 @@ def simulate(
         Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
     ] = None,
     seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
-    bandwidth_hz: Bandwidth = 8.0,
+    bandwidth_hz: Annotated[float, arg(help="bandwidth of the tracking error, Hz")] = 8.0,
     delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     effect: Effects = (),
     carrying: Annotated[Carrying, OmitArgPrefixes] = STANDING,
