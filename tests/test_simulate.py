@@ -240,10 +240,7 @@ def test_causes_on_two_joints_are_told_apart() -> None:
     w, size = 2 * np.pi * np.array([[0.13, 0.17], [0.41, 0.36]]), np.array([[0.7, 0.5], [0.2, 0.2]])
     angle = t[:, None, None] * w
     motion = Motion(
-        t,
-        (size * np.sin(angle)).sum(1),
-        (size * w * np.cos(angle)).sum(1),
-        (-size * w**2 * np.sin(angle)).sum(1),
+        t, (size * np.sin(angle)).sum(1), (size * w * np.cos(angle)).sum(1), (-size * w**2 * np.sin(angle)).sum(1)
     )
     model = nominal(rig())
     plant, drive = plant_with(model, terms)

@@ -39,13 +39,7 @@ FORMATS: Mapping[str, Format] = {
 """Suffix → format."""
 
 
-def read_log(
-    path: str | Path,
-    rig: Rig,
-    mapping: Sequence[str | Path] = (),
-    *,
-    need_tau: bool = True,
-) -> Log:
+def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, need_tau: bool = True) -> Log:
     """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
 
     Args:

@@ -14,10 +14,7 @@ from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.roster import ORACLE, OURS
 from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.report import plots
-from gimbal_pin.report.html import (
-    heading,
-    paragraph,
-)
+from gimbal_pin.report.html import heading, paragraph
 from gimbal_pin.report.numbers import figures, listed
 from gimbal_pin.view.names import controller_name
 
@@ -42,11 +39,7 @@ def diagrams(contest: Contest) -> list[Markup]:
     )
     told = budget is not None and budget.telling
     parts = [heading("Where the error goes"), budget_picture(budget)] if budget is not None and told else []
-    return [
-        *parts,
-        heading("The line of sight, and its price"),
-        plots.picture(partial(curves, rows), alt, caption),
-    ]
+    return [*parts, heading("The line of sight, and its price"), plots.picture(partial(curves, rows), alt, caption)]
 
 
 def wrong_models(sweep: Sweep) -> list[Markup]:

@@ -13,18 +13,7 @@ from gimbal_pin.pointing.outlook import outlook, shown
 from gimbal_pin.pointing.roster import ORACLE, OURS, TUNED
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report.base import Section
-from gimbal_pin.report.html import (
-    Card,
-    Content,
-    bullets,
-    cards,
-    heading,
-    join,
-    notice,
-    paragraph,
-    table,
-    toned,
-)
+from gimbal_pin.report.html import Card, Content, bullets, cards, heading, join, notice, paragraph, table, toned
 from gimbal_pin.report.numbers import DASH, figures, listed
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.gaze import gazes
