@@ -15,12 +15,8 @@ if TYPE_CHECKING:
 
 
 MOVABLE = ("revolute", "continuous", "prismatic")
-
-
 ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 """Attribute, row and column of the entries of a URDF's inertia."""
-
-
 NUMBERS: Mapping[str, Mapping[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -30,8 +26,6 @@ NUMBERS: Mapping[str, Mapping[str, int]] = {
     "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
 }
 """Tag → its attributes that hold numbers, and how many."""
-
-
 REQUIRED = {"axis": {"xyz"}, "limit": {"effort", "velocity"}, "mass": {"value"}, "inertia": set(NUMBERS["inertia"])}
 """Attributes that must be there: readers differ in what they take a missing one for, and some drop the whole tag."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 INK, MUTED, FAINT, PAPER = "#0a0b0c", "#0a0b0d", "#0a0b0e", "#0a0b0f"
 """Stand-ins for the page's colours of text, of side matters, of lines and of the ground: `inlined` replaces them."""
 INKS = {INK: "currentColor", MUTED: "var(--muted)", FAINT: "var(--line)", PAPER: "var(--ground)"}
-
-
 STYLE: Mapping[str, object] = {
     "font.family": "sans-serif",
     "font.size": 9.5,
