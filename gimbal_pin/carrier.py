@@ -30,10 +30,7 @@ class Carrier:
     def __init__(self, rig: Rig, platform: Platform, armature: Array) -> None:
         """Lay the platform's samples, on a uniform grid, out as Pinocchio takes them.
 
-        Args:
-            rig: The rig.
-            platform: Motion of its base.
-            armature: Inertia of the joints' own motors, kg m², (n,).
+        `armature`: inertia of the joints' own motors, kg m², (n,).
         """
         n = rig.n
         self.pin, self.n = rig.floating.copy(), n

@@ -56,9 +56,7 @@ def apart(blocks: Sequence[Block], directions: Array) -> float:
     only what lies along D counts, what a payload can move: friction that warms up is no other rig. Zero where a half
     tells too little.
 
-    Args:
-        blocks: All rows.
-        directions: D, (k, r).
+    `directions`: D, (k, r).
     """
     parts, k = cut(blocks), len(directions)
     if any(effective_rows(part).sum() < TELLING * k for part in parts if part) or not all(parts):

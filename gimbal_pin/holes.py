@@ -56,9 +56,7 @@ def filled(log: Log, cutoff: float) -> Filled:
     h is the hole's length and a the acceleration on both sides of it and across it. What fills it is a cubic, which
     lies closer still. Longer holes than `LONGEST`, and those without motion enough around them, stay holes.
 
-    Args:
-        log: The log.
-        cutoff: Highest frequency that will be looked at, Hz.
+    `cutoff`: the highest frequency that will be looked at, Hz.
     """
     found = holes(log, cutoff)
     if not len(found):
@@ -134,19 +132,16 @@ def inserted(log: Log, closed: list[tuple[int, Side, Side]]) -> Log:
     values: dict[str, Any] = {name: straight(times, log.t, x) for name, x in measured.items()}
     if log.v is not None:
         values["v"] = np.concatenate([log.v, *slopes])[order]
-    imus = {link: stretched(imu, log.t, times) for link, imu in log.imus.items()}
+    imus = {
+        link: Imu(**{name: straight(times, log.t, x) for name, x in imu.channels.items()})
+        for link, imu in log.imus.items()
+    }
     return replace(log, t=times, q=np.concatenate(q)[order], imus=imus, **values)
 
 
 def straight(times: Array, t: Array, values: Array) -> Array:
     """Interpolate columns linearly, exact at the samples, (N, n)."""
     return np.stack([np.interp(times, t, column) for column in values.T], axis=1)
-
-
-def stretched(imu: Imu, t: Array, times: Array) -> Imu:
-    """Interpolate an IMU's channels."""
-    channels = {name: x for name in ("gyro", "accel", "quat") if (x := getattr(imu, name)) is not None}
-    return Imu(**{name: straight(times, t, x) for name, x in channels.items()})
 
 
 def inside(closed: Array, t: Array) -> NDArray[np.bool_]:

@@ -46,9 +46,7 @@ def to_urdf(rig: Rig, phi: Array) -> str:
     Links fixed to each other are one body, of which only the sum shows. The payload's link takes the change if that
     leaves it physical, else the moving link does, else all links of the body share the sum in proportion to mass.
 
-    Args:
-        rig: The rig.
-        phi: Physical inertial parameters of its bodies, (10 n,).
+    `phi`: physical, (10 n,).
     """
     inertials: dict[str, tuple[float, Array, Array]] = {}
     for body, parameters in enumerate(np.reshape(phi, (-1, 10)), start=1):

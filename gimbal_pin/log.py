@@ -91,10 +91,14 @@ class Imu:
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, frozen(value, (None, width), name))
 
+    @property
+    def channels(self) -> dict[str, Array]:
+        """What it reports, by name."""
+        return {name: x for name in ("gyro", "accel", "quat") if (x := getattr(self, name)) is not None}
+
     def part(self, rows: slice) -> Imu:
         """Return the samples in `rows`."""
-        cut = {name: value[rows] for name in ("gyro", "accel", "quat") if (value := getattr(self, name)) is not None}
-        return Imu(**cut)
+        return Imu(**{name: x[rows] for name, x in self.channels.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +157,6 @@ class Log:
 
     def part(self, rows: slice) -> Log:
         """Return the samples in `rows` as a log of its own."""
-        cut = {
-            name: value[rows]
-            for name in ("t", "q", "v", "tau", "q_ref", "temperature")
-            if (value := getattr(self, name)) is not None
-        }
+        names = ("t", "q", "v", "tau", "q_ref", "temperature")
+        cut = {name: x[rows] for name in names if (x := getattr(self, name)) is not None}
         return replace(self, **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})

@@ -77,9 +77,7 @@ class Plant:
     def __init__(self, model: Model, platform: Platform | None = None) -> None:
         """Take the model's terms apart by joint; what they take per acceleration becomes the rotors' inertia.
 
-        Args:
-            model: The model.
-            platform: Motion of its base on a uniform grid, best of half a step; None: it stands, which is faster.
+        `platform`: motion of its base on a uniform grid, best of half a step; None: it stands, which is faster.
         """
         self.model = model
         self.n = model.rig.n

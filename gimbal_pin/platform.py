@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin import signals
 from gimbal_pin.errors import LogError
@@ -121,8 +122,7 @@ class Platform:
 
         ``f' = f - ω̇×r - ω×(ω×r)``. A profile says how a platform turns and shakes, not about which of its points.
 
-        Args:
-            point: r, in the base link's frame, m, (3,).
+        `point`: r, in the base link's frame, m, (3,).
         """
         swing = np.cross(self.dw, point) + np.cross(self.w, np.cross(self.w, point))
         return Platform(self.t, self.f - swing, self.w, self.dw, self.quat)
@@ -163,25 +163,17 @@ def body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array
 
 def rotations(angles: Array) -> Array:
     """``Rz(yaw) Ry(pitch) Rx(roll)``, (N, 3, 3), of roll, pitch, yaw, rad, (N, 3)."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+    return np.asarray(turned(angles).as_matrix())
 
 
 def quaternions(angles: Array) -> Array:
     """The same as quaternions (w, x, y, z), (N, 4)."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles.T / 2), np.cos(angles.T / 2)
-    parts = [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
-    return np.stack(parts, axis=1)
+    return np.asarray(turned(angles).as_quat(scalar_first=True))
+
+
+def turned(angles: Array) -> Rotation:
+    """Turn about x by roll, then about the fixed y by pitch, then about the fixed z by yaw, rad, (N, 3)."""
+    return Rotation.from_euler("xyz", angles)
 
 
 def level(f: Array) -> Array:

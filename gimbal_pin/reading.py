@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,22 @@ import yaml
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 
-def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError) -> bytes:
-    """Return a file's content; an error of `kind` says why it cannot be read."""
+@contextmanager
+def readable(path: str | Path, kind: type[GimbalPinError]) -> Iterator[None]:
+    """Turn the operating system's refusal to read `path` into an error of `kind`."""
     try:
-        return Path(path).read_bytes()
+        yield
     except FileNotFoundError as error:
         raise kind(str(path), "does not exist", "give the path of a file") from error
     except OSError as error:
         raise kind(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
+
+
+def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError) -> bytes:
+    """Return a file's content; an error of `kind` says why it cannot be read."""
+    with readable(path, kind):
+        content = Path(path).read_bytes()
+    return content
 
 
 def mesh_file(name: str, folder: Path) -> Path | None:

@@ -67,9 +67,7 @@ def scan(matrix: Array, names: tuple[str, ...]) -> Reduction:
     Every column is orthogonalised (twice) against those kept before it; what is left over decides. A largest-pivot
     QR would keep other columns, and which ones would depend on the samples.
 
-    Args:
-        matrix: Stacked regressor, (rows, p), rows well above p.
-        names: Names of its columns (p).
+    `matrix`: stacked regressor, (rows, p), rows well above p.
     """
     basis = np.empty((len(matrix), 0))
     independent, zero = [], []
@@ -129,10 +127,7 @@ def stacked(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tup
 def reduce(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> Reduction:
     """Return the base parameters of a rig: of full inertias, or of diagonal ones as the thesis assumes.
 
-    Args:
-        rig: The rig.
-        diagonal: No products of inertia, no masses.
-        base: What the base does: a lean shows some first moments and masses, turning shows inertias besides. Columns
-            that a lesser motion keeps, a greater one keeps, too.
+    `base` says what the base does: a lean shows some first moments and masses, turning shows inertias besides. Columns
+    that a lesser motion keeps, a greater one keeps, too.
     """
     return replace(scan(*stacked(rig, diagonal, base)), base=base)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.resources
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,16 +13,18 @@ import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin import urdf
-from gimbal_pin.config import Config, Limits, Motor, load_config, overlaid
+from gimbal_pin.config import Config, Limits, Motor
 from gimbal_pin.errors import RigError
 from gimbal_pin.floating import floating
 from gimbal_pin.log import Array
-from gimbal_pin.reading import read_bytes
+from gimbal_pin.rig_files import YAML, find, payload_path, read
+from gimbal_pin.rig_files import bundled as bundled
+from gimbal_pin.rig_files import bundled_payloads as bundled_payloads
+from gimbal_pin.rig_files import bundled_rigs as bundled_rigs
 
 GRAVITY = 9.81
 """Acceleration of gravity, m/s², down the world's z."""
 
-YAML = (".yaml", ".yml")
 
 PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """A body's ten inertial parameters in Pinocchio's order: mass, first moments, inertia about the joint's origin."""
@@ -69,9 +70,7 @@ class Rig:
     def load(rig: str | Path, payload: str | Path | None = None) -> Rig:
         """Load a bundled rig by name, a URDF, or a YAML that names a URDF.
 
-        Args:
-            rig: Bundled name, or path of a URDF or YAML file.
-            payload: Bundled payload's name or URDF path; None mounts the YAML's default.
+        `payload`: a bundled one's name or a URDF's path; None mounts the YAML's default.
 
         Raises:
             RigError: Anything that keeps it from being a rig, with file and mend.
@@ -92,6 +91,11 @@ class Rig:
     def __repr__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
         return f"Rig(name={self.name!r}, payload={self.payload!r}, joints={self.joints})"
+
+    @property
+    def title(self) -> str:
+        """Its name, and what it carries."""
+        return f"{self.name} with {self.payload}" if self.payload else self.name
 
     @property
     def n(self) -> int:
@@ -125,79 +129,6 @@ class Rig:
         for body, parameters in enumerate(np.reshape(phi, (-1, 10)), start=1):
             model.inertias[body] = pin.Inertia.FromDynamicParameters(parameters)
         return replace(self, model=model)
-
-
-def bundled() -> Path:
-    """Return the folder of the bundled rigs: inside the installed package, or beside it in a checkout."""
-    inside = Path(str(importlib.resources.files("gimbal_pin"))) / "urdf"
-    return inside if inside.is_dir() else Path(__file__).parents[1] / "urdf"
-
-
-def bundled_rigs() -> tuple[str, ...]:
-    """Names of the bundled rigs."""
-    return tuple(sorted(path.stem for path in bundled().glob("*.urdf")))
-
-
-def bundled_payloads() -> tuple[str, ...]:
-    """Names of the bundled payloads."""
-    return tuple(sorted(path.stem for path in (bundled() / "payloads").glob("*.urdf")))
-
-
-def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
-    """Return the URDF's path and the configuration of a bundled name, URDF or YAML path.
-
-    Args:
-        rig: Bundled name or path.
-        above: The YAML files that led here, resolved: none may name itself, directly or in a circle.
-    """
-    path = bundled() / f"{rig}.urdf" if str(rig) in bundled_rigs() else Path(rig)
-    if not path.is_file():
-        names = ", ".join(bundled_rigs())
-        raise RigError(str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}")
-    if path.suffix not in YAML:
-        beside = path.with_suffix(".yaml")
-        return path, located(load_config(beside), beside) if beside.is_file() else Config()
-    if path.resolve() in above:
-        raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
-    config = located(load_config(path), path)
-    target = find_target(path, config)
-    if target.suffix == ".urdf":
-        return target, config
-    base_path, base = find(target, (*above, path.resolve()))
-    return base_path, overlaid(base, config)
-
-
-def located(config: Config, path: Path) -> Config:
-    """Return the configuration with its payload's path made relative to the YAML that names it."""
-    if config.payload is None or config.payload in bundled_payloads():
-        return config
-    return replace(config, payload=str(path.parent / config.payload))
-
-
-def find_target(path: Path, config: Config) -> Path:
-    """Return what a YAML's `urdf:` names: a bundled rig, or a file relative to the YAML."""
-    if config.urdf is None:
-        return path.with_suffix(".urdf")
-    if config.urdf in bundled_rigs():
-        return bundled() / f"{config.urdf}.yaml"
-    return path.parent / config.urdf
-
-
-def payload_path(payload: str) -> Path:
-    """Return the URDF of a bundled payload or of a path."""
-    path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)
-    if not path.is_file():
-        names = ", ".join(bundled_payloads())
-        raise RigError(payload, "is neither a file nor a bundled payload", f"give a URDF, or one of {names}")
-    return path
-
-
-def read(path: Path) -> str:
-    """Return a text file's content; `RigError` if it cannot be read."""
-    try:
-        return read_bytes(path, RigError).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise RigError(str(path), f"is not text ({error})", "give a text file in UTF-8") from error
 
 
 def build(path: Path, text: str, config: Config, payload: str | None, payload_link: str | None, stated: str) -> Rig:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from tqdm import tqdm
 
-from gimbal_pin.config import Noise
-from gimbal_pin.effects import RigEffect, Sample, Signal, Term
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.drive import Drive
+from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.imu import noisy, readings
-from gimbal_pin.log import Array, Imu, Log, Motion
-from gimbal_pin.model import Model, brakes
+from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
+from gimbal_pin.planting import plant_with as plant_with
 from gimbal_pin.platform import Platform
-from gimbal_pin.rig import Rig
+from gimbal_pin.sensors import Sensors, imus
 
 
 class Reference(NamedTuple):
@@ -43,122 +42,6 @@ class Controller(Protocol):
 
     def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Any) -> tuple[Array, Any]:
         """Return the torque for the sample measured at `t`, N m, (n,), within the limits, and the next memory."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sensors:
-    """What stands between the plant and the log.
-
-    Attributes:
-        encoder_step: Angle of one encoder step, rad, (n,); 0: exact.
-        rate_std: Standard deviation of the white noise on each rate, rad/s, (n,).
-        torque_std: Standard deviation of the white noise on each reported torque, N m, (n,).
-        imus: Links whose IMU is in the log; on a platform that moves the base's always is.
-        noise: Densities of the IMUs' noise.
-    """
-
-    encoder_step: Array
-    rate_std: Array
-    torque_std: Array
-    imus: tuple[str, ...] = ()
-    noise: Noise = field(default_factory=Noise)
-
-    @staticmethod
-    def exact(n: int) -> Sensors:
-        """No quantisation, no noise."""
-        return Sensors(np.zeros(n), np.zeros(n), np.zeros(n))
-
-    @staticmethod
-    def of(rig: Rig, dt: float, torque_std: float = 0.0) -> Sensors:
-        """The rig's encoders and gyros sampled every `dt` s: a density d gives a standard deviation d/√(2 dt)."""
-        rate = rig.config.noise.gyro / np.sqrt(2 * dt)
-        steps = np.array([motor.encoder_step for motor in rig.motors])
-        return Sensors(steps, np.full(rig.n, rate), np.full(rig.n, torque_std), noise=rig.config.noise)
-
-    def angle(self, q: Array) -> Array:
-        """The angle as the encoder reports it, rad, (n,)."""
-        angles, steps = q.tolist(), self.encoder_step.tolist()
-        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(angles, steps)])
-
-
-Planted = Term | Signal | RigEffect
-
-
-class Altered(NamedTuple):
-    """A plant with causes planted in it: what `simulate` takes as `plant` and `drive`."""
-
-    plant: Model
-    drive: tuple[Signal, ...]
-
-
-def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
-    """Return the plant that a model becomes with some causes on top: more terms, signals in its drive, its rig changed.
-
-    Args:
-        model: The model to start from.
-        causes: Terms, drive signals (in the order in which the command passes them) and rig effects.
-
-    Raises:
-        UsageError: A joint that the rig does not have, or dry friction that would push somewhere.
-    """
-    rig = model.rig
-    for cause in causes:
-        if isinstance(cause, RigEffect):
-            rig = cause.apply(rig)
-        else:
-            rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
-    terms = model.terms + tuple(cause for cause in causes if isinstance(cause, Term))
-    plant = replace(model, rig=rig, terms=terms, estimated=None)
-    check_dry(plant)
-    return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
-
-
-def check_dry(plant: Model) -> None:
-    """Raise `UsageError` if a joint's dry friction at rest, unloaded, is negative anywhere on a turn."""
-    q = np.repeat(np.linspace(-np.pi, np.pi, 2001)[:, None], plant.rig.n, axis=1)
-    zero = np.zeros_like(q)
-    for t in (0.0, 1e6):
-        for way in (1.0, -1.0):
-            least = plant.level(q, zero, zero, zero, np.full(len(q), t), way + zero).min(axis=0)
-            for joint, level in zip(plant.rig.joints, least.tolist()):
-                if level < -1e-9:
-                    what = f"has a dry friction of {level:.3g} N m somewhere: it would push"
-                    raise UsageError(f"joint {joint}", what, "plant less of it, or more Coulomb friction")
-
-
-class Drive:
-    """The drives of all joints: commands in, acting torques out, with the memory of the signals in between."""
-
-    def __init__(self, signals: Sequence[Signal], rig: Rig, dt: float, plant: Model | None = None) -> None:
-        """Start every signal at rest; `plant`: whose friction stands before a gap, None: nobody's."""
-        self.dt, self.plant = dt, plant
-        self.chain = [(rig.joint_index(signal.joint), signal) for signal in signals]
-        self.memory = [signal.start() for signal in signals]
-
-    def acting(self, command: Array, state: State | None = None) -> Array:
-        """Return the mean torque that acts over the next interval, N m, (n,), from a state of the plant."""
-        if not self.chain:
-            return command
-        out = command.tolist()
-        for i, (j, signal) in enumerate(self.chain):
-            beside = 0.0
-            if signal.geared and self.plant is not None and state is not None:
-                beside = float(signal.beside(borne(self.plant, j, state, out[j])))
-            self.memory[i], passed = signal.step(self.memory[i], out[j] + beside, self.dt)
-            out[j] = passed - beside
-        return np.array(out)
-
-
-def borne(plant: Model, joint: int, state: State, torque: float) -> Borne:
-    """What a joint bears in a state of the plant; at rest its dry friction takes what it can of the torque."""
-    q, rate = float(state.q[joint]), float(state.v[joint])
-    terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
-    asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
-    slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
-    if rate:
-        brake = slides[rate > 0]
-        return Borne(brake, asked - brake)
-    return Borne(min(max(torque - asked, slides[0]), slides[1]), asked)
 
 
 def simulate(
@@ -294,16 +177,3 @@ def halved(platform: Platform, t: Array) -> Platform:
         what = f"lasts from {platform.t[0]:g} to {platform.t[-1]:g} s, the reference from {t[0]:g} to {t[-1]:g} s"
         raise UsageError("platform", what, "give a longer motion of the platform, or a shorter reference")
     return platform.at(t[0] + step / 2 * np.arange(2 * len(t) - 1))
-
-
-def imus(
-    rig: Rig, sense: Sensors, t: Array, exact: Array, platform: Platform | None, rng: np.random.Generator
-) -> dict[str, Imu]:
-    """Return what the IMUs report along true angles and rates, (2, N, n); accelerations are the rates' differences."""
-    links = [link for link in dict.fromkeys((rig.base, *sense.imus)) if platform is not None or link in sense.imus]
-    if not links:
-        return {}
-    q, v = exact
-    dt = float(t[1] - t[0])
-    true = readings(rig, links, q, v, np.gradient(v, dt, axis=0), Platform.still(t) if platform is None else platform)
-    return {link: noisy(imu, sense.noise, dt, rng) for link, imu in true.items()}

@@ -79,10 +79,7 @@ def suspicion(blocks: Regression, asked: Asked, method: str = "") -> Suspicion |
 
     The instruments are simulated with bodies fitted to the same rows.
 
-    Args:
-        blocks: Rows.
-        asked: When to test.
-        method: The estimator that was used: one without bias is not advised to those who took it.
+    `method` was used: an estimator without bias is not advised to those who took it.
     """
     if asked == "never":
         return None

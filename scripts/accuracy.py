@@ -17,9 +17,9 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from gimbal_pin.identification import given_beta, identify
+from gimbal_pin.identification import identify
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from tests.bench_logs import closed_loop, oracle
+from tests.bench_logs import closed_loop, oracle, true_theta
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def score(name: str, payload: str, seed: int, seconds: float) -> tuple[str, str,
     rig = Rig.load(name, payload)
     log, tau = closed_loop(rig, seed, seconds)
     found, best = identify(rig, [log]), oracle(rig, log, tau)
-    truth = np.concatenate([given_beta(rig, found.reduction), rig.friction.ravel()])
+    truth = true_theta(rig)
     error, std = np.abs(found.estimate.theta - truth), found.estimate.std
     ratio = max(left / best.held_out.torque_rmse[joint] for joint, left in found.held_out.torque_rmse.items())
     sharp = (error / np.abs(truth))[std < 0.012 * np.abs(truth)]

@@ -9,14 +9,19 @@ import numpy as np
 
 from gimbal_pin.excitation import excite
 from gimbal_pin.experiment import repeated
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import Identified, given_beta, identify
 from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, nominal
+from gimbal_pin.model import Model, friction_effects, nominal
 from gimbal_pin.plant import Plant, State
+from gimbal_pin.platform import BaseMotion
+from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Channels, Filtering, Stretch
+from gimbal_pin.rows import Channels, Filtering, Rows, Stretch
 from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
+
+EXACT = Filtering(alignment=0.0)
+"""The torque is that at the sample itself, as in `prescribed`."""
 
 
 def fourier(rig: Rig, seed: int, seconds: float, dt: float = 1e-3) -> Motion:
@@ -44,6 +49,16 @@ def prescribed(model: Model, seed: int = 0, seconds: float = 20.0, torque_noise:
     tau = model.inverse(motion.q, motion.v, motion.a)
     noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng(seed + 1).standard_normal(tau.shape)
     return Log(f"prescribed {seed}", model.rig.joints, motion.t, motion.q, motion.v, tau + noise)
+
+
+def rows_of(rig: Rig, log: Log, filtering: Filtering = EXACT, base: BaseMotion = "fixed") -> Rows:
+    """The rows of one log for base parameters, Coulomb and viscous friction."""
+    return Rows(rig, reduce(rig, base=base), friction_effects(rig.joints), (log,), filtering)
+
+
+def true_theta(rig: Rig, base: BaseMotion = "fixed") -> Array:
+    """What a rig's own base parameters, Coulomb and viscous friction are."""
+    return np.concatenate([given_beta(rig, reduce(rig, base=base)), rig.friction.ravel()])
 
 
 def truth(plant: Model, log: Log, tau: Array) -> Motion:

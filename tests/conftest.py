@@ -6,13 +6,15 @@ Property tests draw the same examples on every run of the suite; a longer search
 from __future__ import annotations
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from gimbal_pin.cli import main
 from tests.command_line import Run
 
-settings.register_profile("suite", max_examples=40, derandomize=True, deadline=None, database=None)
-settings.register_profile("search", max_examples=2000, deadline=None)
+# A fixture that lasts a test, such as `tmp_path`, serves all examples of it: none of them reads what another left.
+ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+settings.register_profile("suite", ANY, max_examples=40, derandomize=True, database=None)
+settings.register_profile("search", ANY, max_examples=2000)
 settings.load_profile("suite")
 
 

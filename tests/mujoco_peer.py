@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
+import numpy as np
 from lxml import etree
 
+from gimbal_pin.log import Array
 from gimbal_pin.rig import GRAVITY
 
 
@@ -18,3 +22,20 @@ def rigid_bodies(robot: etree._Element) -> mujoco.MjModel:
     for passive in (model.dof_damping, model.dof_frictionloss, model.dof_armature, model.jnt_stiffness):
         passive[:] = 0
     return model
+
+
+def torque(
+    model: mujoco.MjModel, joints: Sequence[str], q: Array, v: Array, a: Array, base: Sequence[Sequence[Array]] = ()
+) -> Array:
+    """mj_inverse in the order of `joints`, (N, n); `base`: per sample a free joint's pose, rate and acceleration."""
+    data, free = mujoco.MjData(model), model.nq - model.nv
+    at = np.array([int(model.joint(name).dofadr[0]) for name in joints])
+    assert model.nv == len(joints) + 6 * free
+    out = np.empty_like(q)
+    for k, row in enumerate(out):
+        for channel, own in zip((data.qpos, data.qvel, data.qacc), base[k] if base else ()):
+            channel[: len(own)] = own
+        data.qpos[at + free], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        row[:] = data.qfrc_inverse[at]
+    return out

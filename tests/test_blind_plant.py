@@ -160,7 +160,7 @@ def test_a_moving_base_costs_the_torque_that_mujoco_says() -> None:
 # dry friction --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 2**32 - 1))
 def test_dry_friction_opposes_motion_or_holds(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -313,7 +313,6 @@ def test_what_a_refit_absorbs_is_not_visible() -> None:
 # rigs and files ------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_rigs_and_their_nominal_twins_are_real_bodies(seed: int, axes: int) -> None:
     rng = np.random.default_rng(seed)

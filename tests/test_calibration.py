@@ -22,20 +22,16 @@ from gimbal_pin.profile import profile_s
 from gimbal_pin.rig import Rig, bundled_rigs
 from gimbal_pin.rows import Filtering
 from tests.bench_logs import fourier
+from tests.rigs import bundled
 
 STEP = 2 * np.pi / 2**16
 """Angle of one encoder step, rad."""
 
 
 @cache
-def rig_of(name: str) -> Rig:
-    return Rig.load(name)
-
-
-@cache
 def true_log(name: str, moving: bool = True, seconds: float = 10.0) -> Log:
     """A prescribed motion on profile S at half size, or on a base that stands, with exact IMUs."""
-    rig = rig_of(name)
+    rig = bundled(name)
     motion = fourier(rig, 0, seconds)
     platform = profile_s(motion.t, np.random.default_rng(0), 0.5) if moving else Platform.still(motion.t)
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a, platform=platform)
@@ -60,7 +56,7 @@ def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: str) -> None:
-    rig, rng = rig_of(name), np.random.default_rng(1)
+    rig, rng = bundled(name), np.random.default_rng(1)
     planted = drawn(rig, rng)
     found = mountings(rig, mounted(true_log(name), rig, planted, rng))
     assert set(found) == set(planted)
@@ -73,10 +69,10 @@ def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: s
     assert last.after < 0.1 * last.before
 
 
-@settings(deadline=None, max_examples=4)
+@settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1))
 def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> None:
-    rig, log = rig_of("turret"), true_log("turret")
+    rig, log = bundled("turret"), true_log("turret")
     part = log.part(slice(seed % 4000, seed % 4000 + 2000))
     np.testing.assert_allclose(gyro_rates(rig, replace(part, v=None)), part.v, atol=1e-12)
     for mounting in mountings(rig, part).values():
@@ -85,7 +81,7 @@ def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> No
 
 def test_what_a_standing_base_hides_stays_as_it_is() -> None:
     """A base that does not turn says nothing of how its IMU is turned; the links' are found all the same."""
-    rig, rng = rig_of("turret"), np.random.default_rng(2)
+    rig, rng = bundled("turret"), np.random.default_rng(2)
     planted = drawn(rig, rng)
     planted[rig.base] = (planted[rig.base][0], np.zeros(3))
     found = mountings(rig, mounted(true_log("turret", moving=False), rig, planted, rng))
@@ -95,7 +91,7 @@ def test_what_a_standing_base_hides_stays_as_it_is() -> None:
 
 
 def test_identification_from_imus_that_sit_askew_is_as_good_as_from_ones_that_do_not() -> None:
-    rig, rng = rig_of("turret"), np.random.default_rng(3)
+    rig, rng = bundled("turret"), np.random.default_rng(3)
     log = mounted(true_log("turret"), rig, drawn(rig, rng), rng)
     straight = mounted(true_log("turret"), rig, {link: (np.zeros(3), np.zeros(3)) for link in rig.config.imus}, rng)
     base_alone = replace(log, imus={rig.base: log.imus[rig.base]})
@@ -109,7 +105,7 @@ def test_identification_from_imus_that_sit_askew_is_as_good_as_from_ones_that_do
 
 
 def test_a_gyro_of_another_motion_is_left_out_and_an_event_says_so() -> None:
-    rig, log = rig_of("thesis"), true_log("thesis")
+    rig, log = bundled("thesis"), true_log("thesis")
     spine = log.imus["spine"]
     assert spine.gyro is not None and log.v is not None
     broken = replace(log, v=None, imus={**log.imus, "spine": Imu(spine.gyro[::-1], spine.accel)})
@@ -127,5 +123,5 @@ def test_a_log_without_imus_on_its_links_is_left_as_it_is() -> None:
     log = true_log("turret")
     for imus in ({}, {"base": log.imus["base"]}):
         bare = replace(log, v=None, imus=imus)
-        found = rectified(rig_of("turret"), bare)
+        found = rectified(bundled("turret"), bare)
         assert not found.mountings and found.log.v is None and set(found.log.imus) == set(imus)

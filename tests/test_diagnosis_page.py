@@ -18,7 +18,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.report import sections
 from gimbal_pin.report.joints import joints_of
 from gimbal_pin.report.sections.gain import measures
-from gimbal_pin.report.sections.missed import about_gain, extended_card, missed
+from gimbal_pin.report.sections.headline import about_gain, extended_card, missed
 from gimbal_pin.report.sections.residuals import ranked
 from gimbal_pin.report.sections.summary import verdict
 from gimbal_pin.rig import Rig
@@ -123,7 +123,7 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
         replace(found, verdict="unknown", findings=(), residual=left)
     )
     assert missed(None) == missed(replace(found, verdict="nothing", findings=())) == ""
-    said = verdict(99.0, {"tilt": 3.0}, "pid", missed(found))
+    said = verdict(99.0, {"tilt": 3.0}, missed(found))
     assert "cogging at tilt" in said and "explains" not in said and "on every axis" in said
     assert "tilt" in about_gain(found)[0] and extended_card(found)[0].tone == "good"
     assert about_gain(replace(found, findings=())) == extended_card(None) == []

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-from pathlib import Path
-
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,15 +11,10 @@ from hypothesis.extra import numpy as hnp
 from lxml import etree
 
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from tests.mujoco_peer import rigid_bodies
+from gimbal_pin.rig import Rig, bundled_payloads
+from tests.mujoco_peer import rigid_bodies, torque
+from tests.rigs import BODY, COMBINATIONS, bundled, energy, spelled, states
 
-COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
-
-BODY = (
-    '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'
-    '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.002" ixz="-0.003" iyz="0.004"/></inertial></link>'
-)
 JOINT = (
     '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>'
     '<origin xyz="0.1 0.2 -0.3" rpy="0.4 0.5 -0.6"/><axis xyz="{4}"/>'
@@ -50,29 +41,13 @@ ODD = {
 """Rigs that are no gimbals: joints of other kinds, branches, axes askew, links welded together."""
 
 
-@pytest.fixture(scope="module")
-def odd(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rig]:
-    rigs = {}
-    for name, body in ODD.items():
-        path = Path(tmp_path_factory.mktemp(name)) / f"{name}.urdf"
-        path.write_text(f'<robot name="{name}"><link name="base"/>{body}</robot>')
-        rigs[name] = Rig.load(path)
-    return rigs
-
-
-def states(n: int, seed: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
-    return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
+def odd(name: str) -> Rig:
+    return spelled(f'<robot name="{name}"><link name="base"/>{ODD[name]}</robot>')
 
 
 # --- the thesis: three concentric axes, modified Denavit-Hartenberg frames -----------------------------------------
 
 THREE = hnp.arrays(float, 3, elements=st.floats(-3, 3, allow_subnormal=False))
-
-
-@cache
-def thesis() -> Rig:
-    return Rig.load("thesis")
 
 
 def turns(q: np.ndarray) -> list[np.ndarray]:
@@ -134,10 +109,10 @@ def diagonal(rig: Rig) -> Rig:
     return rig.with_phi(np.concatenate([body.toDynamicParameters() for body in bodies]))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(THREE)
 def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
-    rig = thesis()
+    rig = bundled("thesis")
     data = rig.model.createData()
     pin.forwardKinematics(rig.model, data, q)
     (c1, c2, c3), (s1, s2, s3) = np.cos(q), np.sin(q)
@@ -153,10 +128,10 @@ def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
     np.testing.assert_allclose(data.oMi[3].translation, [0, 0, h], atol=1e-15)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(THREE)
 def test_jacobians_are_equations_3_32_and_3_33(q: np.ndarray) -> None:
-    rig = thesis()
+    rig = bundled("thesis")
     data = rig.model.createData()
     pin.computeJointJacobians(rig.model, data, q)
     for body, J in enumerate(spins(q), start=1):
@@ -165,12 +140,12 @@ def test_jacobians_are_equations_3_32_and_3_33(q: np.ndarray) -> None:
         np.testing.assert_allclose(ours[:3], 0, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(THREE, THREE, THREE, st.integers(0, 2**32 - 1), st.booleans())
 def test_torque_is_the_thesis_closed_form(
     q: np.ndarray, v: np.ndarray, a: np.ndarray, seed: int, as_thesis: bool
 ) -> None:
-    rig = drawn(thesis(), seed)
+    rig = drawn(bundled("thesis"), seed)
     rig = diagonal(rig) if as_thesis else rig
     bodies = list(rig.model.inertias[1:])
     expected = D(q, bodies) @ a + C(q, v, bodies) @ v + G(q, bodies)
@@ -190,42 +165,25 @@ def test_bundled_thesis_rig_is_the_closed_form(payload: str) -> None:
 
 
 def mujoco_torque(rig: Rig, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """mj_inverse, in the rig's order of joints."""
-    model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
-    data = mujoco.MjData(model)
-    at = [int(model.joint(name).dofadr[0]) for name in rig.joints]
-    assert model.nv == rig.n
-    out = np.empty_like(q)
-    for row, *state in zip(out, q, v, a):
-        for channel, value in zip((data.qpos, data.qvel, data.qacc), state):
-            channel[at] = value
-        mujoco.mj_inverse(model, data)
-        row[:] = data.qfrc_inverse[at]
-    return out
+    return torque(rigid_bodies(etree.fromstring(rig.urdf.encode())), rig.joints, q, v, a)
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
-    rig = Rig.load(name, payload)
+    rig = bundled(name, payload)
     at = states(rig.n, 2, 20)
     np.testing.assert_allclose(rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_torque_is_mujocos_on_any_other_urdf(odd: dict[str, Rig], name: str) -> None:
-    rig = odd[name]
+def test_torque_is_mujocos_on_any_other_urdf(name: str) -> None:
+    rig = odd(name)
     at = states(rig.n, 3, 20)
     scale = np.abs(rnea(rig, *at)).max()
     np.testing.assert_allclose(rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9 * max(1.0, scale))
 
 
 # --- energy ---------------------------------------------------------------------------------------------------------
-
-
-def energy(rig: Rig, q: np.ndarray, v: np.ndarray) -> float:
-    data = rig.model.createData()
-    kinetic = pin.computeKineticEnergy(rig.model, data, q, v)
-    return float(kinetic + pin.computePotentialEnergy(rig.model, data, q))
 
 
 def power_balance(rig: Rig, seed: int) -> None:
@@ -249,9 +207,9 @@ def power_balance(rig: Rig, seed: int) -> None:
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_power_is_the_rate_of_energy_on_every_bundled_rig(name: str, payload: str) -> None:
-    power_balance(Rig.load(name, payload), seed=4)
+    power_balance(bundled(name, payload), seed=4)
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_power_is_the_rate_of_energy_on_any_other_urdf(odd: dict[str, Rig], name: str) -> None:
-    power_balance(odd[name], seed=5)
+def test_power_is_the_rate_of_energy_on_any_other_urdf(name: str) -> None:
+    power_balance(odd(name), seed=5)

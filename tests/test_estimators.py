@@ -14,26 +14,20 @@ from gimbal_pin.estimators.colour import colour, coloured, least
 from gimbal_pin.estimators.hausman import LEVEL
 from gimbal_pin.identification import given_beta, moved
 from gimbal_pin.log import Array, Log
-from gimbal_pin.model import friction_effects, nominal
-from gimbal_pin.reduction import reduce
+from gimbal_pin.model import nominal
 from gimbal_pin.replay import runs
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, kept
+from gimbal_pin.rows import Block, Filtering, Regression, kept
 from gimbal_pin.suspicion import NOISY, Suspicion, noise_share, suspicion
-from tests.bench_logs import prescribed
+from tests.bench_logs import EXACT, prescribed, rows_of
 from tests.test_moving_log import carried, swaying
 
-EXACT = Filtering(alignment=0.0)
 WIDE = Filtering(60.0, alignment=0.0)
 
 
 def quantised(log: Log, bits: int) -> Log:
     step = 2 * np.pi / 2**bits
     return replace(log, q=np.round(log.q / step) * step, v=None)
-
-
-def rows_of(rig: Rig, log: Log, filtering: Filtering) -> Regression:
-    return kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), filtering))
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +43,13 @@ def log(turret: Rig) -> Log:
 @pytest.fixture(scope="module")
 def coarse(turret: Rig, log: Log) -> Regression:
     """Encoders of 15 bits, differentiated twice under a cutoff that lets their noise in."""
-    return rows_of(turret, quantised(log, 15), WIDE)
+    return kept(rows_of(turret, quantised(log, 15), WIDE))
 
 
 @pytest.fixture(scope="module")
 def quiet(turret: Rig, log: Log) -> Regression:
     """The same with exact angles."""
-    return rows_of(turret, replace(log, v=None), WIDE)
+    return kept(rows_of(turret, replace(log, v=None), WIDE))
 
 
 def heaviest(rig: Rig, blocks: Regression) -> tuple[Array, Array]:
@@ -110,15 +104,14 @@ def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: Regress
 
 
 def test_noise_share_goes_with_the_encoders_step(turret: Rig, log: Log) -> None:
-    fine, rough = (noise_share(quantised(log, bits), EXACT, rows_of(turret, log, EXACT)) for bits in (16, 12))
+    fine, rough = (noise_share(quantised(log, bits), EXACT, kept(rows_of(turret, log))) for bits in (16, 12))
     assert rough / fine == pytest.approx(16.0, rel=0.2)
 
 
 def test_a_true_model_follows_its_log(turret: Rig) -> None:
     """In the loop the model of a log without noise stays within a thousandth of what the rig moved."""
     log = prescribed(nominal(turret), 1, 8.0)
-    rows = Rows(turret, reduce(turret), friction_effects(turret.joints), (log,), EXACT)
-    (run,) = runs(rows, nominal(turret), log, calm=False)
+    (run,) = runs(rows_of(turret, log), nominal(turret), log, calm=False)
     inner = run.error[len(run.t) // 10 : -len(run.t) // 10]
     assert np.abs(inner).max() < 1e-3 * np.ptp(log.q)
 
@@ -131,7 +124,7 @@ def test_lost_samples_leave_instruments_and_rows_of_one_shape(turret: Rig, log: 
         some[begin : begin + lost] = False
     torn = quantised(log, bits)
     torn = replace(torn, t=torn.t[some], q=torn.q[some], tau=np.asarray(torn.tau)[some], v=None)
-    blocks = rows_of(turret, torn, EXACT)
+    blocks = kept(rows_of(turret, torn, EXACT))
     free = weighted(blocks)
     assert np.all(np.abs(idim(blocks).theta - free.theta) < 6 * free.std)
 
@@ -184,7 +177,7 @@ def test_estimators_that_simulate_know_a_base_that_moves() -> None:
     rig = Rig.load("turret")
     log = carried(nominal(rig), swaying(1e-3 * np.arange(6001)), 6.0)
     assert moved(rig, [log]) == "rotating"
-    blocks = kept(Rows(rig, reduce(rig, base="rotating"), friction_effects(rig.joints), (log,), EXACT))
+    blocks = kept(rows_of(rig, log, base="rotating"))
     first = weighted(blocks).theta
     assert np.abs(idim(blocks).theta - first).max() < 1e-3 * np.abs(first).max()
     assert np.abs(output_error(blocks).theta - first).max() < 5e-3 * np.abs(first).max()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,8 +14,9 @@ from gimbal_pin.errors import ModelError
 from gimbal_pin.experiment import perturbed
 from gimbal_pin.inertia import physical, strictly, to_urdf
 from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import columns
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
+from gimbal_pin.rig import Rig, bundled_rigs, to_pinocchio
+from gimbal_pin.rows import over_phi
+from tests.rigs import COMBINATIONS, taken_by_all
 
 
 def body(seed: int) -> np.ndarray:
@@ -26,13 +25,6 @@ def body(seed: int) -> np.ndarray:
     mass, at = rng.uniform(0.1, 1.0, 10), 0.2 * rng.standard_normal((10, 3))
     whole = sum((pin.Inertia(m, x, np.zeros((3, 3))).toDynamicParameters() for m, x in zip(mass, at)), np.zeros(10))
     return np.array(whole)
-
-
-def mixing_of(rig: Rig) -> np.ndarray:
-    reduction = reduce(rig)
-    mixing = np.zeros((len(reduction.independent), 10 * rig.n))
-    mixing[:, columns(rig)[1]] = reduction.mixing
-    return mixing
 
 
 @given(st.integers(0, 10**6))
@@ -57,19 +49,16 @@ def test_a_flat_plate_is_thickened_and_nonsense_refused() -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_what_is_physical_stays(name: str) -> None:
     """The true base parameters of another physical rig are reached to a billionth of their deviations."""
-    rig, mixing = Rig.load(name), mixing_of(Rig.load(name))
+    rig, mixing = Rig.load(name), over_phi(Rig.load(name), reduce(Rig.load(name)))
     other = perturbed(rig, 0.1, np.random.default_rng(1)).rig.phi
     beta = mixing @ other
     found = nearest(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))
     assert physical(found.phi) and found.distance < 1e-3
 
 
-@pytest.mark.parametrize(("name", "payload"), [(n, p) for n in bundled_rigs() for p in bundled_payloads()])
+@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
     """Pinocchio, yourdfpy and MuJoCo read it; every tag but the inertials is as it was."""
-    import mujoco
-    import yourdfpy
-
     rig = Rig.load(name, payload)
     wanted = perturbed(rig, 0.2, np.random.default_rng(2)).rig.phi
     text = to_urdf(rig, wanted)
@@ -77,8 +66,7 @@ def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
     lumped = np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
     assert np.allclose(lumped, wanted, rtol=1e-9, atol=1e-12)
     urdf.checked(text, "written")
-    assert len(yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False, build_scene_graph=False).robot.links)
-    assert mujoco.MjModel.from_xml_string(text).nv == rig.n
+    assert taken_by_all(text, rig.n)
 
     def outline(source: str) -> list[tuple[str, tuple[tuple[str, str], ...]]]:
         tree = urdf.parse(source, "outline")

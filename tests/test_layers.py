@@ -14,12 +14,13 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-DATA = "errors threads parameter reading log urdf config floating rig"
-SENSED = "signals platform aboard profile calibration regressor imu"
+DATA = "errors threads parameter reading log urdf_checks urdf config floating rig_files rig"
+SENSED = "signals platform aboard profile gyros calibration regressor imu"
 ROWS = "holes rows replay"
-MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators simulation"
+LOOP = "sensors planting drive simulation"
+MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"
 BEFORE = "suspicion halves identification excitation control trajectories"
-VERBS = f"{BEFORE} tuning experiment tracking montecarlo diagnosis base pointing"
+VERBS = f"{BEFORE} tuning experiment tracking diagnosis base pointing"
 WHOLE = "checking balance payloads online"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
@@ -35,7 +36,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "meshcat", "pandas"}
-NAMELESS = {"identification", "simulation", "diagnosis"}
+NAMELESS = {"identification", "planting", "drive", "simulation", "diagnosis"}
 """Verbs that know causes, but none of them by name."""
 
 

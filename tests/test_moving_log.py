@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,24 +17,18 @@ from gimbal_pin.identification import given_beta, identify, moved
 from gimbal_pin.imu import noisy, readings
 from gimbal_pin.io import read_log, write_motion
 from gimbal_pin.log import Array, Imu, Log
-from gimbal_pin.model import Model, friction_effects, nominal
+from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import MOTIONS, BaseMotion, Platform, rotations
 from gimbal_pin.profile import profile_s
 from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
-from gimbal_pin.rows import Filtering, Rows
+from gimbal_pin.rig import GRAVITY, bundled_rigs
 from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
-from tests.bench_logs import fourier
+from tests.bench_logs import EXACT, fourier, rows_of, true_theta
 from tests.command_line import Run, refused, result
+from tests.rigs import bundled
 
-EXACT = Filtering(alignment=0.0)
 PHANTOM = Path(__file__).parents[2] / "shared" / "data" / "phantom4_motion" / "path_1.csv"
-
-
-@cache
-def rig_of(name: str) -> Rig:
-    return Rig.load(name)
 
 
 def swaying(t: Array, size: float = 0.2) -> Platform:
@@ -63,7 +56,7 @@ def times(seconds: float = 20.0) -> Array:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_an_imu_reports_how_its_link_turns_and_falls_in_the_world(name: str) -> None:
     """Rate and specific force by differentiating the link's pose in the world, the base's motion included."""
-    rig, h = rig_of(name), 1e-3
+    rig, h = bundled(name), 1e-3
     t = 0.4 + h * np.arange(-2, 3)
     platform, size = swaying(t), 1.3 + np.arange(rig.n)
     # Its origin's acceleration is 5 · 0.2 cos(w t): its place -cos(w t)/w².
@@ -90,7 +83,7 @@ def test_an_imu_reports_how_its_link_turns_and_falls_in_the_world(name: str) -> 
 
 
 def test_noise_has_its_density_and_comes_from_the_generator() -> None:
-    rig = rig_of("turret")
+    rig = bundled("turret")
     still = Platform.still(times())
     imu = readings(rig, [rig.base], *(np.zeros((len(still), 2)),) * 3, still)[rig.base]
     one, again = (noisy(imu, rig.config.noise, 1e-3, np.random.default_rng(0)) for _ in range(2))
@@ -104,7 +97,7 @@ def test_noise_has_its_density_and_comes_from_the_generator() -> None:
 
 
 def test_a_log_holds_what_moves_the_base_and_its_torque_is_inverse_dynamics() -> None:
-    rig = rig_of("turret")
+    rig = bundled("turret")
     model, reference = nominal(rig), fourier(rig, 0, 1.0)
     platform = swaying(5e-4 * np.arange(2 * len(reference)))
     sensors = replace(Sensors.exact(rig.n), imus=rig.config.imus)
@@ -125,7 +118,7 @@ def test_a_log_holds_what_moves_the_base_and_its_torque_is_inverse_dynamics() ->
 
 
 def test_a_base_that_stands_changes_no_log_and_its_imus_change_no_estimate() -> None:
-    rig = rig_of("turret")
+    rig = bundled("turret")
     reference = fourier(rig, 0, 5.0)
     law, model = tune(nominal(rig)).controller, nominal(rig)
     plain, seen = (
@@ -146,11 +139,10 @@ def test_a_base_that_stands_changes_no_log_and_its_imus_change_no_estimate() -> 
 @pytest.mark.parametrize("name", ["turret", "thesis"])
 def test_the_true_parameters_leave_no_residual_whatever_is_fitted(name: str, motion: BaseMotion) -> None:
     """The base moves; with fewer base parameters than it shows, the rig as given stands for the others."""
-    rig = rig_of(name)
+    rig = bundled(name)
     log = carried(nominal(rig), swaying(times(8.0)), 8.0)
-    rows = Rows(rig, reduce(rig, base=motion), friction_effects(rig.joints), (log,), EXACT)
-    true = np.concatenate([given_beta(rig, rows.reduction), rig.friction.ravel()])
-    for block in rows:
+    true = true_theta(rig, motion)
+    for block in rows_of(rig, log, base=motion):
         assert np.abs(block.A @ true - block.b).max() < 2e-4 * np.abs(block.b).max()
 
 
@@ -159,7 +151,7 @@ def test_the_true_parameters_leave_no_residual_whatever_is_fitted(name: str, mot
     [(swaying(times()), "rotating"), (Platform.still(times(), 0.3, -0.2), "tilted"), (None, "fixed")],
 )
 def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platform | None, motion: str) -> None:
-    rig = rig_of("turret")
+    rig = bundled("turret")
     true = perturbed(rig, 0.1, np.random.default_rng(0))
     log = carried(true, platform)
     assert moved(rig, [log]) == motion
@@ -173,7 +165,7 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
 @pytest.mark.parametrize("size", [0.0, 0.02])
 def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float) -> None:
     """Against a model that stands; a base at rest is none, though its IMU is in the log."""
-    rig, rng = rig_of("turret"), np.random.default_rng(2)
+    rig, rng = bundled("turret"), np.random.default_rng(2)
     clean = carried(nominal(rig), swaying(times(12.0), size), 12.0)
     assert clean.tau is not None
     log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape))
@@ -188,7 +180,7 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float) -
 
 def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_deviations() -> None:
     """Profile S at half size, 25 s, the sensors' own noise; a model that ignores the platform is far worse."""
-    rig = rig_of("turret")
+    rig = bundled("turret")
     true, t = perturbed(rig, 0.1, np.random.default_rng(1)), times(25.0)
     rng, clean = np.random.default_rng(2), carried(true, profile_s(t, np.random.default_rng(3), size=0.5), 25.0)
     assert clean.v is not None and clean.tau is not None
@@ -208,7 +200,7 @@ def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_d
 
 def test_a_base_that_hardly_turns_keeps_what_it_hides_as_given() -> None:
     """A rate just over the threshold shows no inertia under the torque's noise: the fit falls back, and says so."""
-    rig, t = rig_of("turret"), times(10.0)
+    rig, t = bundled("turret"), times(10.0)
     w = np.tile([0.0, 0.0, 0.0], (len(t), 1))
     w[:, 0] = 0.04 * np.sin(5 * t)
     platform = Platform(t, np.tile([0.0, 0.0, GRAVITY], (len(t), 1)), w, 0.0 * w)
@@ -220,7 +212,7 @@ def test_a_base_that_hardly_turns_keeps_what_it_hides_as_given() -> None:
 
 
 def test_base_says_what_a_moving_base_adds() -> None:
-    found = base(rig_of("thesis"), diagonal=True).to_dict()
+    found = base(bundled("thesis"), diagonal=True).to_dict()
     assert found["identifiable"] == 15
     for motion, count in (("tilted", 17), ("rotating", 18)):
         entry = found["moving_base"][motion]
@@ -235,7 +227,7 @@ def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: 
     one, again, other, along = (tmp_path / f"{name}.csv" for name in ("one", "again", "other", "along"))
     quick, long = tmp_path / "quick.csv", tmp_path / "long.csv"
     for path, seconds in ((quick, 1.0), (long, 1.5)):
-        write_motion(fourier(rig_of("turret"), 0, seconds), rig_of("turret").joints, path)
+        write_motion(fourier(bundled("turret"), 0, seconds), bundled("turret").joints, path)
     shaken = ("simulate", "turret", "--reference", quick, "--platform", "S", "--seed")
     for path, seed in ((one, 5), (again, 5), (other, 6)):
         assert run(*shaken, seed, "-o", path)[0] == 0
@@ -247,8 +239,8 @@ def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: 
     assert header[-10:] == columns
     code, _, err = run("simulate", "turret", "--reference", long, "--platform-log", one, "--imus", "-o", along)
     assert code == 0 and "one.csv ends after 1 s, and so does the simulation" in err
-    first, second = (read_log(path, rig_of("turret")) for path in (one, along))
-    assert set(second.imus) == set(rig_of("turret").config.imus)
+    first, second = (read_log(path, bundled("turret")) for path in (one, along))
+    assert set(second.imus) == set(bundled("turret").config.imus)
     seen, copied = (Platform.measured(log.t, log.imus["base"], log.name, 5.0) for log in (first, second))
     np.testing.assert_allclose(copied.w[200:800], seen.w[200:800], atol=2e-2)
     both = run("simulate", "turret", "--platform", "S", "--platform-log", one, "-o", along)
@@ -271,7 +263,7 @@ def test_a_real_platform_carries_the_rig(run: Run, tmp_path: Path) -> None:
     maps += [f"accel_base_{axis}=Acc_{axis.upper()}" for axis in "xyz"] + ["t=time"]
     options = [part for each in maps for part in ("--map", each)]
     path, moves = tmp_path / "log.csv", tmp_path / "moves.csv"
-    write_motion(fourier(rig_of("turret"), 0, 10.0), rig_of("turret").joints, moves)
+    write_motion(fourier(bundled("turret"), 0, 10.0), bundled("turret").joints, moves)
     code, _, err = run("simulate", "turret", "--reference", moves, "--platform-log", PHANTOM, *options, "-o", path)
     assert code == 0, err
     found = result(run, "identify", "turret", path)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from itertools import pairwise, product
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -21,8 +19,9 @@ from scipy.integrate import solve_ivp
 from gimbal_pin.effects import Coulomb, Term, Viscous
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
-from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rig import Rig
 from tests.mujoco_peer import rigid_bodies
+from tests.rigs import bundled, energy, spelled
 
 WHEEL = """<robot name="wheel"><link name="base"/>
   <link name="wheel"><inertial><mass value="3"/>
@@ -51,15 +50,10 @@ PENDULUM = f"""<robot name="pendulum"><link name="base"/>
 """A double pendulum: its joints push each other hard, unlike a gimbal's."""
 
 
-@cache
 def known(name: str) -> Rig:
     """A bundled rig or one of the three above."""
-    if name in bundled_rigs():
-        return Rig.load(name)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.urdf"
-        path.write_text({"wheel": WHEEL, "sledge": SLEDGE, "pendulum": PENDULUM}[name])
-        return Rig.load(path)
+    own = {"wheel": WHEEL, "sledge": SLEDGE, "pendulum": PENDULUM}
+    return spelled(own[name]) if name in own else bundled(name)
 
 
 def rubbing(rig: Rig, dry: Sequence[float], viscous: Sequence[float] = ()) -> Model:
@@ -83,12 +77,6 @@ def drawn(rig: Rig, seed: int) -> tuple[State, np.ndarray]:
 
 def gravity(rig: Rig, q: np.ndarray) -> np.ndarray:
     return pin.computeGeneralizedGravity(rig.model, rig.model.createData(), q)
-
-
-def energy(rig: Rig, state: State) -> float:
-    data = rig.model.createData()
-    kinetic = pin.computeKineticEnergy(rig.model, data, state.q, state.v)
-    return float(kinetic + pin.computePotentialEnergy(rig.model, data, state.q))
 
 
 # --- without friction -----------------------------------------------------------------------------------------------
@@ -120,10 +108,10 @@ def test_energy_is_kept(name: str) -> None:
     state, tau = drawn(rig, 2)
     after = run(Model(rig, ()), state, 0 * tau, 1.0, 1000)
     assert np.abs(after.q - state.q).max() > 0.1
-    assert energy(rig, after) == pytest.approx(energy(rig, state), abs=1e-7)
+    assert energy(rig, after.q, after.v) == pytest.approx(energy(rig, state.q, state.v), abs=1e-7)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([*SMOOTH, "wheel", "sledge"]))
 def test_inverse_undoes_the_plant(seed: int, name: str) -> None:
     """Model.inverse(q, v, a) of the plant's acceleration is the torque that it was given, while all joints slide."""
@@ -159,7 +147,7 @@ FORCE = st.floats(0, 5).map(lambda x: round(x, 3))
 PUSH = st.floats(-5, 5).map(lambda x: round(x, 3))
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(PUSH, PUSH, FORCE, st.floats(0.01, 3), st.integers(1, 200))
 def test_wheel_slides_stops_and_sticks_as_on_paper(
     v: float, push: float, dry: float, seconds: float, steps: int
@@ -174,7 +162,7 @@ def test_wheel_slides_stops_and_sticks_as_on_paper(
         assert after.v[0] == 0
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(PUSH, PUSH, st.floats(0, 15).map(lambda x: round(x, 3)), st.floats(0.01, 2))
 def test_sledge_on_a_slope(v: float, push: float, dry: float, seconds: float) -> None:
     """Gravity pulls with m g sin(slope) down the rails; under more dry friction than that, it stays where it is."""
@@ -197,7 +185,7 @@ def test_breakaway_is_sharp(share: float, moves: bool, way: float) -> None:
 # --- several joints -------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH))
 def test_below_breakaway_nothing_moves_at_all(seed: int, name: str) -> None:
     rig, rng = known(name), np.random.default_rng(seed)
@@ -208,7 +196,7 @@ def test_below_breakaway_nothing_moves_at_all(seed: int, name: str) -> None:
     np.testing.assert_array_equal(after.v, 0)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH), st.floats(1.01, 3))
 def test_above_breakaway_the_pushed_joint_moves(seed: int, name: str, share: float) -> None:
     rig, rng = known(name), np.random.default_rng(seed)
@@ -232,7 +220,7 @@ def consistent_modes(rig: Rig, q: np.ndarray, tau: np.ndarray, dry: np.ndarray) 
     return out
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["pendulum", "pendulum", *SMOOTH]))
 def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: str) -> None:
     """A joint that another one drags may not go the way that it was pushed at first."""
@@ -248,17 +236,17 @@ def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: s
     np.testing.assert_allclose(after.v, 1e-5 * a, atol=1e-6 * (1 + np.abs(a).max()) * 1e-2)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH))
 def test_energy_never_grows_without_torque(seed: int, name: str) -> None:
     rig, rng = known(name), np.random.default_rng(seed)
     dry, viscous = rng.uniform(0, 0.3, rig.n) * (rng.random(rig.n) < 0.8), rng.uniform(0, 0.1, rig.n)
     state, _ = drawn(rig, seed)
     plant, none = Plant(rubbing(rig, dry, viscous)), np.zeros(rig.n)
-    levels = [energy(rig, state)]
+    levels = [energy(rig, state.q, state.v)]
     for k in range(300):
         state = plant.step(k * 1e-3, state, none, 1e-3)
-        levels.append(energy(rig, state))
+        levels.append(energy(rig, state.q, state.v))
     assert np.diff(levels).max() <= 1e-9
 
 

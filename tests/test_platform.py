@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -22,22 +20,12 @@ from gimbal_pin.platform import Platform, integrated, rotations
 from gimbal_pin.profile import ACCELERATION, ATTITUDE, profile_s
 from gimbal_pin.reduction import columns, reduce, scan, stacked
 from gimbal_pin.regressor import regressor, rnea
-from gimbal_pin.rig import GRAVITY, Rig, bundled_payloads, bundled_rigs
-from tests.mujoco_peer import rigid_bodies
+from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
+from tests.mujoco_peer import rigid_bodies, torque
+from tests.rigs import COMBINATIONS, bundled, states
 from tests.test_reduction import subspace
 
-COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 UP = np.array([0.0, 0.0, GRAVITY])
-
-
-@cache
-def rig_of(name: str, payload: str | None = None) -> Rig:
-    return Rig.load(name, payload)
-
-
-def states(n: int, seed: int, count: int = 20) -> tuple[Array, Array, Array]:
-    draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
-    return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
 
 
 def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
@@ -51,7 +39,7 @@ def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
 # --- the equation of the motion itself ------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-1.4, 1.4), min_size=12, max_size=12))
 def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity(numbers: list[float]) -> None:
     """R' = R [w]x and w' = dw along ``e(t) = e0 + e1 sin t + e2 cos 2t``, by five-point differences."""
@@ -121,24 +109,19 @@ def mujoco_model(rig: Rig) -> mujoco.MjModel:
 
 def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, world: Array) -> Array:
     """mj_inverse with the base where the world sees it: MuJoCo's free joint has its rate in the body's frame."""
-    model, rng = mujoco_model(rig), np.random.default_rng(0)
-    data = mujoco.MjData(model)
-    at = [int(model.joint(name).dofadr[0]) for name in rig.joints]
-    assert model.nv == rig.n + 6 and platform.quat is not None
-    out = np.empty_like(q)
-    for k, row in enumerate(out):
-        data.qpos[:3], data.qpos[3:7] = rng.normal(size=3), platform.quat[k]
-        data.qvel[:3], data.qvel[3:6] = rng.normal(size=3), platform.w[k]
-        data.qacc[:3], data.qacc[3:6] = world[k], platform.dw[k]
-        data.qpos[[j + 1 for j in at]], data.qvel[at], data.qacc[at] = q[k], v[k], a[k]
-        mujoco.mj_inverse(model, data)
-        row[:] = data.qfrc_inverse[at]
-    return out
+    assert platform.quat is not None
+    place, speed = np.random.default_rng(0).normal(size=(2, len(q), 3))  # no joint feels them
+    pose, rate, push = (
+        np.hstack([place, platform.quat]),
+        np.hstack([speed, platform.w]),
+        np.hstack([world, platform.dw]),
+    )
+    return torque(mujoco_model(rig), rig.joints, q, v, a, list(zip(pose, rate, push)))
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
-    rig = rig_of(name, payload)
+    rig = bundled(name, payload)
     platform, _, world = shaken(1)
     at = states(rig.n, 2)
     ours = rnea(rig, *at, platform)
@@ -148,7 +131,7 @@ def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: str) -> None:
-    rig, t = rig_of(name), np.arange(20.0)
+    rig, t = bundled(name), np.arange(20.0)
     at = states(rig.n, 4)
     np.testing.assert_allclose(rnea(rig, *at, Platform.still(t)), rnea(rig, *at), atol=1e-12)
     np.testing.assert_allclose(regressor(rig, *at, Platform.still(t)), regressor(rig, *at), atol=1e-12)
@@ -159,7 +142,7 @@ def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: s
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
-    rig, platform = rig_of(name), shaken(5)[0]
+    rig, platform = bundled(name), shaken(5)[0]
     at, phi = states(rig.n, 6), rig.phi * np.random.default_rng(7).uniform(0.5, 2, 10 * rig.n)
     expected = rnea(rig.with_phi(phi), *at, platform)
     np.testing.assert_allclose(regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9)
@@ -169,7 +152,7 @@ def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_power_at_joints_and_base_is_the_rate_of_energy(name: str) -> None:
     """d/dt (T + V) = q'ᵀ tau + w·M + v·F: energy in the world, where the base really moves and falls; h⁴ errors."""
-    rig = rig_of(name)
+    rig = bundled(name)
     world = rig.floating.copy()
     world.gravity.linear = -UP
     data, h, rng = world.createData(), 1e-3, np.random.default_rng(8)
@@ -216,7 +199,7 @@ COUNTS = {
 
 @pytest.mark.parametrize(("name", "diagonal"), COUNTS)
 def test_a_lean_adds_two_and_turning_four_more(name: str, diagonal: bool) -> None:
-    rig = rig_of(name)
+    rig = bundled(name)
     found = [reduce(rig, diagonal, base) for base in ("fixed", "tilted", "rotating")]  # type: ignore[arg-type]
     assert tuple(len(one.independent) for one in found) == COUNTS[name, diagonal]
     assert tuple(subspace(stacked(rig, diagonal, one.base)[0]).shape[1] for one in found) == COUNTS[name, diagonal]
@@ -226,7 +209,7 @@ def test_a_lean_adds_two_and_turning_four_more(name: str, diagonal: bool) -> Non
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_one_lean_shows_as_much_as_many_and_translation_adds_nothing_to_turning(name: str) -> None:
-    rig, (names, places) = rig_of(name), columns(rig_of(name))
+    rig, (names, places) = bundled(name), columns(bundled(name))
     at, lean = states(rig.n, 9, 200), Platform.still(np.arange(200.0), 0.4, 0.3)
     turning, R, _ = shaken(10, 200)
     in_place = Platform(turning.t, R.transpose(0, 2, 1) @ UP, turning.w, turning.dw)
@@ -251,7 +234,7 @@ def test_the_level_of_a_motion_is_told_from_it() -> None:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
-    rig = rig_of(name)
+    rig = bundled(name)
     platform, model, t = shaken(11)[0], nominal(rig), np.arange(20)
     q, v, a = states(rig.n, 12)
     tau = model.inverse(q, v, a, platform=platform)
@@ -265,7 +248,7 @@ def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_a_base_too_heavy_to_be_moved_moves_as_prescribed(name: str) -> None:
     """One ABA of the heavy base is ``D⁻¹(τ - C v - G)`` with RNEA's bias and CRBA's D, at samples and between them."""
-    rig = rig_of(name)
+    rig = bundled(name)
     (platform, *_), armature, rng = shaken(11), np.linspace(1e-4, 1e-2, rig.n), np.random.default_rng(3)
     carrier, own = Carrier(rig, platform, armature), rig.model.copy()
     own.armature = armature
@@ -281,7 +264,7 @@ def test_a_base_too_heavy_to_be_moved_moves_as_prescribed(name: str) -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_a_platform_at_rest_carries_the_plant_along_the_fixed_ones_way(name: str) -> None:
     """Friction, sticking and all: the two ways of computing the same torque part by rounding alone."""
-    rig, dt = rig_of(name), 1e-3
+    rig, dt = bundled(name), 1e-3
     model, n = nominal(rig), 300
     still, fixed = Plant(model, Platform.still(dt / 2 * np.arange(2 * n + 1))), Plant(model)
     one = other = State(np.full(rig.n, 0.2), np.full(rig.n, 0.4))
@@ -295,7 +278,7 @@ def test_a_platform_at_rest_carries_the_plant_along_the_fixed_ones_way(name: str
 @pytest.mark.parametrize(("rate", "order"), [(3.0, 4), (0.5, 2)])
 def test_the_plant_on_a_shaken_platform_converges(rate: float, order: int) -> None:
     """Of fourth order while the joints slide; stops and starts, where dry friction jumps, leave two orders."""
-    rig, ends = rig_of("turret"), []
+    rig, ends = bundled("turret"), []
     model, v = nominal(rig), rate * np.array([1.0, -1.0])
     for parts in (1, 2, 16):
         dt = 1e-3 / parts
@@ -309,7 +292,7 @@ def test_the_plant_on_a_shaken_platform_converges(rate: float, order: int) -> No
 
 
 def test_shaking_moves_a_joint_only_when_it_breaks_its_dry_friction() -> None:
-    rig, dt = rig_of("turret"), 1e-3
+    rig, dt = bundled("turret"), 1e-3
     platform = profile_s(dt / 2 * np.arange(201), np.random.default_rng(5))
     q, none = np.array([0.3, 0.2]), np.zeros(2)
     need = np.abs(rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)).max(axis=0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from functools import cache
 from math import inf, pi
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -20,9 +19,9 @@ from gimbal_pin import urdf
 from gimbal_pin.config import Limits, Motor
 from gimbal_pin.errors import RigError
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig, bundled, bundled_payloads, bundled_rigs
-
-COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
+from gimbal_pin.rig import bundled as data_folder
+from tests.rigs import COMBINATIONS, bundled
 
 LINK = """  <link name="{0}">
     <inertial>
@@ -82,11 +81,6 @@ def refused(load: Callable[[], object], *words: str) -> RigError:
 # --- what is bundled ------------------------------------------------------------------------------------------------
 
 
-@cache
-def loaded(rig: str, payload: str | None = None) -> Rig:
-    return Rig.load(rig, payload)
-
-
 def test_the_promised_rigs_and_payloads_are_there() -> None:
     assert set(bundled_rigs()) >= {"thesis", "handheld", "turret"}
     assert set(bundled_payloads()) >= {"mirrorless", "cinema", "zoom-lens", "infrared", "none"}
@@ -101,7 +95,7 @@ def pseudo_inertia(body: pin.Inertia) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_every_bundled_combination_is_sound(name: str, payload: str) -> None:
-    rig = loaded(name, payload)
+    rig = bundled(name, payload)
     assert rig.n == rig.model.nq == rig.model.nv == len(rig.links) == len(rig.motors) == len(rig.limits)
     assert (rig.name, rig.payload) == (name, payload)
     assert np.isfinite(rig.tau_max).all() and (rig.tau_max > 0).all()
@@ -118,7 +112,7 @@ def test_every_bundled_combination_is_sound(name: str, payload: str) -> None:
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
 def test_the_motors_hold_the_payload_anywhere(name: str, payload: str) -> None:
-    rig = loaded(name, payload)
+    rig = bundled(name, payload)
     low, high = (np.array([getattr(limit, end) for limit in rig.limits]) for end in ("lower", "upper"))
     q = low + np.random.default_rng(1).uniform(size=(200, rig.n)) * (high - low)
     holding = np.abs(rnea(rig, q, 0 * q, 0 * q)).max(axis=0)
@@ -129,7 +123,7 @@ def test_the_motors_hold_the_payload_anywhere(name: str, payload: str) -> None:
 def test_a_payload_weighs_the_same_on_every_rig_and_moves_with_the_last_link(payload: str) -> None:
     added = []
     for name in bundled_rigs():
-        bare, rig = loaded(name, "none"), loaded(name, payload)
+        bare, rig = bundled(name, "none"), bundled(name, payload)
         assert (rig.joints, rig.links, rig.base) == (bare.joints, bare.links, bare.base)
         np.testing.assert_array_equal(rig.phi[:-10], bare.phi[:-10])
         added.append(rig.model.inertias[rig.n].mass - bare.model.inertias[rig.n].mass)
@@ -139,9 +133,9 @@ def test_a_payload_weighs_the_same_on_every_rig_and_moves_with_the_last_link(pay
 
 def test_a_bundled_rig_mounts_its_own_payload_unless_told() -> None:
     for name in bundled_rigs():
-        stated = yaml.safe_load((bundled() / f"{name}.yaml").read_text())["payload"]
-        assert loaded(name).payload == stated
-        np.testing.assert_array_equal(loaded(name).phi, loaded(name, stated).phi)
+        stated = yaml.safe_load((data_folder() / f"{name}.yaml").read_text())["payload"]
+        assert bundled(name).payload == stated
+        np.testing.assert_array_equal(bundled(name).phi, bundled(name, stated).phi)
 
 
 # --- URDF alone -----------------------------------------------------------------------------------------------------
@@ -266,7 +260,7 @@ def test_payloads_that_cannot_be_mounted(tmp_path: Path) -> None:
 
 
 def test_an_unknown_joint_is_told_with_those_there_are() -> None:
-    rig = loaded("thesis")
+    rig = bundled("thesis")
     assert [rig.joint_index(joint) for joint in rig.joints] == [0, 1, 2]
     refused(lambda: rig.joint_index("jaw"), "jaw", *rig.joints)
 
@@ -282,7 +276,7 @@ def test_a_yaml_overlays_a_bundled_rig_and_keeps_the_rest(tmp_path: Path) -> Non
     motors: {roll: {tau_max: 2.5}}
     limits: {tilt: {upper: 0.9}, yaw: {velocity: 1.1}}
     """
-    rig, base = Rig.load(write(tmp_path, text, "mine.yaml")), loaded("thesis", "zoom-lens")
+    rig, base = Rig.load(write(tmp_path, text, "mine.yaml")), bundled("thesis", "zoom-lens")
     assert rig.payload == "zoom-lens" and rig.config.inertia == "trusted"
     assert (rig.config.imus, rig.config.noise) == (base.config.imus, base.config.noise)
     assert rig.camera_frame == base.camera_frame
@@ -302,7 +296,7 @@ def test_a_yaml_overlays_a_bundled_rig_and_keeps_the_rest(tmp_path: Path) -> Non
 
 
 def test_an_empty_overlay_changes_nothing(tmp_path: Path) -> None:
-    rig, base = Rig.load(write(tmp_path, "urdf: handheld", "mine.yaml")), loaded("handheld")
+    rig, base = Rig.load(write(tmp_path, "urdf: handheld", "mine.yaml")), bundled("handheld")
     for field in ("joints", "links", "motors", "limits", "base", "camera_frame", "payload", "urdf"):
         assert getattr(rig, field) == getattr(base, field)
     assert rig.config.urdf == "handheld"
@@ -311,7 +305,7 @@ def test_an_empty_overlay_changes_nothing(tmp_path: Path) -> None:
 def test_overlays_stack(tmp_path: Path) -> None:
     write(tmp_path, "urdf: turret\nmotors: {pan: {tau_max: 1}}\nlimits: {pan: {velocity: 1}}", "one.yaml")
     path = write(tmp_path, "urdf: one.yaml\nmotors: {pan: {slots: 12}}\nlimits: {pan: {upper: 1}}", "two.yaml")
-    rig, base = Rig.load(path), loaded("turret")
+    rig, base = Rig.load(path), bundled("turret")
     assert (rig.motors[0].tau_max, rig.motors[0].slots, rig.motors[0].poles) == (1, 12, base.motors[0].poles)
     assert (rig.limits[0].velocity, rig.limits[0].upper, rig.limits[0].lower) == (1, 1, base.limits[0].lower)
 
@@ -331,7 +325,7 @@ def test_paths_in_a_yaml_are_relative_to_it(tmp_path: Path, monkeypatch: pytest.
 
 def test_an_argument_beats_the_yaml_payload(tmp_path: Path) -> None:
     path = write(tmp_path, "urdf: thesis\npayload: zoom-lens", "mine.yaml")
-    np.testing.assert_array_equal(Rig.load(path, "infrared").phi, loaded("thesis", "infrared").phi)
+    np.testing.assert_array_equal(Rig.load(path, "infrared").phi, bundled("thesis", "infrared").phi)
 
 
 SIZE = st.floats(0, 1e6, allow_subnormal=False)
@@ -357,7 +351,7 @@ LIMIT = st.fixed_dictionaries(
 )
 
 
-@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30)
 @given(MOTOR, LIMIT)
 def test_numbers_in_a_yaml_arrive_as_written(tmp_path: Path, motor: dict[str, float], limit: dict[str, float]) -> None:
     write(tmp_path, TWO)
@@ -460,7 +454,7 @@ def broken(draw: st.DrawFn) -> str:
     return etree.tostring(robot).decode()
 
 
-@settings(deadline=None, max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80)
 @given(broken())
 def test_a_broken_urdf_is_refused_or_is_a_rig_that_can_move(tmp_path: Path, text: str) -> None:
     path = write(tmp_path, text, "broken.urdf")
@@ -487,7 +481,7 @@ VALUE = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25)
 @given(st.sampled_from(["motors", "limits", "imus", "noise", "urdf", "payload", "mount", "inertia", "x"]), VALUE)
 def test_any_value_in_a_yaml_is_used_or_refused(tmp_path: Path, key: str, value: object) -> None:
     write(tmp_path, TWO)
@@ -535,7 +529,7 @@ def without_numbers(text: str) -> bytes:
     return etree.tostring(robot, method="c14n")
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(bodies(), bodies())
 def test_inertials_arrive_and_every_other_tag_stays(
     arm: tuple[float, np.ndarray, np.ndarray], head: tuple[float, np.ndarray, np.ndarray]
@@ -556,7 +550,7 @@ def test_inertials_arrive_and_every_other_tag_stays(
 
 def test_writing_what_is_there_changes_no_torque() -> None:
     """`inertials` turns each body to its link's axes, which `with_inertials` writes: the same rig."""
-    for text in (TAGGED, loaded("thesis").urdf):
+    for text in (TAGGED, bundled("thesis").urdf):
         again = urdf.with_inertials(text, urdf.inertials(text))
         for ours, theirs in zip(pin.buildModelFromXML(again).inertias, pin.buildModelFromXML(text).inertias):
             np.testing.assert_allclose(ours.toDynamicParameters(), theirs.toDynamicParameters(), atol=1e-14)
@@ -572,10 +566,10 @@ def test_a_link_without_inertial_is_given_one() -> None:
     assert urdf.names(urdf.parse(text, "x"), "link") == ["base", "arm", "head"]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(bodies(), min_size=3, max_size=3))
 def test_other_parameters_make_another_rig_and_leave_this_one(clouds: list[tuple]) -> None:
-    rig = loaded("thesis")
+    rig = bundled("thesis")
     before = rig.phi
     phi = np.concatenate([pin.Inertia(*body).toDynamicParameters() for body in clouds])
     other = rig.with_phi(phi)

@@ -21,13 +21,11 @@ from gimbal_pin.estimators.components import Told, autocovariances, pieces, powe
 from gimbal_pin.identification import Identified, identify
 from gimbal_pin.inertia import pseudo_inertia
 from gimbal_pin.log import Array
-from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.rows import Block, Filtering, Rows, kept, over_phi
-from tests.bench_logs import prescribed
-
-EXACT = Filtering(alignment=0.0)
+from gimbal_pin.rows import Block, kept, over_phi
+from tests.bench_logs import EXACT, prescribed, rows_of
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +63,7 @@ def test_repetition_changes_deviations_alone_and_follows_its_seed(found: Identif
 def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None:
     rig = Rig.load("turret")
     log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.1)
-    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), EXACT))
+    blocks = kept(rows_of(rig, log))
     told = Bootstrap(physical, np.random.default_rng(0), 20, 0.5)(blocks)
     assert told.phi is not None and np.all(told.std < 3 * physical(blocks).std) and told.std.min() > 0
     with pytest.raises(DataError, match="fewer than"):

@@ -189,7 +189,7 @@ def test_solids_stand_where_another_kinematics_puts_them(name: str) -> None:
     assert_same_set(parts(view.record(rig, at(rig, q))), expected(rig, q), 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(q=st.tuples(st.floats(-4, 4), st.floats(-2, 2), st.floats(-1, 1)))
 def test_links_fixed_to_a_moved_one_or_to_the_base_stand_where_they_belong(lumped: Rig, q: tuple[float, ...]) -> None:
     page = view.record(lumped, at(lumped, np.array(q), q_ref=np.array([q]) / 2))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli.inputs import load_rig, mounted, play, shown_somewhere
-from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName
+from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName, optional
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Array, Log
@@ -29,10 +29,8 @@ def animate(
     at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
     residual: Annotated[
         Path | None,
-        arg(
-            metavar="MODEL",
-            help="turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on",
-            help_behavior_hint="",
+        optional(
+            "MODEL", "turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on"
         ),
     ] = None,
     live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
@@ -42,7 +40,7 @@ def animate(
     from gimbal_pin.io import read_log, split_payload
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload or split_payload(log)[1] or (mounted(str(residual)) if residual else None))
+    loaded = load_rig(rig, payload or split_payload(log)[1] or mounted(residual))
     read = read_log(log, loaded, map, need_tau=residual is not None)
     colour = None if residual is None else warmth(residual, loaded, read)
     if output is not None:

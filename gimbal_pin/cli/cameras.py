@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from gimbal_pin.cli.inputs import load_logs, load_rig, mounted
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.estimators import Estimator
     from gimbal_pin.payloads import Several
+    from gimbal_pin.rows import Filtering
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How logs are fitted, whatever is identified from them.
+
+    Attributes:
+        estimator: Blocks → `Estimate`.
+        holdout: As for `identify`.
+        filtering: Cutoff and alignment.
+    """
+
+    estimator: Estimator
+    holdout: str | None
+    filtering: Filtering | None
 
 
 def tags_of(logs: Sequence[str]) -> list[str | None]:
@@ -20,7 +38,7 @@ def tags_of(logs: Sequence[str]) -> list[str | None]:
 
 
 def cameras(
-    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], known: str | None, options: Any
+    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], known: str | None, fit: Fit
 ) -> Several:
     """Identify one gimbal with the several payloads that the logs are tagged with, or a new one on a known gimbal."""
     from gimbal_pin.io.model import read_model
@@ -28,11 +46,11 @@ def cameras(
 
     if known is not None:
         loaded, read = load_logs(rig, payload, logs, mapping)
-        return identify_new(loaded, read, read_model(known, load_rig(rig, mounted(known))), **options)
+        return identify_new(loaded, read, read_model(known, load_rig(rig, mounted(known))), **vars(fit))
     tags = [tag for tag in tags_of(logs) if tag is not None]
     if payload is not None or None in tags_of(logs):
         raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
     each = {tag: [log for log in logs if log.endswith(f"@{tag}")] for tag in tags}
     pairs = {tag: load_logs(rig, None, mine, mapping) for tag, mine in each.items()}
     rigs, read_by = ({tag: pair[k] for tag, pair in pairs.items()} for k in (0, 1))
-    return identify_several(rigs, read_by, **options)  # type: ignore[arg-type]
+    return identify_several(rigs, read_by, **vars(fit))  # type: ignore[arg-type]

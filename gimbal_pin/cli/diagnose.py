@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from tyro.conf import arg
-
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_logs
-from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed
+from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed, optional
 from gimbal_pin.cli.present import present
 
 
@@ -19,9 +17,7 @@ def diagnose(
     *,
     payload: Payload = None,
     map: Map = (),
-    cutoff: Annotated[
-        float | None, arg(metavar="HZ", help="highest frequency that is looked at", help_behavior_hint="(default: 12)")
-    ] = None,
+    cutoff: Annotated[float | None, optional("HZ", "highest frequency that is looked at", "12")] = None,
     alignment: Alignment = None,
     holdout: Holdout = None,
     seed: Seed = 0,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_logs, load_rig, mounted, plant_of, positive
-from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed
+from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed, optional
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -29,11 +29,7 @@ def excite(
     criterion: Literal["condition", "determinant"] = "condition",
     after: Annotated[
         tuple[str, ...],
-        arg(
-            metavar="LOG …",
-            help="earlier logs: design what teaches most beyond them, by log det of the information",
-            help_behavior_hint="",
-        ),
+        optional("LOG …", "earlier logs: design what teaches most beyond them, by log det of the information"),
     ] = (),
     map: Map = (),
     effect: Annotated[
@@ -56,14 +52,24 @@ def excite(
     from gimbal_pin.io import write_motion
 
     positive("--rate", rate)
-    camera = payload or (mounted(str(model)) if model else None)
+    camera = payload or mounted(model)
     loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
     plant = plant_of(model, loaded)
     shown = to_show(plant, effect)
-    options: Any = {"seconds": seconds, "harmonics": harmonics, "starts": starts, "dt": 1 / rate, "effects": shown}
-    options |= {"margin": margin, "clearance": clearance, "speed": speed, "torque_model": plant}
-    options |= {"criterion": sequential(plant.rig, read, seconds, shown) if read else criterion}
-    found = run(plant.rig, **options, rng=np.random.default_rng(seed))
+    found = run(
+        plant.rig,
+        seconds=seconds,
+        harmonics=harmonics,
+        starts=starts,
+        criterion=sequential(plant.rig, read, seconds, shown) if read else criterion,
+        effects=shown,
+        torque_model=plant,
+        margin=margin,
+        clearance=clearance,
+        speed=speed,
+        dt=1 / rate,
+        rng=np.random.default_rng(seed),
+    )
     write_motion(found.motion, found.joints, output)
     present(text.excitation(found), found.to_dict(), json)
 

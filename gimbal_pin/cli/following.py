@@ -15,6 +15,7 @@ from tyro.conf import arg
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
+from gimbal_pin.cli.options import optional
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -32,29 +33,15 @@ class Following:
     follow: Annotated[
         bool, arg(help="learn from one growing CSV file, or from - (standard input), as it is written; Ctrl-C ends it")
     ] = False
-    forget: Annotated[
-        float | None,
-        arg(metavar="SECONDS", help="with --follow: what is older counts less", help_behavior_hint="(default: never)"),
-    ] = None
+    forget: Annotated[float | None, optional("SECONDS", "with --follow: what is older counts less", "never")] = None
     anew: Annotated[
-        Literal["payload", "everything"],
-        arg(help="with --follow: what is estimated anew when the payload has changed"),
+        Literal["payload", "everything"], arg(help="with --follow: what is estimated anew when the payload has changed")
     ] = "payload"
     idle: Annotated[
-        float | None,
-        arg(
-            metavar="SECONDS",
-            help="with --follow: end when the file has not grown for so long",
-            help_behavior_hint="(default: never)",
-        ),
+        float | None, optional("SECONDS", "with --follow: end when the file has not grown for so long", "never")
     ] = None
     plot: Annotated[
-        Path | None,
-        arg(
-            metavar="FILE",
-            help="with --follow: write the estimates over time: .png, .svg or .pdf",
-            help_behavior_hint="",
-        ),
+        Path | None, optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")
     ] = None
 
     def check(self, batch_only: Mapping[str, bool]) -> None:
@@ -88,12 +75,7 @@ WHOLE = Following()
 def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, lines: bool) -> Identified:
     """Learn from a growing log until it ends or Ctrl-C is pressed, a line a second.
 
-    Args:
-        online: The estimator.
-        log: The file, or - for standard input.
-        mapping: What its columns are called.
-        wish: How long to wait for more, and where the way is drawn in the end.
-        lines: Print JSON, not text.
+    With `lines` as JSON, else as text; `wish` says how long to wait for more, and where the way is drawn in the end.
     """
     from gimbal_pin.io.files import replacing, to_json
     from gimbal_pin.io.follow import follow

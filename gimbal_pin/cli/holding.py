@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import UseAppendAction, arg
 
 from gimbal_pin.cli.inputs import carried, load_logs, noted, positive
-from gimbal_pin.cli.options import Effects, PlatformSize
+from gimbal_pin.cli.options import Effects, PlatformSize, optional
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -33,11 +33,7 @@ class Holding:
     ] = "none"
     platform_log: Annotated[
         Path | None,
-        arg(
-            metavar="FILE",
-            help="and, or, along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz",
-            help_behavior_hint="",
-        ),
+        optional("FILE", "and, or, along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz"),
     ] = None
     platform_size: PlatformSize = 1.0
     map: Annotated[
@@ -55,16 +51,13 @@ class Holding:
     steps: Annotated[
         bool, arg(help="step the thesis's angles beside that, with every law that a base at rest tells apart")
     ] = False
-    controllers: Annotated[
-        str | None,
-        arg(metavar="NAME,…", help="which controllers meet the platform", help_behavior_hint="(default: all)"),
-    ] = None
+    controllers: Annotated[str | None, optional("NAME,…", "which controllers meet the platform", "all")] = None
     learn: Annotated[
         str | None,
-        arg(
-            metavar="LOG",
-            help="a log of the rig on a shaken platform: model and the platform's spectrum come from it",
-            help_behavior_hint="(default: one is simulated, 60 s)",
+        optional(
+            "LOG",
+            "a log of the rig on a shaken platform: model and the platform's spectrum come from it",
+            "one is simulated, 60 s",
         ),
     ] = None
     find: Annotated[bool, arg(help="let diagnose look for causes in that log, and compensate them")] = False
@@ -151,18 +144,9 @@ class Holding:
 class Pages:
     """Pictures and pages that are asked for."""
 
-    plot: Annotated[
-        Path | None,
-        arg(metavar="FILE", help="draw line of sight, spectrum, torque and budget", help_behavior_hint=""),
-    ] = None
-    report: Annotated[
-        Path | None,
-        arg(metavar="FILE", help="write a report: what the camera sees, errors, torque", help_behavior_hint=""),
-    ] = None
-    animation: Annotated[
-        Path | None,
-        arg(metavar="FILE", help="write the rig on its platform as an offline page", help_behavior_hint=""),
-    ] = None
+    plot: Annotated[Path | None, optional("FILE", "draw line of sight, spectrum, torque and budget")] = None
+    report: Annotated[Path | None, optional("FILE", "write a report: what the camera sees, errors, torque")] = None
+    animation: Annotated[Path | None, optional("FILE", "write the rig on its platform as an offline page")] = None
 
     def check(self, moving: bool) -> None:
         """Raise `UsageError` for a picture of a platform that stands."""
@@ -174,8 +158,8 @@ class Pages:
         """Write them."""
         from gimbal_pin.io.files import atomic_write, replacing
         from gimbal_pin.pointing.chart import chart
-        from gimbal_pin.report.carried import carried as whole
-        from gimbal_pin.report.carried import moving
+        from gimbal_pin.report.full import carried as whole
+        from gimbal_pin.report.full import moving
 
         if self.plot is not None and held is not None:
             with replacing(self.plot) as temporary:

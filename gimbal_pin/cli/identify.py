@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin import text
-from gimbal_pin.cli.cameras import cameras, tags_of
+from gimbal_pin.cli.cameras import Fit, cameras, tags_of
 from gimbal_pin.cli.following import WHOLE, Following, by_line, concluded, followed
 from gimbal_pin.cli.inputs import alone, filtering, load_logs
 from gimbal_pin.cli.options import (
     Alignment,
-    Bootstrap,
     Cutoff,
     EstimatorName,
     Holdout,
@@ -26,7 +25,7 @@ from gimbal_pin.cli.options import (
     Payload,
     RigName,
     Seed,
-    Trust,
+    optional,
 )
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
@@ -34,6 +33,9 @@ from gimbal_pin.errors import UsageError
 if TYPE_CHECKING:
     from gimbal_pin.estimators import Estimator
     from gimbal_pin.identification import Identified
+    from gimbal_pin.log import Log
+    from gimbal_pin.rig import Rig
+    from gimbal_pin.suspicion import Asked
 
 
 def identify(
@@ -41,9 +43,7 @@ def identify(
     logs: Logs,
     output: MaybeOutput = None,
     *,
-    urdf: Annotated[
-        Path | None, arg(metavar="FILE", help="write the rig's URDF with the parameters in it", help_behavior_hint="")
-    ] = None,
+    urdf: Annotated[Path | None, optional("FILE", "write the rig's URDF with the parameters in it")] = None,
     payload: Payload = None,
     map: Map = (),
     cutoff: Cutoff = None,
@@ -55,15 +55,21 @@ def identify(
     ] = False,
     known: Annotated[
         str | None,
-        arg(
-            metavar="MODEL",
-            help="a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do",
-            help_behavior_hint="",
-        ),
+        optional("MODEL", "a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do"),
     ] = None,
     bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
-    trust: Trust = None,
-    bootstrap: Bootstrap = 0,
+    trust: Annotated[
+        float | None,
+        optional(
+            "SHARE",
+            "how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
+            "0.3",
+        ),
+    ] = None,
+    bootstrap: Annotated[
+        int,
+        arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour"),
+    ] = 0,
     seed: Seed = 0,
     online: Annotated[Following, OmitArgPrefixes] = WHOLE,
     json: Json = None,
@@ -71,12 +77,10 @@ def identify(
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.balance import reported
     from gimbal_pin.bodies import TRUST
-    from gimbal_pin.identification import identify as run
-    from gimbal_pin.identification import refitted
     from gimbal_pin.rows import Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
-    method = estimator_of(estimator, trusted, bootstrap, seed)
+    fit = Fit(estimator_of(estimator, trusted, bootstrap, seed), holdout, filters)
     asked = {"--estimator": estimator != "weighted", "--holdout": holdout is not None, "--bias": bias, "--refit": refit}
     online.check({**asked, "--trust": trust is not None, "--bootstrap": bootstrap > 0})
     if online.follow:
@@ -85,23 +89,28 @@ def identify(
         write(learned, output, urdf)
         concluded(learned, json)
         return
-    options: Any = {"estimator": method, "holdout": holdout, "filtering": filters}
     if known is not None or len(tags_of(logs)) > 1:
         alone("several cameras or --known", {"--refit": refit}, "give --holdout none instead")
-        several = cameras(rig, payload, logs, map, known, options)
+        several = cameras(rig, payload, logs, map, known, fit)
         if urdf is not None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
         write(several.first, output, None, several.identified)
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)
-    options["examined"] = "always" if bias else "noisy"
-    found = run(loaded, read, **options)
-    if refit:
-        found = refitted(found, run(loaded, read, **{**options, "holdout": "none"}))
-    found = replace(found, trust=trusted)
+    found = replace(identified(loaded, read, fit, bias, refit), trust=trusted)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
+
+
+def identified(rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool) -> Identified:
+    """Identify a rig from logs of one payload; with `refit` from all data, once the held-out error is known."""
+    from gimbal_pin.identification import identify as run
+    from gimbal_pin.identification import refitted
+
+    examined: Asked = "always" if bias else "noisy"
+    found = run(rig, logs, **vars(fit), examined=examined)
+    return refitted(found, run(rig, logs, **vars(replace(fit, holdout="none")), examined=examined)) if refit else found
 
 
 def write(

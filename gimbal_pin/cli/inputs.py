@@ -33,7 +33,6 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     Raises:
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
-    from gimbal_pin.errors import UsageError
     from gimbal_pin.io import read_log, split_payload
 
     if not logs:
@@ -61,16 +60,12 @@ def alone(what: str, given: Mapping[str, bool], mend: str) -> None:
 
 def positive(option: str, value: float) -> None:
     """Raise `UsageError` unless the option's value is above zero."""
-    from gimbal_pin.errors import UsageError
-
     if not value > 0:
         raise UsageError(option, f"is {value:g}", "give a positive number")
 
 
 def shown_somewhere(output: Path | None, live: bool) -> None:
     """Raise `UsageError` if a result would be neither written nor shown."""
-    from gimbal_pin.errors import UsageError
-
     if output is None and not live:
         raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
 
@@ -125,8 +120,10 @@ def plant_of(name: Path | None, rig: Rig) -> Model:
     return nominal(rig) if name is None else read_model(name, rig)
 
 
-def mounted(name: str) -> str | None:
+def mounted(name: str | Path | None) -> str | None:
     """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
+    if name is None:
+        return None
     from gimbal_pin.errors import ModelError
     from gimbal_pin.reading import read_yaml
     from gimbal_pin.rig import bundled_payloads

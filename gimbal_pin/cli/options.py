@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
 if TYPE_CHECKING:
     from gimbal_pin.control.design import Wish
 
+
+def optional(metavar: str, help: str, default: str = "") -> Any:
+    """Describe an option that may be left out; `default` says what then is the case, where that is no plain value."""
+    return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
+
+
 RigName = Annotated[Positional[str], arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")]
 Logs = Annotated[
     Positional[tuple[str, ...]],
     arg(metavar="LOG …", help="CSV or Parquet; LOG@PAYLOAD names its payload", help_behavior_hint="(at least one)"),
 ]
-Payload = Annotated[
-    str | None, arg(metavar="NAME", help="bundled payload or URDF", help_behavior_hint="(default: the rig's own)")
-]
-Json = Annotated[
-    Path | None, arg(metavar="FILE", help="write the result as JSON; - for standard output", help_behavior_hint="")
-]
+Payload = Annotated[str | None, optional("NAME", "bundled payload or URDF", "the rig's own")]
+Json = Annotated[Path | None, optional("FILE", "write the result as JSON; - for standard output")]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
     arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
@@ -40,50 +42,19 @@ MaybeFolder = Annotated[
 ]
 ModelFile = Annotated[
     Path | None,
-    arg(
-        metavar="MODEL",
-        help="the plant: a model's YAML, from identify or diagnose",
-        help_behavior_hint="(default: the rig as its URDF states it)",
-    ),
+    optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
 Seed = Annotated[int, arg(help="seed of everything random")]
 Cutoff = Annotated[
-    float | None,
-    arg(
-        metavar="HZ",
-        help="low-pass on every column and on the torque",
-        help_behavior_hint="(default: 4; 12 where the base turns)",
-    ),
+    float | None, optional("HZ", "low-pass on every column and on the torque", "4; 12 where the base turns")
 ]
 Alignment = Annotated[
-    float | None,
-    arg(
-        metavar="SECONDS",
-        help="the torque acts that much later than its stamp",
-        help_behavior_hint="(default: half a sample)",
-    ),
+    float | None, optional("SECONDS", "the torque acts that much later than its stamp", "half a sample")
 ]
 Holdout = Annotated[
-    str | None,
-    arg(
-        metavar="WHAT",
-        help="last-third, log:N or none",
-        help_behavior_hint="(default: the last third of one log, the last of several)",
-    ),
+    str | None, optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several")
 ]
 EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
-Trust = Annotated[
-    float | None,
-    arg(
-        metavar="SHARE",
-        help="how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
-        help_behavior_hint="(default: 0.3)",
-    ),
-]
-Bootstrap = Annotated[
-    int, arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour")
-]
-Bandwidth = Annotated[float, arg(help="bandwidth of the tracking error, Hz")]
 
 
 @dataclass(frozen=True)

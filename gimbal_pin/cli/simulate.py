@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin.cli.inputs import carried, load_rig, mounted, plant_of, play, read_controller, shown_somewhere
-from gimbal_pin.cli.options import Bandwidth, Effects, Map, MaybeOutput, ModelFile, Payload, PlatformSize, RigName, Seed
+from gimbal_pin.cli.options import Effects, Map, MaybeOutput, ModelFile, Payload, PlatformSize, RigName, Seed, optional
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Log, Motion
@@ -29,12 +29,7 @@ class Carrying:
         Literal["none", "S"], arg(help="what carries the rig: nothing that moves, or profile S, seeded")
     ] = "none"
     platform_log: Annotated[
-        Path | None,
-        arg(
-            metavar="FILE",
-            help="motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz",
-            help_behavior_hint="",
-        ),
+        Path | None, optional("FILE", "motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz")
     ] = None
     platform_size: PlatformSize = 1.0
     map: Map = ()
@@ -72,7 +67,7 @@ def simulate(
         Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
     ] = None,
     seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
-    bandwidth_hz: Bandwidth = 8.0,
+    bandwidth_hz: Annotated[float, arg(help="bandwidth of the tracking error, Hz")] = 8.0,
     delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
     effect: Effects = (),
     carrying: Annotated[Carrying, OmitArgPrefixes] = STANDING,
@@ -84,7 +79,7 @@ def simulate(
     from gimbal_pin.io import read_motion, write_log
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload or (mounted(str(model)) if model else None))
+    loaded = load_rig(rig, payload or mounted(model))
     known = plant_of(model, loaded)
     law = law_of(controller, known, bandwidth_hz)
     motion = None if reference is None else read_motion(reference, loaded)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
@@ -50,28 +52,73 @@ def track(
         raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {MOTIONS}")
     held.check()
     pages.check(held.moving)
-    loaded = load_rig(rig, payload or (mounted(controller) if controller else None))
-    late = delay_samples if delay_samples is not None else 1 if controller is None else lateness(controller)
+    loaded = load_rig(rig, payload or mounted(controller))
+    tuned = None if controller is None else Tuned.read(controller, loaded)
+    late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.late
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     log = held.taught(rig, loaded.payload) if held.moving else None
-    steps = None if controller is None else stepped(controller, plant_of(model, loaded), late, seed)
+    steps = None if tuned is None else stepped(tuned, plant_of(model, loaded), late, seed)
     verified = None
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
-        known = None if controller is None else known_by(controller, loaded)
-        law = None if controller is None else read_controller(controller, loaded)
+        known, law = (None, None) if tuned is None else (tuned.known, tuned.law)
         verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None)
     pages.write(loaded, verified, steps, stood)
     present(*found(steps, verified, stood), json)
 
 
-def stepped(controller: str, plant: Model, late: int, seed: int) -> Tracking:
+@dataclass(frozen=True)
+class Tuned:
+    """A controller's YAML.
+
+    Attributes:
+        law: The controller.
+        known: The model that it was made for.
+        data: All that is in the file.
+    """
+
+    law: Law
+    known: Model
+    data: Mapping[str, Any]
+
+    @staticmethod
+    def read(name: str, rig: Rig) -> Tuned:
+        """Read a controller's YAML; `ModelError` if it is of another kind."""
+        from gimbal_pin.errors import ModelError
+        from gimbal_pin.model import model_from
+        from gimbal_pin.reading import read_yaml
+
+        data = read_yaml(name, ModelError)
+        if data.get("wish") is None:
+            raise ModelError(name, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
+        return Tuned(read_controller(name, rig), model_from(data["model"], rig), data)
+
+    @property
+    def late(self) -> int:
+        """Samples from measurement to torque that it was tuned for."""
+        from gimbal_pin.control.design import Wish
+
+        return Wish(delay=self.data["wish"]["delay"], dt=self.data["wish"]["dt"]).samples
+
+    @property
+    def rivals(self) -> dict[str, Law]:
+        """It under its kind, and beside it a PID that was asked for the same."""
+        from gimbal_pin.tuning import tune as run
+
+        kind, wish = self.data["controller"], {**self.data["wish"], "kind": "pid", "robust": False}
+        if wish.get("disk_margin") is not None:  # a PID may not have it at any bandwidth
+            granted = {joint: row["bandwidth_hz"] for joint, row in self.data["joints"].items()}
+            wish |= {"bandwidth_hz": granted, "disk_margin": None}
+        return {kind: self.law, **({} if kind == "pid" else {"pid": run(self.known, **wish).controller})}
+
+
+def stepped(tuned: Tuned, plant: Model, late: int, seed: int) -> Tracking:
     """Step a controller and its rival."""
     import numpy as np
 
     from gimbal_pin.tracking import track as run
 
-    return run(plant, rivals(controller, plant.rig), rng=np.random.default_rng(seed), delay=late)
+    return run(plant, tuned.rivals, rng=np.random.default_rng(seed), delay=late)
 
 
 def found(steps: Tracking | None, held: Verified | None, plant: str) -> tuple[str, dict[str, Any]]:
@@ -82,40 +129,3 @@ def found(steps: Tracking | None, held: Verified | None, plant: str) -> tuple[st
     more = {} if held is None else held.to_dict()
     experiments = [*own.get("experiments", ()), *more.get("experiments", ())]
     return "\n\n".join(told), {"schema": 1, **own, **more, "experiments": experiments}
-
-
-def known_by(name: str, rig: Rig) -> Model:
-    """Return the model that the controller of a YAML was made for."""
-    from gimbal_pin.model import model_from
-    from gimbal_pin.reading import read_yaml
-
-    read_controller(name, rig)
-    return model_from(read_yaml(name)["model"], rig)
-
-
-def lateness(name: str) -> int:
-    """Return the samples from measurement to torque that a controller's YAML was tuned for."""
-    from gimbal_pin.control.design import Wish
-    from gimbal_pin.errors import ModelError
-    from gimbal_pin.reading import read_yaml
-
-    wish = read_yaml(name, ModelError).get("wish")
-    if wish is None:
-        raise ModelError(name, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
-    return Wish(delay=wish["delay"], dt=wish["dt"]).samples
-
-
-def rivals(name: str, rig: Rig) -> dict[str, Law]:
-    """Return the controller of a YAML under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.model import model_from
-    from gimbal_pin.reading import read_yaml
-    from gimbal_pin.tuning import tune as run
-
-    law, data = read_controller(name, rig), read_yaml(name)
-    wish = {**data["wish"], "kind": "pid", "robust": False}
-    if wish.get("disk_margin") is not None:  # a PID may not have it at any bandwidth
-        granted = {joint: row["bandwidth_hz"] for joint, row in data["joints"].items()}
-        wish |= {"bandwidth_hz": granted, "disk_margin": None}
-    known = model_from(data["model"], rig)
-    laws: dict[str, Law] = {} if data["controller"] == "pid" else {"pid": run(known, **wish).controller}
-    return {data["controller"]: law, **laws}

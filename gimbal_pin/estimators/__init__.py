@@ -3,16 +3,18 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from gimbal_pin.estimators.base import Estimate, Estimator
-from gimbal_pin.estimators.bootstrap import Bootstrap
-from gimbal_pin.estimators.hausman import Hausman, hausman
-from gimbal_pin.estimators.idim import idim
-from gimbal_pin.estimators.ols import ols
-from gimbal_pin.estimators.output_error import output_error
-from gimbal_pin.estimators.physical import physical
-from gimbal_pin.estimators.ridge import Ridge
-from gimbal_pin.estimators.robust import robust
-from gimbal_pin.estimators.weighted import weighted
+from gimbal_pin.estimators.base import Estimate as Estimate
+from gimbal_pin.estimators.base import Estimator as Estimator
+from gimbal_pin.estimators.bootstrap import Bootstrap as Bootstrap
+from gimbal_pin.estimators.hausman import Hausman as Hausman
+from gimbal_pin.estimators.hausman import hausman as hausman
+from gimbal_pin.estimators.idim import idim as idim
+from gimbal_pin.estimators.ols import ols as ols
+from gimbal_pin.estimators.output_error import output_error as output_error
+from gimbal_pin.estimators.physical import physical as physical
+from gimbal_pin.estimators.ridge import Ridge as Ridge
+from gimbal_pin.estimators.robust import robust as robust
+from gimbal_pin.estimators.weighted import weighted as weighted
 
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     {
@@ -26,19 +28,3 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     }
 )
 """By the name that the command line knows."""
-
-__all__ = [
-    "ESTIMATORS",
-    "Bootstrap",
-    "Estimate",
-    "Estimator",
-    "Hausman",
-    "Ridge",
-    "hausman",
-    "idim",
-    "ols",
-    "output_error",
-    "physical",
-    "robust",
-    "weighted",
-]

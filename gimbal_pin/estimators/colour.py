@@ -40,12 +40,12 @@ def series(blocks: Sequence[Block]) -> list[Block]:
     return [Block(*(np.concatenate(x) for x in zip(*run))) if len(run) > 1 else run[0] for run in runs]
 
 
-def autocovariance(errors: Sequence[Array], shares: Sequence[Array], lags: int = ORDER) -> Array:
-    """Autocovariance at lags 0 ... `lags` of residuals (m, n) where their rows count, (lags + 1, n)."""
-    total = np.zeros((lags + 1, errors[0].shape[1]))
+def autocovariance(errors: Sequence[Array], shares: Sequence[Array]) -> Array:
+    """Autocovariance at lags 0 ... `ORDER` of residuals (m, n) where their rows count, (ORDER + 1, n)."""
+    total = np.zeros((ORDER + 1, errors[0].shape[1]))
     count = np.zeros_like(total)
     for error, share in zip(errors, shares):
-        for lag in range(min(lags, len(error) - 1) + 1):
+        for lag in range(min(ORDER, len(error) - 1) + 1):
             total[lag] += np.sum(error[: len(error) - lag] * error[lag:], axis=0)
             count[lag] += np.sum(share[: len(share) - lag] * share[lag:], axis=0)
     return total / np.maximum(count, 1.0)

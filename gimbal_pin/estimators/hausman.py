@@ -72,9 +72,7 @@ def hausman(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
     significant: so the question is for a bias of more than `ADMISSIBLE` of least squares' own deviations, and their
     covariance times its square is added.
 
-    Args:
-        blocks: Rows ``A theta = b``.
-        instruments: Per block its Z, (m, n, k).
+    `instruments`: per block its Z, (m, n, k).
     """
     found = instrumental(blocks, instruments)
     weight = 1.0 / np.maximum(found.residual_std**2, 1e-6 * np.max(found.residual_std**2) + 1e-30)

@@ -28,16 +28,14 @@ def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estim
     of the same regressor from another source: the reference trajectory, a second sensor, other samples (Reiersøl 1941;
     Janot, Vandanjon and Gautier 2014 for robots).
 
-    Args:
-        blocks: Rows ``A theta = b``.
-        instruments: Per block its Z, (m, n, k), filtered and masked like A.
+    `instruments`: per block its Z, (m, n, k), filtered and masked like A.
 
     Raises:
         UsageError: There is not one Z of A's shape for every block.
     """
     if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
         raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
-    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)], "instrumental")
+    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
 
 
 def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
@@ -45,9 +43,7 @@ def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
 
     ``theta = (Σ AᵀWB + BᵀWA)⁻¹ Σ (A + B)ᵀWb``: the same whichever comes first.
 
-    Args:
-        blocks: Rows ``A theta = b``.
-        twins: The same rows with the regressor B in the place of A.
+    `twins` are the same rows with the regressor B in the place of A.
 
     Raises:
         UsageError: The two do not have the same shapes.
@@ -57,20 +53,16 @@ def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
     middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
     half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
     # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
-    return iterated(middle, [(block.A, block.A) for block in middle], "instrumental", half)
+    return iterated(middle, [(block.A, block.A) for block in middle], half)
 
 
 Pairs = Sequence[tuple[Array, Array]]
 
 
-def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence[Array] = ()) -> Estimate:
+def iterated(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
     """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
 
-    Args:
-        blocks: Rows; their A is what residuals are taken with.
-        pairs: Per block (Z, A).
-        method: The estimate's name.
-        noise: Per block D, whose power is taken off; none where Z and A share no noise.
+    `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
     """
     rows, width = effective_rows(blocks), blocks[0].A.shape[2]
     weight = np.ones(blocks[0].b.shape[1])
@@ -85,7 +77,7 @@ def iterated(blocks: Sequence[Block], pairs: Pairs, method: str, noise: Sequence
     spread = spread + inverse @ products(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
-    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), method)
+    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "instrumental")
 
 
 def products(noise: Sequence[Array], theta: Array, weight: Array) -> Array:

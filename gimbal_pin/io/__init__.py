@@ -39,21 +39,13 @@ FORMATS: Mapping[str, Format] = {
 """Suffix → format."""
 
 
-def read_log(
-    path: str | Path,
-    rig: Rig,
-    mapping: Sequence[str | Path] = (),
-    *,
-    map_file: str | Path | None = None,
-    need_tau: bool = True,
-) -> Log:
+def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, need_tau: bool = True) -> Log:
     """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
 
     Args:
         path: File, with the mounted payload behind an @ if there is one (``log.csv@cinema``).
         rig: Whose joints and links the columns are named after; other columns are ignored.
         mapping: ``target=column[*factor]``, or paths of YAML files that hold such a table (`mapping`).
-        map_file: One more YAML file.
         need_tau: Refuse a file without torques.
 
     Returns:
@@ -65,7 +57,7 @@ def read_log(
     """
     file, payload = split_payload(path)
     links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
-    data = read_channels(file, rig, log_groups(rig.joints, links, need_tau), mapping, map_file)
+    data = read_channels(file, rig, log_groups(rig.joints, links, need_tau), mapping)
     return to_log(data, str(file), rig, links, payload)
 
 
@@ -97,9 +89,7 @@ def write_log(log: Log, path: str | Path) -> None:
     write_columns(log_columns(log), path)
 
 
-def read_motion(
-    path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, map_file: str | Path | None = None
-) -> Motion:
+def read_motion(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = ()) -> Motion:
     """Read a trajectory ``t, q_<joint>, dq_<joint>, ddq_<joint>``.
 
     Where rates or accelerations are missing they are the derivatives of the cubic spline (not-a-knot) through the next
@@ -110,7 +100,7 @@ def read_motion(
     """
     groups = {"t": Group(("t",), True), "q": joint_group("q", rig.joints, True)}
     groups |= {"v": joint_group("dq", rig.joints), "a": joint_group("ddq", rig.joints)}
-    data = read_channels(Path(path), rig, groups, mapping, map_file)
+    data = read_channels(Path(path), rig, groups, mapping)
     t, q = data["t"][:, 0], data["q"]
     if len(t) < 2 and not {"v", "a"} <= data.keys():
         raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")
@@ -128,9 +118,7 @@ def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> Non
     write_columns(columns, path)
 
 
-def read_imu(
-    path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path] = (), *, map_file: str | Path | None = None
-) -> tuple[Array, Imu]:
+def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path] = ()) -> tuple[Array, Imu]:
     """Read what the IMU fixed to `link` reported, without any joint: on the base, the platform's motion.
 
     Returns:
@@ -139,7 +127,7 @@ def read_imu(
     Raises:
         LogError: As `read_log`, and where the file holds nothing of that IMU.
     """
-    data = read_channels(Path(path), rig, {"t": Group(("t",), True), **imu_groups(link)}, mapping, map_file)
+    data = read_channels(Path(path), rig, {"t": Group(("t",), True), **imu_groups(link)}, mapping)
     imu = to_imu(data, link)
     if imu is None:
         mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
@@ -157,11 +145,9 @@ def split_payload(path: str | Path) -> tuple[Path, str | None]:
     return Path(head), payload
 
 
-def read_channels(
-    file: Path, rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path], map_file: str | Path | None
-) -> dict[str, Array]:
+def read_channels(file: Path, rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]) -> dict[str, Array]:
     """Return key → (N, k) array of the groups that a file holds."""
-    sources = read_mapping(mapping, map_file)
+    sources = read_mapping(mapping)
     check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
     return read_groups(format_of(file).open(file), groups, sources)
 

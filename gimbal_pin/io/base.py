@@ -20,6 +20,10 @@ IMU_COLUMNS = {"gyro": "xyz", "accel": "xyz", "quat": "wxyz"}
 """Attribute of `Imu` (and prefix of its columns) → its axes."""
 
 
+MOST = 24
+"""Names in a list of an error."""
+
+
 class Table(Protocol):
     """A file's named columns of numbers, read on demand."""
 
@@ -150,10 +154,10 @@ def check_time(t: Array, table: Table, column: str) -> None:
         raise LogError(table.place(row, column), *parts)
 
 
-def listed(names: Sequence[str], most: int = 24) -> str:
-    """Return the names between quotes, of a long list the first `most`."""
-    text = ", ".join(f"'{name}'" for name in names[:most])
-    return text if len(names) <= most else f"{text}, … {len(names)} in all"
+def listed(names: Sequence[str]) -> str:
+    """Return the names between quotes, of a long list the first `MOST`."""
+    text = ", ".join(f"'{name}'" for name in names[:MOST])
+    return text if len(names) <= MOST else f"{text}, … {len(names)} in all"
 
 
 def log_columns(log: Log) -> dict[str, Array]:
@@ -163,7 +167,7 @@ def log_columns(log: Log) -> dict[str, Array]:
         if (values := getattr(log, attribute)) is not None:
             columns |= zip(joint_group(prefix, log.joints).columns, values.T)
     for link, imu in log.imus.items():
-        for attribute, group in zip(IMU_COLUMNS, imu_groups(link).values()):
-            if (values := getattr(imu, attribute)) is not None:
-                columns |= zip(group.columns, values.T)
+        groups = imu_groups(link)
+        for name, values in imu.channels.items():
+            columns |= zip(groups[f"{name}_{link}"].columns, values.T)
     return columns

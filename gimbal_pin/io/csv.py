@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, islice
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from gimbal_pin.errors import LogError
+from gimbal_pin.io.csv_text import as_utf8, flaw, lines, number_in, sound, split, uneven, uneven_mend
 from gimbal_pin.io.files import replacing, told
 from gimbal_pin.log import Array
 from gimbal_pin.reading import read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
-DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 BLOCK = 1 << 22  # bytes read at a time
 ROWS = 1 << 14  # rows written at a time
 
@@ -118,13 +117,9 @@ class CsvTable:
                 what = f"has {len(fields)} values under {width} column names"
                 raise LogError(f"{self.name}:{line}", what, uneven_mend(len(fields), width, self.separator))
             if not sound(fields, index.values()):
-                self.refuse(line, fields, index)
-
-    def refuse(self, line: int, fields: Sequence[str], index: Mapping[str, int]) -> None:
-        """Raise `LogError` at the first field in the columns `index` that is no number."""
-        for column, place in index.items():
-            if found := flaw(fields[place].strip()):
-                raise LogError(f"{self.name}:{line} column '{column}'", *found)
+                for column, place in index.items():
+                    if found := flaw(fields[place].strip()):
+                        raise LogError(f"{self.name}:{line} column '{column}'", *found)
 
 
 def open_csv(path: Path) -> CsvTable:
@@ -170,52 +165,6 @@ def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark:
     return CsvTable(name, tuple(fields), separator, data[begin:], first)
 
 
-def as_utf8(data: bytes) -> bytes:
-    """Return text without its byte order mark, UTF-16 turned to UTF-8, lone carriage returns to line feeds."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        data = data.decode("utf-16", errors="replace").encode()
-    data = data.removeprefix(b"\xef\xbb\xbf")
-    return data if b"\n" in data else data.replace(b"\r", b"\n")
-
-
-def lines(data: bytes) -> Iterator[tuple[int, int, int, str]]:
-    """Yield (number from 1, start, end, text) of each line."""
-    start = 0
-    for number in count(1):
-        if start >= len(data):
-            return
-        end = data.find(b"\n", start) + 1 or len(data)
-        yield number, start, end, decoded(data[start:end]).rstrip("\r\n")
-        start = end
-
-
-def decoded(line: bytes) -> str:
-    """Return a header's text: UTF-8, or Latin-1 where it is not."""
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("latin-1")
-
-
-def split(line: str, separator: str) -> list[str]:
-    """Return the trimmed fields of one line; quotes around them go."""
-    try:
-        fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error:
-        return [line]
-    return [field.strip() for field in fields]
-
-
-def uneven(body: bytes, separator: str, width: int) -> bool:
-    """Tell whether any line that is not blank has another number of separators than ``width - 1`` (quotes ignored)."""
-    characters = np.frombuffer(body.rstrip(b"\n"), np.uint8)
-    ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
-    separators = np.flatnonzero(characters == ord(separator))
-    counts = np.diff(np.searchsorted(separators, ends), prepend=0)
-    lengths = np.diff(ends, prepend=-1) - 1
-    return bool(np.any((counts != width - 1) & ((counts > 0) | (lengths > 1))))
-
-
 def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:
     """Return column number → values by pandas' C parser; ValueError where a field is no number."""
     import pandas
@@ -237,44 +186,6 @@ def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:
         **exact,
     )
     return {place: frame[place].to_numpy() for place in places}
-
-
-def uneven_mend(found: int, width: int, separator: str) -> str:
-    """Return what to do about a row of another width than the header."""
-    if found < width:
-        return "complete the row, or delete it (a recording that was cut off ends so)"
-    return "quote or delete the surplus" + ("; decimal commas must be points" if separator == "," else "")
-
-
-def sound(fields: Sequence[str], places: Iterable[int]) -> bool:
-    """Tell whether the fields at `places` are finite numbers, at less cost than asking each for its `flaw`."""
-    texts = [fields[place] for place in places]
-    try:
-        return all(map(math.isfinite, map(float, texts))) and "_" not in (text := "".join(texts)) and text.isascii()
-    except ValueError:
-        return False
-
-
-def flaw(field: str) -> tuple[str, str] | None:
-    """Return what is wrong with a number's text and the mend, or None."""
-    value = number_in(field)
-    if value is not None and math.isfinite(value):
-        return None
-    if not field:
-        return "is empty", "fill in the number, or delete the row"
-    if value is not None:
-        return f"is {field}", "repair the value, or delete the row"
-    if DECIMAL_COMMA.fullmatch(field):
-        return f"has a decimal comma ({field})", "write decimal points"
-    return f"holds the text '{field[:40]}'", "write a number, or leave the row out"
-
-
-def number_in(field: str) -> float | None:
-    """Return the number that a field spells, or None; ``1_000`` and digits of other scripts are none."""
-    try:
-        return None if "_" in field or not field.isascii() else float(field)
-    except ValueError:
-        return None
 
 
 def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") -> None:

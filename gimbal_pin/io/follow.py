@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
@@ -15,10 +15,12 @@ from typing import BinaryIO
 from gimbal_pin import urdf
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io import check_targets, columns_of, split_payload, to_log
-from gimbal_pin.io.base import Group, log_groups, read_groups
-from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, as_utf8, headed
-from gimbal_pin.io.mapping import Source, read_mapping
+from gimbal_pin.io.base import log_groups, read_groups
+from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, headed
+from gimbal_pin.io.csv_text import as_utf8
+from gimbal_pin.io.mapping import read_mapping
 from gimbal_pin.log import Log
+from gimbal_pin.reading import readable
 from gimbal_pin.rig import Rig
 
 PIPE = "-"
@@ -46,19 +48,7 @@ def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: flo
     groups, sources = log_groups(rig.joints, links, True), read_mapping(mapping)
     check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
     for table in tables(name, whole_lines(chunks(file, idle))):
-        yield parsed(table, groups, sources, rig, links, payload)
-
-
-def parsed(
-    table: CsvTable,
-    groups: Mapping[str, Group],
-    sources: Mapping[str, Source],
-    rig: Rig,
-    links: Sequence[str],
-    payload: str | None,
-) -> Log:
-    """Return a table's rows as a log."""
-    return to_log(read_groups(table, groups, sources), table.name, rig, links, payload)
+        yield to_log(read_groups(table, groups, sources), table.name, rig, links, payload)
 
 
 def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
@@ -117,10 +107,5 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         return
     if path.suffix.lower() == ".parquet":
         raise UsageError(str(path), "is Parquet, which is written whole", "follow a CSV file")
-    try:
-        with path.open("rb", buffering=0) as file:
-            yield file
-    except FileNotFoundError as error:
-        raise LogError(str(path), "does not exist", "give the path of a file") from error
-    except OSError as error:
-        raise LogError(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
+    with readable(path, LogError), path.open("rb", buffering=0) as file:
+        yield file

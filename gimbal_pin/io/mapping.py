@@ -46,18 +46,17 @@ class Source:
     place: str = ""
 
 
-def read_mapping(entries: Sequence[str | Path] = (), map_file: str | Path | None = None) -> dict[str, Source]:
+def read_mapping(entries: Sequence[str | Path] = ()) -> dict[str, Source]:
     """Return target → source of all entries.
 
     Args:
-        entries: ``target=expression``, or paths that end in .yaml or .yml.
-        map_file: YAML with one ``target: expression`` a line. Entries given as text stand above those from files.
+        entries: ``target=expression``, or paths of YAML files with one ``target: expression`` a line. Entries given as
+            text stand above those from files.
 
     Raises:
         UsageError: An entry that does not follow the grammar, or a target stated twice.
     """
-    files = [Path(entry) for entry in entries if is_file(entry)] + ([Path(map_file)] if map_file is not None else [])
-    stored = merged([pair for file in files for pair in read_table(file)])
+    stored = merged([pair for entry in entries if is_file(entry) for pair in read_table(Path(entry))])
     return {**stored, **merged([parse_entry(str(entry)) for entry in entries if not is_file(entry)])}
 
 

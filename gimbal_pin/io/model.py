@@ -22,10 +22,7 @@ KIND = "gimbal_pin model"
 def write_model(identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None) -> None:
     """Write a model with its parameters' covariance, whole or not at all.
 
-    Args:
-        identified: What `identify` returned.
-        path: The file.
-        payloads: The same gimbal with other payloads, by their names: `read_model` takes the one that is mounted.
+    `payloads`: the same gimbal with other payloads, by their names; `read_model` takes the one that is mounted.
     """
     content = {"kind": KIND, "schema": 1, "joints": list(identified.model.rig.joints), **body(identified, path)}
     if payloads is not None:

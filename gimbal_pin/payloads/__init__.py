@@ -5,8 +5,8 @@ logs of camera p have the base parameters ``beta_p = beta_1 + K_c gamma_p``, gam
 """
 
 from gimbal_pin.payloads.camera import BARE, Camera, Several
-from gimbal_pin.payloads.carried import Carried, stated
 from gimbal_pin.payloads.known import estimated, identify_new
+from gimbal_pin.payloads.parts import Carried, stated
 from gimbal_pin.payloads.several import identify_several
 
 __all__ = ["BARE", "Camera", "Carried", "Several", "estimated", "identify_new", "identify_several", "stated"]

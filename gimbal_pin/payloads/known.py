@@ -13,8 +13,7 @@ from gimbal_pin.identification import assembled, check_seen
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model
 from gimbal_pin.payloads.camera import BARE, Several
-from gimbal_pin.payloads.carried import Carried
-from gimbal_pin.payloads.parts import camera, change, chosen, mapped, parted, rigid
+from gimbal_pin.payloads.parts import Carried, camera, change, chosen, mapped, parted, rigid
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Rows, kept

@@ -1,22 +1,23 @@
-"""What both identifications are made of: rows of one payload, and maps from all parameters to a camera's."""
+"""What both identifications are made of: the camera's body, rows of one payload, and maps to a camera's parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import split, units, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.payloads.camera import Camera
-from gimbal_pin.payloads.carried import Carried, stated
-from gimbal_pin.reduction import Reduction
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Rows, kept
+from gimbal_pin.reduction import Reduction, scan, stacked
+from gimbal_pin.regressor import SCAN
+from gimbal_pin.rig import PHI, Rig
+from gimbal_pin.rows import Block, Filtering, Rows, camera_body, kept, over_phi
 
 
 def parted(
@@ -65,3 +66,40 @@ def camera(own: Carried, reference: Rig, mounted: Rig, theta: Array, covariance:
     base, urdf = own.shown(stated(reference)), own.shown(stated(mounted))
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
     return Camera(own.reduction.base_names, units(leading), base + pick @ theta, pick @ covariance @ pick.T, urdf)
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """The parameters of the body that carries the camera, as far as joint torques show them.
+
+    Attributes:
+        body: Which body, from 0.
+        reduction: Its ten parameters' reduction: what of them shows.
+        columns: K_c: base parameters per independent one of them, (b, r).
+    """
+
+    body: int
+    reduction: Reduction
+    columns: Array
+
+    @staticmethod
+    def of(rig: Rig, reduction: Reduction) -> Carried:
+        """Return what shows of the camera's body if all the others are known."""
+        body = camera_body(rig)
+        matrix, names = stacked(rig)
+        mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
+        own = scan(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
+        places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
+        return Carried(body, own, over_phi(rig, reduction)[:, places])
+
+    def shown(self, phi: Array) -> Array:
+        """What of ten parameters shows, (r,)."""
+        return np.asarray(self.reduction.mixing @ phi[[PHI.index(symbol) for symbol in SCAN]])
+
+
+def stated(rig: Rig) -> Array:
+    """Ten parameters of the payload as its URDF states it, about the joint; zero where nothing is mounted."""
+    try:
+        return np.array(payload(rig)[1].toDynamicParameters())
+    except UsageError:
+        return np.zeros(10)

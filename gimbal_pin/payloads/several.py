@@ -11,8 +11,7 @@ from gimbal_pin.estimators.base import residuals
 from gimbal_pin.identification import assembled, check_seen, enough
 from gimbal_pin.log import Array, Log
 from gimbal_pin.payloads.camera import BARE, Several
-from gimbal_pin.payloads.carried import Carried
-from gimbal_pin.payloads.parts import camera, change, chosen, mapped, parted, rigid
+from gimbal_pin.payloads.parts import Carried, camera, change, chosen, mapped, parted, rigid
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, kept
@@ -78,12 +77,7 @@ def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> It
 
 
 def alike(parts: Sequence[Sequence[Block]], theta: Array) -> list[Block]:
-    """Multiply each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's.
-
-    Args:
-        parts: Blocks of each camera.
-        theta: A first estimate.
-    """
+    """Scale each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's."""
     left = [np.sqrt(np.mean(np.concatenate([residuals(b, theta) for b in part]) ** 2, axis=0)) for part in parts]
     weights = [np.mean(left, axis=0) / np.maximum(one, 1e-300) for one in left]
     return [

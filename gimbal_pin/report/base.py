@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from itertools import chain, count
 from pathlib import Path
 
 from markupsafe import Markup
 
 from gimbal_pin.io.files import atomic_write
+from gimbal_pin.view.template import filled
 
 
 @dataclass(frozen=True)
@@ -30,19 +30,9 @@ class Section:
 
 
 def render(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
-    """Return the report as one HTML page: no script or picture from elsewhere, every text escaped.
-
-    Args:
-        title: Heading of the page.
-        sections: Its sections, in order.
-        subtitle: A line under the heading.
-    """
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    source = files("gimbal_pin.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    """Return the report as one HTML page: no script or picture from elsewhere, every text escaped."""
     entries = list(zip(anchors([section.title for section in sections]), sections))
-    return environment.from_string(source).render(title=title, subtitle=subtitle, entries=entries)
+    return filled("gimbal_pin.report", "page.html.j2", title=title, subtitle=subtitle, entries=entries)
 
 
 def write(title: str, sections: Sequence[Section], path: str | Path, subtitle: str = "") -> None:

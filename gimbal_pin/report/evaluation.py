@@ -83,12 +83,7 @@ class Evaluated:
 
 
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
-    """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out.
-
-    Args:
-        found: What `identify` returned.
-        logs: The logs it was given.
-    """
+    """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
     train, test, how = split(logs, holdout(found), found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
     rig = found.model.rig
@@ -121,11 +116,6 @@ def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Arra
         error=np.concatenate([block.b - block.A @ theta for block in judged]),
         share=np.concatenate([block.share for block in judged]),
     )
-
-
-def weighted_rms(values: Array, share: Array) -> Array:
-    """Root mean square of masked values, per column, as `Accuracy` counts the rows, (n,)."""
-    return np.asarray(np.sqrt(np.sum(values**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300)))
 
 
 def column_rms(blocks: Sequence[Block]) -> Array:

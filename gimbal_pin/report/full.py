@@ -1,8 +1,9 @@
-"""The whole walk as one report."""
+"""Whole reports: of a walk from logs to a controller, and of a camera on a platform that moves."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from tqdm import tqdm
@@ -10,15 +11,18 @@ from tqdm import tqdm
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified
 from gimbal_pin.log import Log
-from gimbal_pin.pointing import Verified
+from gimbal_pin.pointing.bench import WANTED
+from gimbal_pin.pointing.outlook import outlook, shown
+from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.html import paragraph
-from gimbal_pin.report.numbers import controller_name
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
+from gimbal_pin.view.names import controller_name
+from gimbal_pin.view.onboard import onboard
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
 HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
@@ -40,18 +44,8 @@ def full(
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
-    Args:
-        rig: The rig as given.
-        logs: Its logs.
-        found: What `identify` returned.
-        tunings: Name → tuning, the one that the animation shows first.
-        result: What `track` returned.
-        animation: What `view.record` returned.
-        wrong: What `diagnose` returned, if it was run.
-        plant: What the steps were simulated on, within a sentence.
-        held: What `verify` returned, if the camera was held on a moving platform.
-        held_on: What that was simulated on, within a sentence.
-        why: Why it was not, if that is to be said.
+    The animation shows the first of the tunings. `plant` and `held_on` say within a sentence what the steps, and the
+    camera on a moving platform, were simulated on; `why`: why the camera was not held, if that is to be said.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [
@@ -63,12 +57,35 @@ def full(
         lambda: sections.torque(found, evaluated),
         *([] if wrong is None else [partial(sections.diagnosis, wrong)]),
         lambda: sections.margins(*tunings.values()),
-        lambda: sections.tracking(
-            result, rig, f"The plant is {plant}, with the rig's sensors, delay and torque limits."
-        ),
+        lambda: sections.tracking(result, rig, plant),
         *([] if held is None else [partial(sections.pointing, held, HELD.format(held_on))]),
         *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why else []),
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
-    mounted = f" with {rig.payload}" if rig.payload else ""
-    return render(f"{rig.name}{mounted}", every, rig.config.description)
+    return render(rig.title, every, rig.config.description)
+
+
+SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+OTHER = "Camera, recorded motion"
+
+
+def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
+    """Return the report of a tracking as HTML.
+
+    `plant`: what the steps were simulated on, within a sentence.
+    """
+    parts: list[Section] = []
+    if held is not None:
+        parts += [sections.pointing(replace(held, recorded=None)), sections.animation(moving(rig, held), SCENE)]
+        alone = [replace(held, contest=other, recorded=None, targets=()) for other in held.contests[1:]]
+        parts += [sections.pointing(one, title=OTHER) for one in alone]
+        parts += [] if held.steps is None else [sections.tracking(held.steps, rig, "that of the camera")]
+    if steps is not None:
+        parts.append(sections.tracking(steps, rig, plant))
+    return render(rig.title, [*parts, sections.rig_section(rig)], rig.config.description)
+
+
+def moving(rig: Rig, held: Verified) -> str:
+    """Return the page that shows the rig, held by the best of the controllers, on the platform."""
+    run = shown(held.contest)[-1].runs[0]
+    return onboard(rig, run, outlook(held.contest, WANTED), WANTED)

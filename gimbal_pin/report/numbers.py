@@ -70,22 +70,6 @@ def torque_text(value: float) -> str:
     return f"{figures(scale * value, 2)} {name}"
 
 
-CONTROLLERS = {
-    "pid": "PID",
-    "pid-joint": "joint PID",
-    "pid-world": "world-frame PID",
-    "computed-torque-fixed": "computed torque, base taken as fixed",
-    "without-hidden": "computed torque without hidden parameters",
-    "tuned": "your controller (gains of tune)",
-}
-"""Controllers whose names say more than their keys."""
-
-
-def controller_name(key: str) -> str:
-    """Return a controller's name as a person reads it: ``pid`` as PID, ``computed-torque`` as computed torque."""
-    return CONTROLLERS.get(key, key.replace("-", " "))
-
-
 def percent(value: float) -> str:
     """Return per cent to one decimal; what is not quite 100 does not read 100."""
     if isnan(value):

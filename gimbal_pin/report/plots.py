@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 
 from gimbal_pin.log import Array
-from gimbal_pin.report.svg import FAINT, INK, MUTED, PAPER, drawn
+from gimbal_pin.report import html
+from gimbal_pin.report.joints import PALETTE
+from gimbal_pin.report.svg import INK as INK
+from gimbal_pin.report.svg import MUTED as MUTED
+from gimbal_pin.report.svg import PAPER as PAPER
+from gimbal_pin.report.svg import drawn
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # for the sections, too: they annotate with plots.Axes and plots.Figure
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = [
-    "FAINT",
-    "INK",
-    "MUTED",
-    "PAPER",
-    "PLAIN",
-    "curve",
-    "dots",
-    "drawn",
-    "named",
-    "panels",
-    "thinned",
-    "zero_line",
-]
 
 PLAIN = "#8d98a7"
 """Colour of what joints' colours are compared with: what was measured, the other controller."""
@@ -36,6 +27,11 @@ POINTS = 2000
 
 WIDTH = 10.2
 """Width of every figure, in; the page scales it to fit."""
+
+
+def picture(make: Callable[[], Figure], alt: str, caption: str, colours: Sequence[str] = PALETTE) -> Markup:
+    """Return the figure that `make` draws, with its caption; `alt` is for those who cannot see it."""
+    return html.picture(drawn(make, alt, colours), caption)
 
 
 def panels(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import StringIO
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,40 @@ if TYPE_CHECKING:
 INK, MUTED, FAINT, PAPER = "#0a0b0c", "#0a0b0d", "#0a0b0e", "#0a0b0f"
 """Stand-ins for the page's colours of text, of side matters, of lines and of the ground: `inlined` replaces them."""
 INKS = {INK: "currentColor", MUTED: "var(--muted)", FAINT: "var(--line)", PAPER: "var(--ground)"}
+STYLE: Mapping[str, object] = {
+    "font.family": "sans-serif",
+    "font.size": 9.5,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelcolor": MUTED,
+    "axes.edgecolor": FAINT,
+    "axes.facecolor": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.6,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": MUTED,
+    "ytick.labelcolor": MUTED,
+    "xtick.minor.visible": False,
+    "lines.linewidth": 1.4,
+    "patch.linewidth": 0.0,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "gimbal-pin",
+    "path.simplify_threshold": 0.2,
+}
+"""Matplotlib's settings in a report; beside them the curves' colours."""
 
 
 @contextmanager
@@ -28,40 +62,7 @@ def style(colours: Sequence[str] = PALETTE) -> Iterator[None]:
     import matplotlib
     from cycler import cycler
 
-    settings: Any = {
-        "font.family": "sans-serif",
-        "font.size": 9.5,
-        "text.color": INK,
-        "text.parse_math": False,
-        "axes.titlesize": 10.5,
-        "axes.titleweight": "bold",
-        "axes.titlelocation": "left",
-        "axes.labelcolor": MUTED,
-        "axes.edgecolor": FAINT,
-        "axes.facecolor": "none",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "axes.prop_cycle": cycler(color=list(colours)),
-        "axes.unicode_minus": True,
-        "grid.color": FAINT,
-        "grid.linewidth": 0.6,
-        "xtick.color": FAINT,
-        "ytick.color": FAINT,
-        "xtick.labelcolor": MUTED,
-        "ytick.labelcolor": MUTED,
-        "xtick.minor.visible": False,
-        "lines.linewidth": 1.4,
-        "patch.linewidth": 0.0,
-        "legend.frameon": False,
-        "legend.fontsize": 9,
-        "figure.facecolor": "none",
-        "savefig.facecolor": "none",
-        "svg.fonttype": "none",
-        "svg.hashsalt": "gimbal-pin",
-        "path.simplify_threshold": 0.2,
-    }
+    settings: Any = {**STYLE, "axes.prop_cycle": cycler(color=list(colours))}
     with matplotlib.rc_context(settings):
         yield
 
@@ -69,10 +70,8 @@ def style(colours: Sequence[str] = PALETTE) -> Iterator[None]:
 def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
     """Return the figure that `make` draws in the report's style as SVG for a page.
 
-    Args:
-        make: Draws it; called within `style`.
-        alt: What is to be seen, for those who cannot see it.
-        colours: Colours of the curves that ask for none.
+    `make` is called within `style`; `alt` is for those who cannot see it; `colours` are those of curves that ask for
+    none.
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 

@@ -1,25 +1,14 @@
 """Results as a person reads them in a terminal: tables with units, angles in degrees where that is said."""
 
-from gimbal_pin.text.camera import verified
-from gimbal_pin.text.everything import auto
-from gimbal_pin.text.loops import tracking, tuning
-from gimbal_pin.text.motion import excitation
-from gimbal_pin.text.online import following
-from gimbal_pin.text.parameters import identified, several
-from gimbal_pin.text.rig import base, check, rigs
-from gimbal_pin.text.wrong import diagnosis
-
-__all__ = [
-    "auto",
-    "base",
-    "check",
-    "diagnosis",
-    "excitation",
-    "following",
-    "identified",
-    "rigs",
-    "several",
-    "tracking",
-    "tuning",
-    "verified",
-]
+from gimbal_pin.text.camera import verified as verified
+from gimbal_pin.text.everything import auto as auto
+from gimbal_pin.text.loops import tracking as tracking
+from gimbal_pin.text.loops import tuning as tuning
+from gimbal_pin.text.parameters import following as following
+from gimbal_pin.text.parameters import identified as identified
+from gimbal_pin.text.parameters import several as several
+from gimbal_pin.text.rig import base as base
+from gimbal_pin.text.rig import check as check
+from gimbal_pin.text.rig import excitation as excitation
+from gimbal_pin.text.rig import rigs as rigs
+from gimbal_pin.text.wrong import diagnosis as diagnosis

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
 
 
 def table(*heads: str, rows: Sequence[Sequence[str]]) -> str:

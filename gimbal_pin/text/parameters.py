@@ -1,4 +1,4 @@
-"""Identified parameters with their uncertainty, of one camera or of several."""
+"""Identified parameters with their uncertainty, of one camera or of several, at the end or while the rig moves."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from gimbal_pin.bodies import Figure
     from gimbal_pin.calibration import Mounting
     from gimbal_pin.identification import Accuracy, Identified
+    from gimbal_pin.online import Progress
     from gimbal_pin.payloads import Several
 
 
@@ -135,3 +136,19 @@ def accuracy(part: Accuracy) -> str:
         else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
     )
     return f"{part.how}: torque error rms (fit)  " + ", ".join(cells) + judged
+
+
+def following(found: Progress, told: int) -> str:
+    """One line on an online estimate: time, torque error, the most telling parameters; then what happened anew.
+
+    So many events were `told` before.
+    """
+    error = ", ".join(f"{joint} {number(value, 2)}" for joint, value in found.torque_error.items())
+    parts = [f"{found.t:8.1f} s", *([f"off by {error} N m;"] if error else [])]
+    if found.hidden:
+        parts.append(f"{len(found.hidden)} of {len(found.names)} parameters do not show yet")
+    else:
+        rows = [(found.names[k], found.value[k], 1.96 * found.std[k], found.units[k]) for k in found.telling[:3]]
+        parts.append(", ".join(f"{name} {number(x)} ± {number(half, 1)} {unit}" for name, x, half, unit in rows))
+    events = [f"{event.t:8.1f} s  {event.sentence}" for event in found.events[told:]]
+    return "\n".join([*events, "  ".join(parts)])

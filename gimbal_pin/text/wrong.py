@@ -11,6 +11,7 @@ from gimbal_pin.text.cells import number, table
 if TYPE_CHECKING:
     from gimbal_pin.diagnosis import Diagnosis
     from gimbal_pin.diagnosis.finding import Finding
+    from gimbal_pin.parameter import Parameter
 
 
 LIMIT = "(what would be found goes with the motion all log long; noise averages out over it, and may be larger)"
@@ -21,20 +22,8 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     lines = [f"verdict: {found.verdict}{doubted(found)}"] + ([""] if found.spoiling or found.findings else [])
     for fault in found.spoiling:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
-        lines += [f"  {p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in fault.answer]
-    for finding in found.findings:
-        lines.append(finding.sentence)
-        if len(finding.alike) > 1:
-            lines.append(
-                f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}"
-            )
-            lines += [f"  {line}" for line in worse(finding)]
-        figures = [
-            f"{p.name} {number(p.value)} ± {number(p.std, 2)} {p.unit}" for p in finding.parameters if p.std == p.std
-        ]
-        loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters)
-        unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
-        lines.append(f"  {', '.join(figures) or unsized}".rstrip())
+        lines += [f"  {sized(p)}" for p in fault.answer]
+    lines += [line for finding in found.findings for line in told(finding)]
     lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     rows = [
         (
@@ -63,6 +52,23 @@ def doubted(found: Diagnosis) -> str:
     """Which findings a verdict of named does not speak of: those whose cause the logs leave open."""
     open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
+
+
+def told(finding: Finding) -> list[str]:
+    """A finding's sentence, what it could be instead, and its figures."""
+    lines = [finding.sentence]
+    if len(finding.alike) > 1:
+        lines.append(f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}")
+        lines += [f"  {line}" for line in worse(finding)]
+    figures = ", ".join(sized(p) for p in finding.parameters if p.std == p.std)
+    loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters)
+    unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
+    return [*lines, f"  {figures or unsized}".rstrip()]
+
+
+def sized(figure: Parameter) -> str:
+    """A figure with its standard deviation."""
+    return f"{figure.name} {number(figure.value)} ± {number(figure.std, 2)} {figure.unit}"
 
 
 def worse(finding: Finding) -> list[str]:

@@ -28,12 +28,7 @@ def marks(
 ) -> tuple[list[three.Json], Array]:
     """Return the commands that draw target, horizon and platform, and the points that the view must hold, (K, 3).
 
-    Args:
-        rig: The rig.
-        solids: What it draws.
-        poses: How it moves.
-        wanted: The camera's attitude that should be kept, (3, 3).
-        size: Radius of the rig, m.
+    `wanted`: the camera's attitude that should be kept, (3, 3); `size`: radius of the rig, m.
     """
     eye = rays(rig, poses)[0].mean(axis=0)
     place = eye + DISTANCE * size * wanted[:, 0]
@@ -56,11 +51,9 @@ def rim(pose: Array, poses: Poses, size: float) -> Array:
 
 def target(place: Array, wanted: Array, size: float) -> three.Json:
     """Return a board of rings that faces the camera."""
-    parts = []
+    parts, ahead = [], wanted[:, 0]
     for k, radius in enumerate(BOARD):
-        pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([wanted[:, 1], wanted[:, 2], wanted[:, 0]])
-        pose[:3, 3] = place - 0.002 * k * size * wanted[:, 0]
+        pose = three.pose(place - 0.002 * k * size * ahead, np.column_stack([wanted[:, 1], wanted[:, 2], ahead]))
         disc = {"type": "CircleGeometry", "radius": radius * size, "segments": 64}
         parts.append(three.Part(disc, pose, three.flat(PALE if k % 2 else RED, side=2)))
     return three.group(parts, "target")
@@ -68,12 +61,9 @@ def target(place: Array, wanted: Array, size: float) -> three.Json:
 
 def horizon(eye: Array, size: float) -> three.Json:
     """Return a level ring at the camera's height."""
-    pose = np.eye(4)
-    pose[:3, 3] = eye
     ring = {"type": "TorusGeometry", "radius": size, "tube": 0.005 * size, "radialSegments": 8}
-    return three.group(
-        [three.Part({**ring, "tubularSegments": 128}, pose, three.flat(LEVEL, 0.75), order=2)], "horizon"
-    )
+    part = three.Part({**ring, "tubularSegments": 128}, three.pose(eye), three.flat(LEVEL, 0.75), order=2)
+    return three.group([part], "horizon")
 
 
 def deck(rig: Rig, solids: Sequence[Solid], size: float) -> three.Json:
@@ -89,9 +79,8 @@ def deck_pose(rig: Rig, solids: Sequence[Solid], size: float) -> Array:
     own = base_corners(rig, solids)
     low, high = own[:, 2].min(), own[:, 2].max()
     up = float(rig.model.jointPlacements[1].translation[2]) >= (low + high) / 2
-    pose = np.eye(4)
-    pose[2, 3] = (low if up else high) + (-1 if up else 1) * DECK_HIGH / 2 * size
-    return pose
+    height = (low if up else high) + (-1 if up else 1) * DECK_HIGH / 2 * size
+    return three.pose(np.array([0.0, 0.0, height]))
 
 
 def base_corners(rig: Rig, solids: Sequence[Solid]) -> Array:

@@ -21,11 +21,7 @@ PATIENCE = 60.0
 def pictures(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
     """Hand the PNG of each instant of a recorded page to `take`, in order.
 
-    Args:
-        page: What `record` returned.
-        times: Seconds since the start of playing.
-        size: Width and height, pixels.
-        take: Called with each PNG.
+    `times`: seconds since the start of playing; `size`: width and height, pixels.
 
     Raises:
         UsageError: No Chromium, no choreographer, or a browser that does not draw.

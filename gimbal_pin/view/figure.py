@@ -10,7 +10,7 @@ import pinocchio as pin
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import three
-from gimbal_pin.view.motion import Motion, Poses
+from gimbal_pin.view.motion import Frames, Poses
 from gimbal_pin.view.solid import Solid
 
 GHOST = (0.16, 0.45, 0.95)
@@ -40,8 +40,8 @@ def figure(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
     for joint, path in enumerate(paths(rig, root)):
         own = moved_by(rig, solids, joint)
         parts = [
-            three.Part(solid.geometry, placement, solid_material(solid), casts=solid.rgba[3] >= 1, receives=True)
-            for solid, placement in own
+            three.Part(s.geometry, at, three.glossy(s.rgba, **facets(s)), casts=s.rgba[3] >= 1, receives=True)
+            for s, at in own
         ]
         commands += [three.draw(f"{path}/solids", three.group(parts, prefix(joint)))] if parts else []
     return commands
@@ -83,11 +83,6 @@ def moved_by(rig: Rig, solids: Sequence[Solid], joint: int) -> list[tuple[Solid,
     ]
 
 
-def solid_material(solid: Solid) -> three.Json:
-    """Return the look of a solid."""
-    return three.glossy(solid.rgba, **facets(solid))
-
-
 def facets(solid: Solid) -> three.Json:
     """Return what a mesh's material needs besides: its triangles may face either way and come without normals."""
     return {"type": "MeshPhongMaterial", "flatShading": True, "side": 2} if solid.facets else {}
@@ -97,13 +92,10 @@ def pose_commands(rig: Rig, poses: Poses, root: str) -> list[three.Json]:
     """Return the commands that put the groups where the first frame has them."""
     positions = (poses.place[0], *poses.position[0])
     attitudes = (poses.base[0], *poses.quaternion[0])
-    commands = []
-    for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True):
-        pose = np.eye(4)
-        pose[:3, :3] = pin.Quaternion(attitude).matrix()
-        pose[:3, 3] = position
-        commands.append(three.place(path, pose))
-    return commands
+    return [
+        three.place(path, three.pose(position, pin.Quaternion(attitude).matrix()))
+        for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True)
+    ]
 
 
 def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
@@ -121,7 +113,7 @@ def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
     return found
 
 
-def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Motion, root: str) -> Tracks:
+def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Frames, root: str) -> Tracks:
     """Return what turns each moved link from its own colours (0) to red (1); empty without `motion.colour`."""
     found: Tracks = {}
     if motion.colour is None:

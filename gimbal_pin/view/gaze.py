@@ -7,7 +7,7 @@ turned by ``E = exp(e)`` from the wanted attitude sees as ``Eᵀ p`` what the wa
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from math import degrees, floor, log10, radians, tan
@@ -17,6 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.log import Array
+from gimbal_pin.view.names import controller_name
+from gimbal_pin.view.template import filled
 
 if TYPE_CHECKING:
     from gimbal_pin.pointing.outlook import Outlook, Shot
@@ -95,9 +97,7 @@ def grid() -> Array:
 def placed(points: Array, turned: Array) -> Array:
     """Return where directions lie in the picture of a camera turned by e, (K, 2); nan for what is not ahead.
 
-    Args:
-        points: Directions in the wanted camera's frame, (K, 3).
-        turned: e, rad, (3,).
+    `points`: directions in the wanted camera's frame, (K, 3); `turned`: e, rad, (3,).
     """
     x, y, z = (points @ pin.exp3(turned)).T
     ahead = np.where(x > NEAR, x, np.nan)
@@ -115,19 +115,14 @@ def clipped(lines: Array, turned: Array) -> Array:
     return np.where(gone[:, None, None], np.nan, placed(cut.reshape(-1, 3), np.zeros(3)).reshape(-1, 2, 2))
 
 
-def pictures(seen: Outlook, names: Mapping[str, str]) -> tuple[Picture, ...]:
-    """Return the bolted camera and ours through a wide lens, then all that were held through one long lens.
-
-    Args:
-        seen: What the cameras saw.
-        names: Controller → what it is called.
-    """
+def pictures(seen: Outlook) -> tuple[Picture, ...]:
+    """Return the bolted camera and ours through a wide lens, then all that were held through one long lens."""
     ours, step = seen.held[-1], scale(seen)
-    wide = [wide_picture("Bolted to the platform", seen.bolted), wide_picture(f"Held by {called(ours, names)}", ours)]
+    wide = [wide_picture("Bolted to the platform", seen.bolted), wide_picture(f"Held by {called(ours)}", ours)]
     half = 2.6 * step
     long = [
         Picture(
-            f"{called(one, names)[:1].upper()}{called(one, names)[1:]}, long lens",
+            f"{called(one)[:1].upper()}{called(one)[1:]}, long lens",
             f"jitter {degrees(one.jitter):.4f}° rms",
             half,
             np.column_stack([np.zeros(len(seen.t)), one.shaken]),
@@ -139,9 +134,9 @@ def pictures(seen: Outlook, names: Mapping[str, str]) -> tuple[Picture, ...]:
     return (*wide, *long)
 
 
-def called(one: Shot, names: Mapping[str, str]) -> str:
+def called(one: Shot) -> str:
     """Return what a shot's controller is called."""
-    return names.get(str(one.controller), str(one.controller).replace("-", " "))
+    return controller_name(str(one.controller))
 
 
 def wide_picture(title: str, one: Shot) -> Picture:
@@ -185,19 +180,12 @@ def script() -> str:
     return files("gimbal_pin.view").joinpath("gaze.js").read_text(encoding="utf-8")
 
 
-def page(seen: Outlook, wanted: Array, names: Mapping[str, str]) -> str:
+def page(seen: Outlook, wanted: Array) -> str:
     """Return a page that plays what the cameras saw, with a control, and needs nothing but a browser.
 
-    Args:
-        seen: What they saw.
-        wanted: R_d, (3, 3).
-        names: Controller → what it is called.
+    `wanted`: R_d, (3, 3).
     """
-    from jinja2 import Environment, StrictUndefined
-
-    source = files("gimbal_pin.view").joinpath("gaze.html.j2").read_text(encoding="utf-8")
-    several = pictures(seen, names)
+    several = pictures(seen)
     # A name may hold anything: what ends a script inside one must not end this one.
     numbers = json.dumps(data(seen, wanted, several), ensure_ascii=True).replace("</", "<\\/")
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    return environment.from_string(source).render(pictures=several, script=script(), data=numbers)
+    return filled("gimbal_pin.view", "gaze.html.j2", pictures=several, script=script(), data=numbers)

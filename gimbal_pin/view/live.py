@@ -13,7 +13,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import figure, three
-from gimbal_pin.view.motion import Motion, motion, poses
+from gimbal_pin.view.motion import Frames, motion, poses
 from gimbal_pin.view.scene import GHOST, MOTION, RIG, Scene, scene
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Live(contextlib.AbstractContextManager["Live"]):
         self.rig = rig
         self._window = start()
         zero = np.zeros((1, rig.n))
-        self._draw(scene(rig, Motion(np.zeros(1), zero, zero if ghost else None), room=1.5))
+        self._draw(scene(rig, Frames(np.zeros(1), zero, zero if ghost else None), room=1.5))
 
     @property
     def url(self) -> str:

@@ -13,7 +13,7 @@ from gimbal_pin.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Frames:
     """What is shown, frame by frame.
 
     Attributes:
@@ -61,7 +61,7 @@ class Poses:
     world: Array
 
 
-def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Array | None) -> Motion:
+def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Array | None) -> Frames:
     """Interpolate a log at the times t₀ + k speed / fps.
 
     Raises:
@@ -80,7 +80,7 @@ def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Ar
     order = columns(rig, log)
     times = frame_times(log.t, speed / fps)
     reference = log.q_ref if ghost else None
-    return Motion(
+    return Frames(
         t=times,
         q=interpolate(times, log.t, log.q[:, order]),
         q_ref=None if reference is None else interpolate(times, log.t, reference[:, order]),

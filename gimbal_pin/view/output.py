@@ -14,7 +14,7 @@ from gimbal_pin.io.files import atomic_write, replacing
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
 from gimbal_pin.view.browser import pictures
-from gimbal_pin.view.motion import Motion, columns, frame_times, motion
+from gimbal_pin.view.motion import Frames, columns, frame_times, motion
 from gimbal_pin.view.page import page
 from gimbal_pin.view.scene import scene
 
@@ -113,7 +113,7 @@ def moment(rig: Rig, log: Log) -> float:
     return float(log.t[int(np.argmax(np.sum(np.nan_to_num(away[:, order]) ** 2, axis=1)))])
 
 
-def film(recorded: str, shown: Motion, fps: float, size: tuple[int, int], path: Path) -> None:
+def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: Path) -> None:
     """Render every frame of a recorded page and encode them with ffmpeg."""
     try:
         import imageio_ffmpeg

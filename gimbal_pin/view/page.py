@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import base64
-import html
 import importlib.util
 import json
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
-from gimbal_pin.view import afar, gaze, stage, three
-from gimbal_pin.view.motion import Motion, motion
+from gimbal_pin.view import afar, gaze, sight, stage, three
+from gimbal_pin.view.motion import Frames, motion
 from gimbal_pin.view.scene import Scene, scene
+from gimbal_pin.view.template import filled
 
 
 def record(
@@ -45,34 +43,32 @@ Inset = tuple[Sequence[gaze.Picture], gaze.Json]
 """What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
 
 
-def page(rig: Rig, log: Log, shown: Motion, drawn: Scene, inset: Inset | None = None) -> str:
+def page(rig: Rig, log: Log, shown: Frames, drawn: Scene, inset: Inset | None = None) -> str:
     """Return the page of a scene, with pictures in its corner where there are any."""
-    template = Template(files("gimbal_pin.view").joinpath("page.html").read_text(encoding="utf-8"))
-    title = rig.name + (f" with {rig.payload}" if rig.payload else "")
-    return template.substitute(
-        title=html.escape(title),
-        subtitle=html.escape(log.name),
+    pictures, seen = ((), None) if inset is None else inset
+    return filled(
+        "gimbal_pin.view",
+        "page.html.j2",
+        title=rig.title,
+        subtitle=log.name,
         legend=legend(shown),
+        ramp=shown.colour is not None,
         bundle=bundle(),
         scene=data(shown, drawn),
         gaze=gaze.script() if inset else "",
-        inset="" if inset is None else corner(inset[0]),
-        seen=json.dumps(None if inset is None else inset[1]),
+        pictures=pictures,
+        seen=json.dumps(seen),
     )
 
 
-def corner(several: Sequence[gaze.Picture]) -> str:
-    """Return the places of pictures, as HTML."""
-    one = '<figure><canvas role="img" aria-label="{0}"></canvas><figcaption>{0}</figcaption></figure>'
-    return "".join(one.format(html.escape(picture.title)) for picture in several)
-
-
-def data(shown: Motion, drawn: Scene) -> str:
+def data(shown: Frames, drawn: Scene) -> str:
     """Return the commands and the times as JSON; each command is packed as meshcat's server would send it."""
+    import umsgpack
+
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
     return json.dumps(
         {
-            "commands": packed(commands),
+            "commands": [base64.b64encode(umsgpack.packb(command)).decode() for command in commands],
             "start": float(shown.t[0]),
             "end": float(shown.t[-1]),
             "duration": float(shown.clock[-1]),
@@ -83,27 +79,14 @@ def data(shown: Motion, drawn: Scene) -> str:
     )
 
 
-def packed(commands: Sequence[three.Json]) -> list[str]:
-    """Return each command as base64 of its msgpack."""
-    import umsgpack
-
-    return [base64.b64encode(umsgpack.packb(command)).decode() for command in commands]
-
-
-def legend(shown: Motion) -> str:
-    """Return what the colours mean, as HTML."""
-    from gimbal_pin.view.sight import MEASURED, REFERENCE
-
-    lines = [f'<div><i style="border-color: #{three.hex_colour(MEASURED):06x}"></i>line of sight</div>']
+def legend(shown: Frames) -> list[tuple[str, str]]:
+    """Return colours, and what they mean."""
+    marks = [(sight.MEASURED, "line of sight")]
     if shown.q_ref is not None:
-        name = "reference" if shown.wanted is None else "joints locked"
-        lines.append(f'<div><i style="border-color: #{three.hex_colour(REFERENCE):06x}"></i>{name}</div>')
+        marks.append((sight.REFERENCE, "reference" if shown.wanted is None else "joints locked"))
     if shown.wanted is not None:
-        marks = ((afar.RED, "target"), (afar.LEVEL, "horizon"))
-        lines += [f'<div><i style="border-color: #{three.hex_colour(rgb):06x}"></i>{name}</div>' for rgb, name in marks]
-    if shown.colour is not None:
-        lines.append('<div><i class="ramp"></i>residual of the joint</div>')
-    return "".join(lines)
+        marks += [(afar.RED, "target"), (afar.LEVEL, "horizon")]
+    return [(f"#{three.hex_colour(rgb):06x}", name) for rgb, name in marks]
 
 
 def bundle() -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import afar, figure, sight, stage, three
-from gimbal_pin.view.motion import Motion, poses
+from gimbal_pin.view.motion import Frames, poses
 from gimbal_pin.view.stand_in import stand_ins
 from gimbal_pin.view.visuals import visuals
 
@@ -32,7 +32,7 @@ class Scene:
     events: tuple[str, ...]
 
 
-def scene(rig: Rig, motion: Motion, room: float = 1.0) -> Scene:
+def scene(rig: Rig, motion: Frames, room: float = 1.0) -> Scene:
     """Return the scene of a rig in motion, looked at from `room` times as far away as holds all of it."""
     solids, events = visuals(rig)
     if not solids:

@@ -13,7 +13,7 @@ from gimbal_pin.view.motion import Poses
 MEASURED = (0.93, 0.36, 0.06)
 REFERENCE = (0.16, 0.45, 0.95)
 
-ALONG_X = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+ALONG_X = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 """Turns a three.js cylinder, which stands on y, onto +x."""
 
 
@@ -41,9 +41,7 @@ def rod(length: float, far: float, near: float) -> three.Json:
 
 def along(distance: float) -> Array:
     """Return the pose of a rod centred at `distance` along +x."""
-    pose = ALONG_X.copy()
-    pose[0, 3] = distance
-    return pose
+    return three.pose(np.array([distance, 0.0, 0.0]), ALONG_X)
 
 
 def rays(rig: Rig, poses: Poses) -> tuple[Array, Array]:

@@ -63,14 +63,12 @@ def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
     """Return the commands for background, light, ground and camera of a rig of radius `size`, m, around `points`."""
     floor = float(points[:, 2].min()) - 0.06 * size
     centre = points.mean(axis=0)
-    shift = np.eye(4)
-    shift[:3, 3] = -view.target
     return [
         three.let("/Background", "top_color", [0.955, 0.965, 0.98]),
         three.let("/Background", "bottom_color", [0.70, 0.75, 0.81]),
         *(three.let(path, "visible", False) for path in ("/Grid", "/Axes", "/Lights")),
         *lights(view, size),
-        three.place("/meshcat", shift),
+        three.place("/meshcat", three.pose(-view.target)),
         three.draw("/meshcat/ground", ground(centre[:2], floor, size)),
         *look(view),
     ]
@@ -107,10 +105,8 @@ def lights(view: Camera, size: float) -> list[three.Json]:
 
 def light(name: str, look_of_it: three.Json, position: Array) -> three.Json:
     """Return a light as an object of its own, shining from `position` at the origin."""
-    pose = np.eye(4)
-    pose[:3, 3] = position
     metadata = {"version": 4.5, "type": "Object"}
-    return {"metadata": metadata, "object": {"uuid": name, "matrix": three.matrix(pose), **look_of_it}}
+    return {"metadata": metadata, "object": {"uuid": name, "matrix": three.matrix(three.pose(position)), **look_of_it}}
 
 
 def directional(intensity: float) -> three.Json:
@@ -133,8 +129,7 @@ def shadow(size: float) -> three.Json:
 
 def ground(centre: Array, height: float, size: float) -> three.Json:
     """Return a plane that shows nothing but shadows, and a grid that fades away from the rig."""
-    pose = np.eye(4)
-    pose[:3, 3] = (*centre, height)
+    pose = three.pose(np.append(centre, height))
     radius = 5.0 * size
     catcher = {"type": "ShadowMaterial", "color": 0x10161F, "opacity": 0.2, "transparent": True, "depthWrite": False}
     plane = three.Part({"type": "CircleGeometry", "radius": radius, "segments": 64}, pose, catcher, receives=True)

@@ -7,6 +7,7 @@ import numpy as np
 from gimbal_pin import urdf
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
+from gimbal_pin.view import three
 from gimbal_pin.view.solid import Solid, box, cylinder, sphere
 
 PALETTE = ((0.23, 0.45, 0.80, 1.0), (0.85, 0.35, 0.25, 1.0), (0.20, 0.62, 0.40, 1.0), (0.60, 0.40, 0.72, 1.0))
@@ -24,10 +25,9 @@ def stand_ins(rig: Rig) -> tuple[Solid, ...]:
     drawn = [bone(rig.base, end, 0.5 * radius) for end in ends(rig, 0) if np.linalg.norm(end) > radius]
     for i, (joint, link) in enumerate(zip(rig.joints, rig.links), start=1):
         axis = np.array([1.0, 0.0, 0.0]) if axes[joint] is None else np.asarray(axes[joint], dtype=float)
-        turn = aligned(axis)
-        drawn.append(cylinder(link, turn, radius, 2.6 * radius, PALETTE[(i - 1) % len(PALETTE)]))
+        drawn.append(cylinder(link, aligned(axis, np.zeros(3)), radius, 2.6 * radius, PALETTE[(i - 1) % len(PALETTE)]))
         drawn += [bone(link, end, 0.5 * radius) for end in ends(rig, i) if np.linalg.norm(end) > radius]
-        drawn.append(sphere(link, at(rig.model.inertias[i].lever), 0.7 * radius, BONE))
+        drawn.append(sphere(link, three.pose(rig.model.inertias[i].lever), 0.7 * radius, BONE))
     return tuple(drawn)
 
 
@@ -51,23 +51,12 @@ def ends(rig: Rig, joint: int) -> list[Array]:
 
 def bone(link: str, end: Array, width: float) -> Solid:
     """Return a square bar from the joint's origin to `end`."""
-    pose = aligned(end)
-    pose[:3, 3] = end / 2
-    return box(link, pose, np.array([width, width, float(np.linalg.norm(end))]), BONE)
+    return box(link, aligned(end, end / 2), np.array([width, width, float(np.linalg.norm(end))]), BONE)
 
 
-def aligned(direction: Array) -> Array:
-    """Return a pose, (4, 4), whose z points along `direction`."""
+def aligned(direction: Array, origin: Array) -> Array:
+    """Return the pose, (4, 4), at `origin` whose z points along `direction`."""
     z = direction / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
     x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    return pose
-
-
-def at(point: Array) -> Array:
-    """Return the pose that moves to `point`, (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, 3] = point
-    return pose
+    return three.pose(origin, np.column_stack([x, np.cross(z, x), z]))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin.log import Array
 
@@ -41,6 +42,11 @@ class Part:
     casts: bool = False
     receives: bool = False
     order: int = 0
+
+
+def pose(origin: Array, turn: Array = IDENTITY[:3, :3]) -> Array:
+    """Return the pose whose origin is `origin`, m, (3,), turned by `turn`, (3, 3): (4, 4)."""
+    return np.asarray(pin.SE3(turn, np.asarray(origin, dtype=float)).homogeneous)
 
 
 def floats(values: Any) -> Any:
@@ -148,9 +154,7 @@ def track(name: str, kind: str, times: Array, values: Array) -> Json:
 def animate(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
     """Return the command that plays the tracks of each scene path, for ever.
 
-    Args:
-        clips: Scene path → its tracks.
-        path: Where the server keeps the command: it replays its tree in order, so a path made last is sent last.
+    `path`: where the server keeps the command: it replays its tree in order, so a path made last is sent last.
     """
     animations = [
         {"path": where, "clip": {"fps": 1, "name": "motion", "tracks": list(tracks)}} for where, tracks in clips.items()

@@ -26,9 +26,10 @@ from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.profile import profile_s
-from gimbal_pin.rig import GRAVITY, Rig
+from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import Controller, Reference, Sensors, plant_with, simulate
 from gimbal_pin.tuning import tune
+from tests.mujoco_peer import rigid_bodies
 
 ROUNDS = 9
 DELAY = 1
@@ -38,7 +39,6 @@ PLANTED = (
     "stribeck:{last}:speed=0.1,extra=0.05",
     "delay:{second}:time=0.002",
 )
-BARE = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
 
 
 def measure() -> Iterator[Figure]:
@@ -109,14 +109,8 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
 
 def mujoco_model(rig: Rig) -> mujoco.MjModel:
     """The rig's URDF in MuJoCo: friction from ``<dynamics>``, no collisions, no joint limits, RK4 at `DT`."""
-    robot = etree.fromstring(rig.urdf.encode())
-    compiler = {"discardvisual": "true", "fusestatic": "false", "balanceinertia": "false"}
-    etree.SubElement(etree.SubElement(robot, "mujoco"), "compiler", compiler)
-    model = mujoco.MjModel.from_xml_string(etree.tostring(robot).decode())
-    model.opt.timestep = DT
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    model.opt.gravity[:] = 0, 0, -GRAVITY
-    model.opt.disableflags |= BARE
+    model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
+    model.opt.timestep, model.opt.integrator = DT, mujoco.mjtIntegrator.mjINT_RK4
     for j, joint in enumerate(rig.joints):
         assert model.joint(joint).dofadr[0] == model.joint(joint).qposadr[0] == j, "the joints' order differs"
     model.dof_frictionloss[:], model.dof_damping[:] = rig.friction.T

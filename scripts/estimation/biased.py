@@ -18,11 +18,12 @@ from gimbal_pin.estimators.idim import instruments
 from gimbal_pin.experiment import bench_run
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array, Log
-from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, kept
+from gimbal_pin.rows import Block, Filtering, Regression, kept
 from gimbal_pin.tuning import tune
+from tests.bench_logs import rows_of
 
 EXACT = 40
 """Bits of an encoder whose steps nobody sees."""
@@ -54,7 +55,7 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
 
 def rows(rig: Rig, log: Log, filtering: Filtering) -> Regression:
     """Return the rows of a log."""
-    return kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), filtering))
+    return kept(rows_of(rig, log, filtering))
 
 
 def excited(blocks: Sequence[Block], truth: Array) -> Array:

@@ -12,9 +12,9 @@ import numpy as np
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
 from gimbal_pin.estimators import ESTIMATORS, Bootstrap
-from gimbal_pin.identification import given_beta, identify
-from gimbal_pin.reduction import reduce
+from gimbal_pin.identification import identify
 from gimbal_pin.rows import Filtering
+from tests.bench_logs import true_theta
 
 NORMAL = 1.959964
 BAND = (0.93, 0.97)
@@ -29,8 +29,7 @@ def one(estimator: str, bootstrap: int, seconds: float, noise: float, seed: int)
     method = ESTIMATORS[estimator]
     method = Bootstrap(method, rng, bootstrap) if bootstrap else method
     found = identify(rig, [log], estimator=method, holdout="none", filtering=Filtering(alignment=0.0))
-    truth = np.concatenate([given_beta(plant.rig, reduce(rig)), plant.rig.friction.ravel()])
-    return {"corner": corner, "z": ((found.estimate.theta - truth) / found.estimate.std).tolist()}
+    return {"corner": corner, "z": ((found.estimate.theta - true_theta(plant.rig)) / found.estimate.std).tolist()}
 
 
 def coverage(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -17,15 +16,15 @@ from estimation.logs import drawn, noisy
 from gimbal_pin.estimators import physical as physical_fit
 from gimbal_pin.estimators import weighted
 from gimbal_pin.estimators.colour import autocovariance, colour, series
-from gimbal_pin.identification import accuracy, given_beta, identify
+from gimbal_pin.identification import accuracy, identify
 from gimbal_pin.inertia import physical as can_exist
 from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model, friction_effects
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, to_pinocchio
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, kept
+from gimbal_pin.model import Model
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Block, Regression, kept
+from tests.bench_logs import EXACT, rows_of, true_theta
+from tests.rigs import taken_by_all
 
-EXACT = Filtering(alignment=0.0)
 WORSE = 1.01
 
 
@@ -50,19 +49,19 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
         "clean": ratios[1],
         "moved": not bool(free.physical),
         "apart": apart,
-        "loads": loads(rig, found.to_urdf()),
+        "loads": taken_by_all(found.to_urdf(), rig.n),
     }
 
 
 def rows(rig: Rig, log: Log) -> Regression:
     """Return the rows of a log."""
-    return kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), EXACT))
+    return kept(rows_of(rig, log))
 
 
 def bound(rig: Rig, plant: Model, log: Log) -> Array:
     """Cramér and Rao's bound on the covariance of unbiased estimates, (k, k), by the colour of the noise itself."""
     whole = series(rows(rig, log))
-    truth = np.concatenate([given_beta(plant.rig, reduce(rig)), plant.rig.friction.ravel()])
+    truth = true_theta(plant.rig)
     gamma = autocovariance([block.b - block.A @ truth for block in whole], [block.share for block in whole])
     information = np.zeros((len(truth), len(truth)))
     for block in whole:
@@ -87,17 +86,6 @@ def unavoidable(blocks: Sequence[Block], covariance: Array) -> float:
 def left(rig: Rig, blocks: Sequence[Block], theta: Array) -> list[float]:
     """Return each joint's torque error, N m rms."""
     return list(accuracy(rig.joints, blocks, theta, "held out").torque_rmse.values())
-
-
-def loads(rig: Rig, text: str) -> bool:
-    """Whether Pinocchio, yourdfpy and MuJoCo take a URDF."""
-    import mujoco
-    import yourdfpy
-
-    source = io.BytesIO(text.encode())
-    robot = yourdfpy.URDF.load(source, load_meshes=False, build_scene_graph=False)
-    bodies = mujoco.MjModel.from_xml_string(text).nv
-    return bool(to_pinocchio(text, "written").nv == rig.n == bodies and len(robot.robot.links) > rig.n)
 
 
 def physical(

@@ -13,12 +13,12 @@ from estimation.coverage import BAND, NORMAL
 from estimation.jobs import CORES, results
 from gimbal_pin.excitation import excite
 from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import given_beta, identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.tuning import tune
+from tests.bench_logs import true_theta
 
 WAYS = {"last-third": "of the first two thirds", "none": "of the whole log (--refit)"}
 MANY = 3
@@ -36,7 +36,7 @@ def first_log(rig: Rig, seed: int) -> Log:
 def one(name: str, seed: int) -> dict[str, Any]:
     """Identify one log both ways; return every parameter's error in its own deviations."""
     rig = Rig.load(name)
-    log, truth = first_log(rig, seed), np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
+    log, truth = first_log(rig, seed), true_theta(rig)
     found = {way: identify(rig, [log], holdout=way).estimate for way in WAYS}
     return {way: ((estimate.theta - truth) / estimate.std).tolist() for way, estimate in found.items()}
 

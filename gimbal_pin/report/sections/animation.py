@@ -9,12 +9,7 @@ from gimbal_pin.report.html import join, paragraph
 
 
 def animation(page: str, lead: str) -> Section:
-    """Return a section that plays a recording in a frame of its own; the recording lies in the report's file.
-
-    Args:
-        page: What `view.record` returned.
-        lead: What is seen moving.
-    """
+    """Return a section that plays a recording in a frame of its own; the recording lies in the report's file."""
     frame = Markup('<iframe class="scene" title="Animation" srcdoc="{}" allow="fullscreen"></iframe>').format(page)
     how = "Drag to turn, scroll to zoom; the bar plays, pauses and seeks."
     button = Markup('<button type="button" class="wide" onclick="{}">Full screen</button>').format(

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.report import plots
-from gimbal_pin.report.html import picture, table
+from gimbal_pin.report.html import table
 from gimbal_pin.report.joints import Joint, joints_of, units
-from gimbal_pin.report.numbers import DASH, controller_name
+from gimbal_pin.report.numbers import DASH
 from gimbal_pin.report.sections.experiments import chosen, controller_looks, marked
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, Tracking
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from gimbal_pin.view.names import controller_name
 
 
 def cross_table(rig: Rig, result: Tracking, singles: Sequence[str]) -> Markup:
@@ -42,10 +38,10 @@ def cross_picture(rig: Rig, result: Tracking, singles: Sequence[str]) -> Markup:
     """Return the picture of what a moving axis does to the others."""
     alt = f"Errors of the axes that should stay while one of {', '.join(singles)} moves, per controller"
     caption = "Error of the axes that should stay, each in its colour, while the axis in the title moves; one scale."
-    return picture(plots.drawn(partial(cross_figure, rig, result, singles), alt), caption)
+    return plots.picture(partial(cross_figure, rig, result, singles), alt, caption)
 
 
-def cross_figure(rig: Rig, result: Tracking, singles: Sequence[str]) -> Figure:
+def cross_figure(rig: Rig, result: Tracking, singles: Sequence[str]) -> plots.Figure:
     """Draw the errors of the axes that should stay: a row per controller, a column per axis that moves."""
     joints = joints_of(rig)
     controllers = controller_looks(result.experiments)
@@ -62,7 +58,7 @@ def cross_figure(rig: Rig, result: Tracking, singles: Sequence[str]) -> Figure:
     return figure
 
 
-def still_errors(axes: Axes, joints: Sequence[Joint], experiment: Experiment) -> None:
+def still_errors(axes: plots.Axes, joints: Sequence[Joint], experiment: Experiment) -> None:
     """Draw the errors of the joints that should stay."""
     for j, joint in enumerate(joints):
         if joint.name != experiment.name:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -13,13 +12,10 @@ from markupsafe import Markup
 from gimbal_pin.log import Array, Log
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
-from gimbal_pin.report.html import Content, bullets, join, picture, table
+from gimbal_pin.report.html import Content, bullets, join, table
 from gimbal_pin.report.joints import Joint, joint_colours, joints_of, units
 from gimbal_pin.report.numbers import DASH, figures, file_name
 from gimbal_pin.rig import Rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DRAWN = 3
 """Most logs that are drawn."""
@@ -74,11 +70,11 @@ def speed(log: Log) -> Array:
 def shown(rig: Rig, log: Log) -> Markup:
     """Return the log's angles and torques over time."""
     alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
-    svg = plots.drawn(partial(overview, rig, log), alt, joint_colours(rig.joints))
-    return picture(svg, f"{file_name(log.name)}: every joint as recorded.")
+    caption = f"{file_name(log.name)}: every joint as recorded."
+    return plots.picture(partial(overview, rig, log), alt, caption, joint_colours(rig.joints))
 
 
-def overview(rig: Rig, log: Log) -> Figure:
+def overview(rig: Rig, log: Log) -> plots.Figure:
     """Draw angles above torques."""
     figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
     angle, torque = panels[:, 0]

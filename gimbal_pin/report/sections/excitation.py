@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
 from gimbal_pin.excitation import Excitation
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
-from gimbal_pin.report.html import Content, bar, join, paragraph, picture, table
+from gimbal_pin.report.html import Content, bar, join, paragraph, table
 from gimbal_pin.report.joints import Joint, joints_of, units
 from gimbal_pin.report.numbers import figures
 from gimbal_pin.rig import Rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LIMITS = (("q", "Angle"), ("dq", "Rate"), ("ddq", "Acceleration"), ("tau", "Torque"))
 """Keys of `limits_used`, and what they are shares of."""
@@ -49,11 +45,11 @@ def used(design: Excitation, joint: Joint, key: str) -> Content:
 def drawing(design: Excitation, joints: tuple[Joint, ...]) -> Markup:
     """Return the motion as a picture."""
     alt = f"Angles and rates of {', '.join(design.joints)} over {design.seconds:g} s"
-    svg = plots.drawn(partial(motion_figure, design, joints), alt)
-    return picture(svg, "One period of the motion: position above, rate below.")
+    caption = "One period of the motion: position above, rate below."
+    return plots.picture(partial(motion_figure, design, joints), alt, caption)
 
 
-def motion_figure(design: Excitation, joints: tuple[Joint, ...]) -> Figure:
+def motion_figure(design: Excitation, joints: tuple[Joint, ...]) -> plots.Figure:
     """Draw positions above rates."""
     figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
     position, rate = panels[:, 0]

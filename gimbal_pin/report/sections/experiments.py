@@ -10,6 +10,8 @@ from gimbal_pin.tracking import Experiment, Tracking
 
 TOGETHER = "all-axes"
 """Name of the experiment in which all axes move."""
+BASELINE = "pid"
+"""The controller that the model-based ones are compared with."""
 
 
 def names(result: Tracking) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -15,13 +15,10 @@ from gimbal_pin.identification import Identified
 from gimbal_pin.log import Array
 from gimbal_pin.report import plots
 from gimbal_pin.report.evaluation import Evaluated
-from gimbal_pin.report.html import Content, picture, table
+from gimbal_pin.report.html import Content, table
 from gimbal_pin.report.joints import joints_of
 from gimbal_pin.report.numbers import DASH, SURE, figures, interval, unit
 from gimbal_pin.report.sections.known import Known
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 RATE = 2.0
 """Rate up to which friction is drawn where no row says how fast the joint moved, rad/s."""
@@ -47,10 +44,7 @@ def coefficients(found: Identified) -> Iterator[Coefficient]:
 def friction(found: Identified, every: Sequence[Known], evaluated: Evaluated | None = None) -> list[Markup]:
     """Return a table of the effects' coefficients and a picture of their torque over the rate.
 
-    Args:
-        found: What `identify` returned.
-        every: What is known of all parameters, in order.
-        evaluated: Rows that say how fast the joints moved.
+    Over the rates of the rows in `evaluated`.
     """
     head = ["Joint", "Effect", "Coefficient", "Unit", "Value", "95 % interval", "Relative deviation", "of torque limit"]
     head += ["URDF"] * any(one.given is not None for one in every)
@@ -60,9 +54,11 @@ def friction(found: Identified, every: Sequence[Known], evaluated: Evaluated | N
         for one in coefficients(found)
     ]
     alt = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
-    svg = plots.drawn(partial(curves, found, evaluated), alt)
     caption = "Torque of all effects over the joint's rate, with the 95 % band of their coefficients."
-    return [table(head, rows, texts=4, label="Friction and other effects"), picture(svg, caption)]
+    return [
+        table(head, rows, texts=4, label="Friction and other effects"),
+        plots.picture(partial(curves, found, evaluated), alt, caption),
+    ]
 
 
 def row(found: Identified, one: Coefficient, entry: Known) -> list[Content]:
@@ -75,7 +71,7 @@ def row(found: Identified, one: Coefficient, entry: Known) -> list[Content]:
     return [*names, value, half, entry.deviation, share, DASH if entry.given is None else figures(entry.given, 4)]
 
 
-def curves(found: Identified, evaluated: Evaluated | None) -> Figure:
+def curves(found: Identified, evaluated: Evaluated | None) -> plots.Figure:
     """Draw every joint's effects over its rate."""
     joints = joints_of(found.model.rig)
     figure, panels = plots.panels(1, len(joints), 2.6)

@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from math import isfinite
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.report import plots
-from gimbal_pin.report.html import picture
 from gimbal_pin.report.joints import Joint, units
 from gimbal_pin.report.numbers import figures, torque_unit
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 THICK = 0.34
 """Thickness of a bar, in rows."""
@@ -51,7 +46,7 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
         "after 0.2 s of simulation from the held-out torque; and a simulated controller's tracking error without and "
         "with the causes compensated."
     )
-    return picture(plots.drawn(partial(bars, several, tuple(joints)), alt), caption)
+    return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
 
 
 def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:
@@ -71,7 +66,7 @@ def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:
     return [*out, Measure(f"tracking error, {angle} rms", *followed)] if found.tracking else out
 
 
-def bars(several: Sequence[Measure], joints: Sequence[Joint]) -> Figure:
+def bars(several: Sequence[Measure], joints: Sequence[Joint]) -> plots.Figure:
     """Draw the measures side by side."""
     height = 0.6 * len(joints) + 0.9
     figure, panels = plots.panels(1, len(several), height, gaps=(0.55, 0.35))
@@ -82,7 +77,7 @@ def bars(several: Sequence[Measure], joints: Sequence[Joint]) -> Figure:
     return figure
 
 
-def pairs(axes: Axes, measure: Measure, joints: Sequence[Joint]) -> None:
+def pairs(axes: plots.Axes, measure: Measure, joints: Sequence[Joint]) -> None:
     """Draw a pair of bars per joint, as shares of the joint's own larger figure, each with its figure."""
     for i, joint in enumerate(joints):
         both = measure.before[joint.name], measure.after[joint.name]

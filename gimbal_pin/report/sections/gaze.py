@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -12,14 +11,11 @@ from markupsafe import Markup
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.outlook import Outlook
 from gimbal_pin.report import plots
-from gimbal_pin.report.html import join, picture
-from gimbal_pin.report.numbers import CONTROLLERS, controller_name, figures, listed
+from gimbal_pin.report.html import join
+from gimbal_pin.report.numbers import figures, listed
 from gimbal_pin.view import gaze
 from gimbal_pin.view.gaze import ASPECT, Picture, Scenery
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from gimbal_pin.view.names import controller_name
 
 EXPOSURES = 14
 """Moments that a wide picture shows on top of each other."""
@@ -28,8 +24,8 @@ RED = "#d8321f"
 
 def gazes(seen: Outlook, wanted: Array) -> Markup:
     """Return the cameras' pictures as an animation, and on top of each other as a still that can be printed."""
-    several = gaze.pictures(seen, CONTROLLERS)
-    page = gaze.page(seen, wanted, CONTROLLERS)
+    several = gaze.pictures(seen)
+    page = gaze.page(seen, wanted)
     played = Markup('<div class="animation"><iframe class="gaze" title="{}" srcdoc="{}"></iframe></div>').format(
         "What the cameras see", page
     )
@@ -41,11 +37,10 @@ def gazes(seen: Outlook, wanted: Array) -> Markup:
         f"line of sight through a long lens for {held}, to one scale; what is slower than 0.2 Hz, the gyros' drift, is "
         "left out there. All that is seen is far away, so that only the camera's turning shows."
     )
-    drawn = plots.drawn(partial(exposed, several, gaze.scenery(wanted)), alt)
-    return join([played, picture(drawn, caption)])
+    return join([played, plots.picture(partial(exposed, several, gaze.scenery(wanted)), alt, caption)])
 
 
-def exposed(several: Sequence[Picture], world: Scenery) -> Figure:
+def exposed(several: Sequence[Picture], world: Scenery) -> plots.Figure:
     """Draw the pictures on top of each other, the wide ones above, those through a long lens below."""
     columns = max(2, len(several) - 2)
     figure, panels = plots.panels(2, columns, 7.2, gaps=(0.75, 0.55), left=0.75)
@@ -57,7 +52,7 @@ def exposed(several: Sequence[Picture], world: Scenery) -> Figure:
     return figure
 
 
-def wide_exposure(axes: Axes, one: Picture, world: Scenery) -> None:
+def wide_exposure(axes: plots.Axes, one: Picture, world: Scenery) -> None:
     """Draw some moments of a wide picture: skyline, horizon, target."""
     across, moments = one.half, np.linspace(0, len(one.turned) - 1, EXPOSURES).astype(int)
     axes.set(xlim=(-across, across), ylim=(-across / ASPECT, across / ASPECT), xticks=[], yticks=[], aspect="equal")
@@ -73,7 +68,7 @@ def wide_exposure(axes: Axes, one: Picture, world: Scenery) -> None:
     axes.spines[:].set_visible(True)
 
 
-def long_exposure(axes: Axes, one: Picture) -> None:
+def long_exposure(axes: plots.Axes, one: Picture) -> None:
     """Draw the way of the line of sight over the target, in degrees."""
     across = np.degrees(np.arctan(one.half))
     for ring in one.rings:

@@ -8,10 +8,11 @@ from markupsafe import Markup
 
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
-from gimbal_pin.report.html import Content, bullets, heading, join, paragraph, picture, table, toned
+from gimbal_pin.report.html import Content, bullets, heading, join, paragraph, table, toned
 from gimbal_pin.report.joints import Joint, joints_of
-from gimbal_pin.report.numbers import controller_name, figures
+from gimbal_pin.report.numbers import figures
 from gimbal_pin.tuning import Tuning
+from gimbal_pin.view.names import controller_name
 
 GAINS = (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))
 PHASE_DEG, GAIN_DB = 45.0, 6.0
@@ -22,11 +23,11 @@ def margins(*tunings: Tuning) -> Section:
     """Return the gains and margins of one or more tunings; the first one's loops are drawn."""
     first = tunings[0]
     alt = f"Bode and Nyquist diagrams and disturbance answers of {', '.join(first.model.rig.joints)}"
-    svg = plots.drawn(first.plot, alt, [joint.colour for joint in joints_of(first.model.rig)])
     caption = f"The loops of {controller_name(first.wish.kind)}, one per joint, sampled and delayed as they will run."
+    loops = plots.picture(first.plot, alt, caption, [joint.colour for joint in joints_of(first.model.rig)])
     parts = [part for tuning in tunings for part in described(tuning, len(tunings) > 1)]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
-    return Section("Controller", join([*parts, picture(svg, caption)]), lead)
+    return Section("Controller", join([*parts, loops]), lead)
 
 
 def described(tuning: Tuning, several: bool) -> list[Markup]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,12 @@ from gimbal_pin.report.joints import Joint
 from gimbal_pin.report.numbers import torque_unit
 from gimbal_pin.report.sections.residual import JUDGED
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 Flags = NDArray[np.bool_]
 
 WINDOW = 15.0
 """Longest stretch drawn in full, s."""
+BETWEEN = 4
+"""Pieces that a curve is drawn in from row to row."""
 
 
 def worst(evaluated: Evaluated) -> tuple[Part, bool]:
@@ -50,16 +48,16 @@ def broken(t: Array, values: Array) -> Array:
     return out
 
 
-def rounded(t: Array, values: Array, between: int = 4) -> tuple[Array, Array]:
+def rounded(t: Array, values: Array) -> tuple[Array, Array]:
     """Return a curve through the rows, which are as far apart as the filter allows, without corners; broken at gaps."""
-    fine = np.interp(np.arange((len(t) - 1) * between + 1) / between, np.arange(len(t)), t)
+    fine = np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
     smooth = signals.resample(t, values[:, None], fine)[:, 0] if len(t) > 2 else values
-    holes = np.repeat(np.isnan(broken(t, values))[1:], between)
+    holes = np.repeat(np.isnan(broken(t, values))[1:], BETWEEN)
     smooth[1:][holes] = np.nan
     return fine, smooth
 
 
-def overlays(joints: tuple[Joint, ...], part: Part) -> Figure:
+def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
     """Draw each joint's torques, and its residual below."""
     count, ratios = len(joints), [0.35, 3, 1.2] * len(joints)
     looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
@@ -84,7 +82,7 @@ def overlays(joints: tuple[Joint, ...], part: Part) -> Figure:
     return figure
 
 
-def shade(axes: Axes, t: Array, still: Flags) -> None:
+def shade(axes: plots.Axes, t: Array, still: Flags) -> None:
     """Shade the stretches of time in which a joint is near standstill."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     for first, last in edges.reshape(-1, 2).tolist():

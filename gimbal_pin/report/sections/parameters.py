@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -17,14 +16,11 @@ from gimbal_pin.identification import Identified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.evaluation import Evaluated
-from gimbal_pin.report.html import Content, bar, bullets, folded, heading, join, paragraph, picture, table
+from gimbal_pin.report.html import Content, bar, bullets, folded, heading, join, paragraph, table
 from gimbal_pin.report.numbers import DASH, figures, interval, listed, torque_text, unit
 from gimbal_pin.report.sections.friction import friction
 from gimbal_pin.report.sections.known import Known, known
 from gimbal_pin.rig import Rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LONGEST = 4
 """Terms of a regrouping that are shown before the rest folds away."""
@@ -33,38 +29,24 @@ LONGEST = 4
 def parameters(found: Identified, evaluated: Evaluated | None = None, given: Rig | None = None) -> Section:
     """Return base parameters and friction with 95 % intervals.
 
-    Args:
-        found: What `identify` returned.
-        evaluated: Rows on which to say how much torque each parameter moves.
-        given: The rig before identification, to set its numbers beside the identified ones.
+    With the torque that each moves on the rows in `evaluated`, and beside them what the rig as given states.
     """
     every = known(found, evaluated, given)
     rigid = every[: len(found.reduction.independent)]
+    apart, told = None if given is None else stated(Difference.of_identified(given, found)), balance(found)
     parts = [paragraph(overall(found, every))]
     if evaluated is not None:
-        parts.append(picture(*chart(every)))
+        parts.append(chart(every))
     parts += [
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         base_table(rigid, given is not None, evaluated is not None),
-        *([] if given is None else [paragraph(line) for line in payload_lines(found, given)]),
-        *balance_part(found),
+        *([] if apart is None else [paragraph(f"Against the URDF: {line}.") for line in apart.lines]),
+        *([] if told is None else [heading("Balance"), bullets(told.sentences)]),
         heading("Friction and other effects"),
         *friction(found, every, evaluated),
     ]
     return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
-
-
-def payload_lines(found: Identified, rig: Rig) -> tuple[str, ...]:
-    """Say what the base parameters mean for the payload: where it sits and what it weighs, against its URDF."""
-    told = stated(Difference.of_identified(rig, found))
-    return () if told is None else tuple(f"Against the URDF: {line}." for line in told.lines)
-
-
-def balance_part(found: Identified) -> list[Markup]:
-    """Say how to balance the payload, what that saves, and whether the motors hold it as it is."""
-    told = balance(found)
-    return [] if told is None else [heading("Balance"), bullets(told.sentences)]
 
 
 def overall(found: Identified, every: Sequence[Known]) -> str:
@@ -125,17 +107,17 @@ def short(name: str) -> str:
     return f"{first} + …" if others else first
 
 
-def chart(every: Sequence[Known]) -> tuple[Markup, str]:
-    """Return the parameters' importance and uncertainty on one scale, and the caption."""
+def chart(every: Sequence[Known]) -> Markup:
+    """Return the parameters' importance and uncertainty on one scale."""
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
     )
     alt = f"Dot-and-whisker plot of {len(every)} parameters, scaled by the torque they move"
-    return plots.drawn(partial(whiskers, every), alt), caption
+    return plots.picture(partial(whiskers, every), alt, caption)
 
 
-def whiskers(every: Sequence[Known]) -> Figure:
+def whiskers(every: Sequence[Known]) -> plots.Figure:
     """Draw dots with whiskers, in the torque that each parameter moves."""
     names = [short(one.name) for one in every]
     figure, panels = plots.panels(1, 1, 1.0 + 0.2 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))

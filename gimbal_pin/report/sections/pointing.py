@@ -2,50 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from math import degrees, isfinite, isnan
-from typing import TYPE_CHECKING
+from math import degrees, isnan
 
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.pointing import chart
+from gimbal_pin.control import Margins
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.budget import BASELINE, Budget
+from gimbal_pin.pointing.budget import BASELINE
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.loops import distinct
 from gimbal_pin.pointing.outlook import outlook, shown
 from gimbal_pin.pointing.roster import ORACLE, OURS, TUNED
-from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Verified
-from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
-from gimbal_pin.report.html import (
-    Card,
-    Content,
-    bullets,
-    cards,
-    heading,
-    join,
-    notice,
-    paragraph,
-    picture,
-    table,
-    toned,
-)
-from gimbal_pin.report.numbers import DASH, controller_name, figures, listed
+from gimbal_pin.report.html import Card, Content, bullets, cards, heading, join, notice, paragraph, table, toned
+from gimbal_pin.report.numbers import DASH, figures, listed
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.gaze import gazes
+from gimbal_pin.report.sections.jitter import angle, diagrams, wrong_models
 from gimbal_pin.report.sections.margins import GAIN_DB, PHASE_DEG, tone
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from gimbal_pin.control import Margins
+from gimbal_pin.view.names import controller_name
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
-OWN = chart.COLOURS[OURS]
 SWITCH = (
     f"The {OURS} is model-based control with all that the others know; joints whose model is worth less than its "
     "uncertainty it leaves to a PID."
@@ -56,10 +35,7 @@ VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     """Return what the camera sees on a platform that moves, the error and its parts, torque and margins.
 
-    Args:
-        found: What `verify` returned.
-        note: What the plant and the model were, as sentences.
-        title: Heading.
+    `note`: what the plant and the model were, as sentences.
     """
     contest = found.contest
     parts = [
@@ -150,125 +126,22 @@ def hardest(row: Row) -> tuple[str, float]:
     return row.runs[0].joints[int(np.argmax(shares))], float(shares.max())
 
 
-def angle(value: float) -> str:
-    """Return an angle, rad, in degrees."""
-    return f"{figures(degrees(value), 2)}°"
-
-
-def diagrams(contest: Contest) -> list[Markup]:
-    """Return the budget as a bar, then the line of sight, its spectrum and the torque."""
-    rows, budget = chart.drawn(contest), contest.budget
-    names = listed(controller_name(row.controller) for row in rows)
-    seeds = " of the first run" if len(rows[0].runs) > 1 else ""
-    floor = ": the oracle, which knows the motion ahead, is the sensors' floor" if ORACLE in contest.jitter else ""
-    alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
-    caption = (
-        f"Line of sight{seeds}: the largest distance from its slow part in each {stretch(rows[0])}; the jitter that "
-        f"all frequencies up to one add up to{floor}; torque, rms as a bar and the largest as a line, and its limit."
-    )
-    told = budget is not None and budget.telling
-    parts = [heading("Where the error goes"), budget_picture(budget)] if budget is not None and told else []
-    return [
-        *parts,
-        heading("The line of sight, and its price"),
-        picture(plots.drawn(partial(curves, rows), alt), caption),
-    ]
-
-
-def wrong_models(sweep: Sweep) -> list[Markup]:
-    """Return jitter against the model's error."""
-    said = f"{sweep.sentence[:1].upper()}{sweep.sentence[1:]}."
-    sides = " (left), and along what the log left least certain, in standard deviations (right)"
-    caption = (
-        f"Jitter of {figures(sweep.seconds, 2)} s with models that are wrong on purpose: all masses, moments and "
-        f"inertias by one share{sides if sweep.uncertain else ''}. "
-        f"Dashed: the {controller_name(BASELINE)}, which takes nothing but inertias from the model."
-    )
-    picture_of = plots.drawn(partial(against_error, sweep), f"Jitter against the model's error. {said}")
-    return [heading("How wrong the model may be"), paragraph(said), picture(picture_of, caption)]
-
-
-def against_error(sweep: Sweep) -> Figure:
-    """Draw jitter against the model's error, per cent and, where the model has a covariance, standard deviations."""
-    swept = [(sweep.scaled, 100.0), ({**sweep.uncertain, 0.0: sweep.scaled[0.0]}, 1.0)]
-    swept = swept if sweep.uncertain else swept[:1]
-    figure, (panels,) = plots.panels(1, len(swept), 2.6, share=(False, True))
-    for axes, (found, unit) in zip(panels, swept):
-        errors = [error for error in sorted(found) if isfinite(found[error])]
-        axes.plot(
-            [unit * error for error in errors], [degrees(found[error]) for error in errors], "o-", color=OWN, ms=3.5
-        )
-        axes.axhline(degrees(sweep.pid), color=chart.COLOURS[BASELINE], ls="--", lw=1.2)
-    panels[0].set(xlabel="error of masses and inertias, %", ylabel="jitter, ° rms", ylim=(0, None))
-    for axes in panels[1:]:
-        axes.set(xlabel="error along what is least certain, standard deviations")
-    plots.named(panels[0], [(controller_name(OURS), OWN), (controller_name(BASELINE), chart.COLOURS[BASELINE])])
-    return figure
-
-
-def stretch(row: Row) -> str:
-    """Say how long the stretches are of which the largest error is drawn."""
-    run = row.runs[0]
-    return f"{figures(1e3 * len(run.sight) * run.dt / min(chart.POINTS, len(run.sight)), 2)} ms"
-
-
-def budget_picture(budget: Budget) -> Markup:
-    """Return the bar that splits the baseline's error."""
-    said = ", ".join(f"{what} {100 * share:.1f} %" for what, share in budget.parts.items())
-    caption = (
-        f"{controller_name(BASELINE)}'s mean square of {angle(budget.baseline)} rms, by what knowing one thing more "
-        f"takes off it, from left to right. What is left at the end, {angle(budget.floor)} rms, none of them undoes."
-    )
-    drawn = plots.drawn(partial(bar, budget), f"Error budget: {said}")
-    return picture(drawn, caption[:1].upper() + caption[1:])
-
-
-def bar(budget: Budget) -> Figure:
-    """Draw the budget."""
-    height = 0.75 + 0.24 * -(-len(budget.parts) // 3)
-    figure, panels = plots.panels(1, 1, height, left=0.12)
-    axes = panels[0, 0]
-    chart.budgeted(axes, budget)
-    axes.set_position((0.01, 1 - 0.5 / height, 0.98, 0.5 / height))
-    axes.set(xticks=[])
-    axes.spines[:].set_visible(False)
-    return figure
-
-
-def curves(rows: Sequence[Row]) -> Figure:
-    """Draw line of sight, cumulative spectrum and torque."""
-    figure, panels = plots.panels(2, 2, 6.0, gaps=(0.75, 0.75))
-    grid = panels[0, 0].get_gridspec()
-    for axes in panels[1]:
-        axes.remove()
-    torque = figure.add_subplot(grid[1, :])
-    chart.over_time(panels[0, 0], rows)
-    chart.spectra(panels[0, 1], rows)
-    chart.torques(torque, rows)
-    looks = chart.looks(rows)
-    plots.named(panels[0, 0], [(controller_name(name), colour) for name, colour in looks.items()])
-    return figure
-
-
 def controllers(contest: Contest) -> Markup:
     """Return the table of all controllers."""
     rows = contest.rows
     head: list[Content] = ["Controller", "Jitter, ° rms", "Largest, °", "Drift, °"]
     head += [f"{joint}, N m rms" for joint in rows[0].runs[0].joints] + ["At torque limit"]
-    every = [[row.jitter_rms for row in rows], [row.jitter_max for row in rows]]
+    fair = [row for row in rows if row.controller != ORACLE]  # it cannot be built, and competes with nobody
     body: list[list[Content]] = []
-    for k, row in enumerate(rows):
+    jitters, largest = [row.jitter_rms for row in fair], [row.jitter_max for row in fair]
+    for row in rows:
         own: list[Content] = [controller_name(row.controller)]
-        own += [marked(figures(degrees(values[k])), values[k], every_real(values, rows)) for values in every]
+        for value, every in ((row.jitter_rms, jitters), (row.jitter_max, largest)):
+            own.append(marked(figures(degrees(value)), value, every))
         own += [figures(degrees(row.drift)), *(figures(torque) for torque in row.torque_rms.values())]
         own += [f"{figures(100 * max(row.at_limit.values()), 2)} %"]
         body.append(own)
     return table(head, body, label="Controllers on the platform")
-
-
-def every_real(values: Sequence[float], rows: Sequence[Row]) -> list[float]:
-    """Return the values of what can be built: the oracle competes with nobody."""
-    return [value for value, row in zip(values, rows) if row.controller != ORACLE]
 
 
 def targets(found: Verified) -> Markup:

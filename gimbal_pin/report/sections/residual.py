@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -14,10 +13,6 @@ from gimbal_pin.report.evaluation import Evaluated
 from gimbal_pin.report.joints import Joint
 from gimbal_pin.report.numbers import torque_unit
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 BINS = 12
 """Stretches of the rate, either way and alike in samples, over which the residual's mean is taken."""
 JUDGED = 0.5
@@ -26,17 +21,17 @@ CLOUD = 900
 """Most dots in a cloud."""
 
 
-def leftovers(joints: tuple[Joint, ...], evaluated: Evaluated) -> tuple[Markup, str]:
-    """Return the residual over rate and as a histogram, and the caption."""
+def leftovers(joints: tuple[Joint, ...], evaluated: Evaluated) -> Markup:
+    """Return the residual over rate and as a histogram."""
     alt = f"Residual torque of {', '.join(evaluated.joints)} over rate, and its histogram"
     caption = (
         "Residual over the joint's rate, where it is judged, and its mean with the error of the mean: flat is noise, a "
         "bend is what the model does not know. Below, its distribution against a normal one of the same size."
     )
-    return plots.drawn(partial(clouds, joints, evaluated), alt), caption
+    return plots.picture(partial(clouds, joints, evaluated), alt, caption)
 
 
-def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> Figure:
+def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> plots.Figure:
     """Draw residuals over rates, and their histograms below."""
     figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
     v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
@@ -55,7 +50,7 @@ def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> Figure:
     return figure
 
 
-def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
+def over_rate(axes: plots.Axes, joint: Joint, v: Array, error: Array) -> None:
     """Draw a joint's residual over its rate, and its mean in stretches of the rate, with twice its error."""
     every = max(1, len(v) // CLOUD)
     plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
@@ -71,7 +66,7 @@ def over_rate(axes: Axes, joint: Joint, v: Array, error: Array) -> None:
     plots.zero_line(axes)
 
 
-def histogram(axes: Axes, joint: Joint, error: Array) -> None:
+def histogram(axes: plots.Axes, joint: Joint, error: Array) -> None:
     """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
     axes.hist(error, bins=int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), density=True, color=joint.colour, alpha=0.45)
     mean, std = float(error.mean()), float(error.std())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -13,13 +12,8 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.heldout import filtered_error
 from gimbal_pin.log import Array
 from gimbal_pin.report import plots
-from gimbal_pin.report.html import picture
 from gimbal_pin.report.joints import Joint
 from gimbal_pin.report.numbers import torque_unit
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 CLOUD = 700
 """Most dots in a cloud."""
@@ -42,7 +36,7 @@ def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Ma
         "Held-out residual torque: refitted model (grey), extended model (colour), over the joint's angle, rate and "
         "time, and its amplitude over frequency. What is flat and small in colour has been explained."
     )
-    return picture(plots.drawn(partial(faces, found, joints, order, held), alt), caption)
+    return plots.picture(partial(faces, found, joints, order, held), alt, caption)
 
 
 def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
@@ -53,7 +47,7 @@ def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
     return list(dict.fromkeys([*named, *open_, *place.values()]))
 
 
-def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: Evidence) -> Figure:
+def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: Evidence) -> plots.Figure:
     """Draw the residuals."""
     figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.75, 0.68))
     errors = [filtered_error(held, model) for model in (found.before, found.after)]
@@ -82,7 +76,7 @@ def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: E
     return figure
 
 
-def over_time(axes: Axes, held: Evidence, error: Array, colour: str) -> None:
+def over_time(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> None:
     """Draw an error over time, broken where it is not judged and between stretches."""
     at = 0
     for part in held.parts:
@@ -91,7 +85,7 @@ def over_time(axes: Axes, held: Evidence, error: Array, colour: str) -> None:
         at += length
 
 
-def over_frequency(axes: Axes, held: Evidence, error: Array, colour: str) -> None:
+def over_frequency(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> None:
     """Draw the amplitude density of an error over the longest stretch."""
     from scipy.signal import welch
 

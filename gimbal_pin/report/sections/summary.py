@@ -12,30 +12,24 @@ from gimbal_pin.log import Log
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import bullets, cards, join, notice, paragraph
 from gimbal_pin.report.joints import joints_of
-from gimbal_pin.report.numbers import (
-    SURE,
-    between,
-    controller_name,
-    figures,
-    file_name,
-    listed,
-    rows_named,
-    torque_text,
-)
-from gimbal_pin.report.sections.experiments import TOGETHER, chosen
+from gimbal_pin.report.numbers import SURE, between, figures, file_name, listed, rows_named, torque_text
+from gimbal_pin.report.sections.experiments import BASELINE, TOGETHER, chosen
 from gimbal_pin.report.sections.headline import (
+    about_gain,
     bandwidth_card,
     error_card,
+    extended_card,
     fit_card,
     margin_card,
+    missed,
     parameter_card,
     ratio_card,
 )
-from gimbal_pin.report.sections.missed import about_gain, extended_card, missed
 from gimbal_pin.report.sections.torque import FAIR, GOOD, grade
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
+from gimbal_pin.view.names import controller_name
 
 SATURATED = 0.05
 """Share of an experiment at the torque limit from which on it is spoken of."""
@@ -47,24 +41,15 @@ def summary(
     tuning: Tuning | None = None,
     result: Tracking | None = None,
     logs: Sequence[Log] = (),
-    baseline: str = "pid",
     plant: str = "the identified model",
     wrong: Diagnosis | None = None,
 ) -> Section:
     """Return the verdict on a rig's identification, controller and tracking.
 
-    Args:
-        rig: The rig.
-        found: What `identify` returned.
-        tuning: What `tune` returned, if it was run.
-        result: What `track` returned, if it was run.
-        logs: The logs, for their length.
-        baseline: The controller that the model-based one is compared with.
-        plant: What was simulated in `result`.
-        wrong: What `diagnose` returned, if it was run.
+    On what was run; `plant`: what the steps were simulated on, within a sentence.
     """
-    ratio = {} if result is None else ratios(result, baseline)
-    fair = result is None or at_limit(result, baseline)[1] <= SATURATED
+    ratio = {} if result is None else ratios(result)
+    fair = result is None or at_limit(result, BASELINE)[1] <= SATURATED
     accuracy = found.held_out or found.train
     fit = min(accuracy.fit_percent.values())
     sentences = [about_fit(rig, found, logs), *about_gain(wrong), about_parameters(found)]
@@ -73,32 +58,32 @@ def summary(
         sentences.append(about_tuning(tuning))
         numbers += [bandwidth_card(tuning), margin_card(tuning)]
     if result is not None and ratio:
-        sentences.append(about_tracking(rig, result, ratio, baseline, plant))
-        numbers.append(ratio_card(ratio, baseline, fair))
+        sentences.append(about_tracking(rig, result, ratio, plant))
+        numbers.append(ratio_card(ratio, fair))
     missing = missed(wrong)
     spoilt = wrong is not None and wrong.verdict == "data"
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
     if wrong is not None and wrong.findings:
         fit = min(wrong.extended["fit_percent"].values())  # the controllers are built on what was found
-    said = verdict(fit, ratio if fair and not spoilt else {}, baseline, missing)
+    said = verdict(fit, ratio if fair and not spoilt else {}, missing)
     headline = paragraph(said, f"headline {tone}")
     parts = [headline, paragraph(" ".join(sentences), "verdict"), cards(numbers)]
-    if warnings := cautions(tuning, result, baseline):
+    if warnings := cautions(tuning, result):
         parts.append(notice("Take care", bullets(warnings)))
     return Section("Summary", join(parts))
 
 
-def ratios(result: Tracking, baseline: str) -> Mapping[str, float]:
+def ratios(result: Tracking) -> Mapping[str, float]:
     """Return joint → rms error under the baseline over that under the last controller, all axes moving together."""
     by_controller = {experiment.controller: experiment for experiment in chosen(result, TOGETHER)}
-    ours = [name for name in by_controller if name != baseline]
-    if baseline not in by_controller or not ours:
+    ours = [name for name in by_controller if name != BASELINE]
+    if BASELINE not in by_controller or not ours:
         return {}
-    theirs, best = by_controller[baseline].joints, by_controller[ours[-1]].joints
+    theirs, best = by_controller[BASELINE].joints, by_controller[ours[-1]].joints
     return {joint: theirs[joint].rms_error / max(best[joint].rms_error, 1e-300) for joint in theirs}
 
 
-def verdict(fit: float, ratio: Mapping[str, float], baseline: str, missing: str = "") -> str:
+def verdict(fit: float, ratio: Mapping[str, float], missing: str = "") -> str:
     """Return the headline; `missing`: what a diagnosis found wrong, see `missed`."""
     if fit < FAIR:
         return (
@@ -110,7 +95,7 @@ def verdict(fit: float, ratio: Mapping[str, float], baseline: str, missing: str 
     if not ratio:
         return f"{first}."
     worse = [joint for joint, times in ratio.items() if times <= 1]
-    other, law = controller_name(baseline), f"the controller built on {'what is known' if missing else 'it'}"
+    other, law = controller_name(BASELINE), f"the controller built on {'what is known' if missing else 'it'}"
     if not worse:
         return f"{first}; {law} tracks better than {other} on every axis."
     return f"{first}; on {listed(worse)}, {other} tracks at least as well as {law}."
@@ -155,22 +140,22 @@ def about_tuning(tuning: Tuning) -> str:
     return f"The {name} controller is tuned to {hertz} Hz, with at least {margin}."
 
 
-def about_tracking(rig: Rig, result: Tracking, ratio: Mapping[str, float], baseline: str, plant: str) -> str:
+def about_tracking(rig: Rig, result: Tracking, ratio: Mapping[str, float], plant: str) -> str:
     """Say how steps on all axes together are followed in simulation."""
     by_controller = {experiment.controller: experiment for experiment in chosen(result, TOGETHER)}
-    ours = [name for name in by_controller if name != baseline][-1]
+    ours = [name for name in by_controller if name != BASELINE][-1]
 
     def worst(name: str) -> str:
         errors = [(joint.scale * by_controller[name].joints[joint.name].rms_error, joint) for joint in joints_of(rig)]
         error, joint = max(errors, key=lambda pair: pair[0])
         return joint.text(error / joint.scale, digits=2)
 
-    times = f"{between(ratio.values())} times as closely as {controller_name(baseline)}"
-    errors = f"rms error of the worst axis {worst(ours)} against {worst(baseline)}"
+    times = f"{between(ratio.values())} times as closely as {controller_name(BASELINE)}"
+    errors = f"rms error of the worst axis {worst(ours)} against {worst(BASELINE)}"
     return f"Simulated on {plant}, with steps on all axes together, it follows {times} ({errors})."
 
 
-def cautions(tuning: Tuning | None, result: Tracking | None, baseline: str) -> list[str]:
+def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:
     """Return what speaks against taking the headline at its word."""
     found = [reason for reason in tuning.reasons if "is safer" in reason] if tuning is not None else []
     if result is None:
@@ -179,7 +164,7 @@ def cautions(tuning: Tuning | None, result: Tracking | None, baseline: str) -> l
         joint, share = at_limit(result, experiment.controller)
         if share > SATURATED:
             name = controller_name(experiment.controller)
-            unfair = ": no fair rival, so that its errors say little" if experiment.controller == baseline else ""
+            unfair = ": no fair rival, so that its errors say little" if experiment.controller == BASELINE else ""
             found.append(f"{name} is at the torque limit of {joint} in {100 * share:.0f} % of the step{unfair}.")
     return found
 

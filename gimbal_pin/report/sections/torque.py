@@ -11,7 +11,7 @@ from gimbal_pin.identification import Identified
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.evaluation import Evaluated
-from gimbal_pin.report.html import Content, heading, join, paragraph, picture, table, toned
+from gimbal_pin.report.html import Content, heading, join, paragraph, table, toned
 from gimbal_pin.report.joints import Joint, joints_of
 from gimbal_pin.report.numbers import figures, file_name, percent, rows_named, torque_unit
 from gimbal_pin.report.sections.overlay import overlays, worst
@@ -43,9 +43,9 @@ def torque(found: Identified, evaluated: Evaluated) -> Section:
         table(
             head(held, unit), [row(found, evaluated, j, joint) for j, joint in enumerate(joints)], label="Torque error"
         ),
-        picture(plots.drawn(partial(overlays, joints, window), alt), caption),
+        plots.picture(partial(overlays, joints, window), alt, caption),
         heading("What is left"),
-        picture(*leftovers(joints, evaluated)),
+        leftovers(joints, evaluated),
     ]
     return Section("Torque", join(parts), f"Measured against predicted, {where}.")
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import isfinite, isnan
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -14,16 +14,14 @@ from markupsafe import Markup
 from gimbal_pin.log import Array
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
-from gimbal_pin.report.html import Content, heading, join, paragraph, picture, table
+from gimbal_pin.report.html import Content, heading, join, paragraph, table
 from gimbal_pin.report.joints import Joint, joints_of
-from gimbal_pin.report.numbers import DASH, DEGREE, controller_name, figures, listed
+from gimbal_pin.report.numbers import DASH, DEGREE, figures, listed
 from gimbal_pin.report.sections.crosstalk import cross_picture, cross_table
-from gimbal_pin.report.sections.experiments import TOGETHER, chosen, controller_looks, marked, names
+from gimbal_pin.report.sections.experiments import BASELINE, TOGETHER, chosen, controller_looks, marked, names
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from gimbal_pin.view.names import controller_name
 
 LEAST = 1e-3 / DEGREE
 """Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
@@ -53,22 +51,20 @@ COLUMNS = (
 )
 
 
-def tracking(result: Tracking, rig: Rig, note: str = "", baseline: str = "pid") -> Section:
+def tracking(result: Tracking, rig: Rig, plant: str = "") -> Section:
     """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
 
-    Args:
-        result: What `track` returned.
-        rig: The rig, for units and limits.
-        note: What the plant was, as a sentence.
-        baseline: The controller that the others are compared with: drawn in grey, behind them.
+    `plant`: what was simulated, within a sentence.
     """
-    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != baseline)))
+    # The baseline is drawn in grey, behind the others.
+    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != BASELINE)))
     joints = joints_of(rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
-    parts = [paragraph(f"Minimum-jerk steps of {steps}. {note}".strip())]
+    note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
+    parts = [paragraph(f"Minimum-jerk steps of {steps}.{note}")]
     together = chosen(result, TOGETHER)
     if together:
-        parts += [heading("All axes together"), metrics_table(joints, together), *responses(rig, together)]
+        parts += [heading("All axes together"), metrics_table(joints, together), responses(rig, together)]
     singles = [name for name in names(result) if name != TOGETHER]
     if singles:
         alone = [experiment for name in singles for experiment in chosen(result, name)]
@@ -100,12 +96,12 @@ def row(joint: Joint, experiment: Experiment, rivals: Sequence[Experiment]) -> l
     return cells
 
 
-def responses(rig: Rig, experiments: Sequence[Experiment]) -> list[Markup]:
+def responses(rig: Rig, experiments: Sequence[Experiment]) -> Markup:
     """Return the picture of the steps."""
     controllers = listed(map(controller_name, controller_looks(experiments)))
     alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {controllers}"
     caption = "Reference (dashed) and angle, the error, and the torque as a share of its limit."
-    return [picture(plots.drawn(partial(steps_figure, rig, experiments), alt), caption)]
+    return plots.picture(partial(steps_figure, rig, experiments), alt, caption)
 
 
 def shade(k: int, count: int, joint: Joint) -> tuple[str, float]:
@@ -113,7 +109,7 @@ def shade(k: int, count: int, joint: Joint) -> tuple[str, float]:
     return (joint.colour, 1.6) if k == count - 1 else (BESIDE[k % len(BESIDE)], 2.2)
 
 
-def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> Figure:
+def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     """Draw angle, error and torque of every joint, one column each."""
     joints = joints_of(rig)
     figure, panels = plots.panels(3, len(joints), 6.6, ratios=[1.5, 1.2, 1], gaps=(0.85, 0.33), share=(True, False))

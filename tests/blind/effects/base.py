@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from math import inf
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -59,7 +60,8 @@ class Effect(ABC):
     `known` forms have the formula that the published table of causes gives, `foreign` ones another; `kin` are published
     causes that come near one from outside. `stage` orders what sits between command and motor. `widest`: how many times
     stronger than its first guess it may become. `stiff` ones need fine steps even in a trial run, and those that ring
-    are sized `in_band`, below visibility.CUTOFF_HZ. Where the base moves, `measured` says whether its IMU is logged."""
+    are sized `in_band`, below visibility.CUTOFF_HZ. Where the base moves, `measured` says whether its IMU is logged.
+    Its first own field is how strong it is, `within` these bounds; `told` are its true parameters, else that field."""
 
     joint: int | None
     form: str
@@ -76,19 +78,27 @@ class Effect(ABC):
     stiff: ClassVar[bool] = False
     in_band: ClassVar[bool] = False
     measured: ClassVar[bool] = True
+    within: ClassVar[tuple[float, float]] = (-inf, inf)
+    told: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     @abstractmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Effect:
         """A first guess of about the wanted size."""
 
-    @abstractmethod
     def scaled(self, k: float) -> Effect:
         """The same effect, k times as strong."""
+        least, most = self.within
+        return replace(self, **{self.grows: min(max(k * getattr(self, self.grows), least), most)})
 
-    @abstractmethod
     def parameters(self) -> dict[str, float]:
         """Its true parameters by name, SI."""
+        return {name: float(getattr(self, name)) for name in self.told or (self.grows,)}
+
+    @property
+    def grows(self) -> str:
+        """Name of its first own field: how strong it is."""
+        return fields(self)[2].name
 
     @property
     def own(self) -> int:

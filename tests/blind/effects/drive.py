@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import copysign, exp, sqrt, tanh
+from math import copysign, exp, inf, sqrt, tanh
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -28,16 +28,11 @@ class ActuatorLag(Effect):
     foreign: ClassVar[tuple[str, ...]] = ("second-order",)
     stage: ClassVar[int] = 4
     widest: ClassVar[float] = 60.0
+    within: ClassVar[tuple[float, float]] = (-inf, 0.025)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> ActuatorLag:
         return cls(context.joint, form, 0.05 * context.share + 1e-4, float(rng.uniform(0.7, 1.1)))
-
-    def scaled(self, k: float) -> ActuatorLag:
-        return replace(self, time_constant=min(k * self.time_constant, 0.025))
-
-    def parameters(self) -> dict[str, float]:
-        return {"time_constant": self.time_constant}
 
     def drive(self, world: World) -> Law:
         return self._first(world.dt) if self.form == "first-order" else self._second(world.dt)
@@ -89,16 +84,11 @@ class Delay(Effect):
     foreign: ClassVar[tuple[str, ...]] = ("wandering",)
     stage: ClassVar[int] = 3
     widest: ClassVar[float] = 60.0
+    within: ClassVar[tuple[float, float]] = (-inf, 0.025)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Delay:
         return cls(context.joint, form, 0.05 * context.share + 1e-4, 0.35 if form == "wandering" else 0.0)
-
-    def scaled(self, k: float) -> Delay:
-        return replace(self, delay=min(k * self.delay, 0.025))
-
-    def parameters(self) -> dict[str, float]:
-        return {"delay": self.delay}
 
     def drive(self, world: World) -> Law:
         joint, delay, wander, dt = self.own, self.delay, self.wander, world.dt
@@ -134,9 +124,6 @@ class Saturation(Effect):
     def scaled(self, k: float) -> Saturation:
         return replace(self, limit=self.limit / k**0.3)
 
-    def parameters(self) -> dict[str, float]:
-        return {"limit": self.limit}
-
     def drive(self, world: World) -> Law:
         joint, limit = self.own, self.limit
         shapes: dict[str, Callable[[float], float]] = {
@@ -169,9 +156,6 @@ class DeadZone(Effect):
 
     def scaled(self, k: float) -> DeadZone:
         return replace(self, width=k * self.width if self.form == "gap" else k**0.6 * self.width)
-
-    def parameters(self) -> dict[str, float]:
-        return {"width": self.width}
 
     def drive(self, world: World) -> Law:
         joint, width = self.own, self.width

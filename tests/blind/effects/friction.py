@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, hypot
 from typing import TYPE_CHECKING, ClassVar
 
@@ -44,16 +44,11 @@ class Stribeck(Effect):
         "exponential": lambda x: exp(-x),
         "lorentzian": lambda x: 1.0 / (1.0 + x * x),
     }
+    told: ClassVar[tuple[str, ...]] = ("extra", "speed")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Stribeck:
         return cls(context.joint, form, 1.5 * context.target, context.speed * float(rng.uniform(0.08, 0.35)))
-
-    def scaled(self, k: float) -> Stribeck:
-        return replace(self, extra=k * self.extra)
-
-    def parameters(self) -> dict[str, float]:
-        return {"extra": self.extra, "speed": self.speed}
 
     def grip(self, world: World) -> Law:
         dof, shape, extra, speed = world.dof[self.own], self.shapes[self.form], self.extra, self.speed
@@ -74,9 +69,6 @@ class AsymmetricFriction(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> AsymmetricFriction:
         size = 2.0 * context.target * float(rng.choice([-1.0, 1.0]))
         return cls(context.joint, form, size / context.speed if form == "viscous" else size)
-
-    def scaled(self, k: float) -> AsymmetricFriction:
-        return replace(self, difference=k * self.difference)
 
     def parameters(self) -> dict[str, float]:
         return {f"{self.form}_difference": self.difference}
@@ -128,12 +120,6 @@ class LoadFriction(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> LoadFriction:
         return cls(context.joint, form, context.share, 0.7 * context.torque)
-
-    def scaled(self, k: float) -> LoadFriction:
-        return replace(self, ratio=k * self.ratio)
-
-    def parameters(self) -> dict[str, float]:
-        return {"ratio": self.ratio}
 
     def prepare(self, world: World) -> None:
         world.needs_gravity = world.needs_gravity or self.form != "total"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import cos, exp
 from typing import TYPE_CHECKING, ClassVar
 
@@ -27,18 +27,13 @@ class PlaceFriction(Effect):
     cause: ClassVar[str] = "position-dependent-friction"
     known: ClassVar[tuple[str, ...]] = ("harmonic", "two-harmonics")
     foreign: ClassVar[tuple[str, ...]] = ("von-mises",)
+    told: ClassVar[tuple[str, ...]] = ("amplitude", "harmonic")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PlaceFriction:
         lowest = max(1, round(1.5 / context.width))
         harmonic = int(rng.integers(lowest, lowest + 4))
         return cls(context.joint, form, 1.5 * context.target, harmonic, float(rng.uniform(-np.pi, np.pi)))
-
-    def scaled(self, k: float) -> PlaceFriction:
-        return replace(self, amplitude=k * self.amplitude)
-
-    def parameters(self) -> dict[str, float]:
-        return {"amplitude": self.amplitude, "harmonic": float(self.harmonic)}
 
     def plant(self, rig: Rig) -> Rig:
         return rig.with_coulomb(self.own, 1.4 * self.amplitude)
@@ -72,18 +67,13 @@ class FrictionDrift(Effect):
     known: ClassVar[tuple[str, ...]] = ("linear",)
     foreign: ClassVar[tuple[str, ...]] = ("warm-up", "thermal")
     can_start_late: ClassVar[bool] = False
+    told: ClassVar[tuple[str, ...]] = ("change", "time_constant")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> FrictionDrift:
         time_constant = context.seconds if form == "linear" else context.rig.motors[context.joint].warm_up
         sign = float(rng.choice([-1.0, -1.0, 1.0]))
         return cls(context.joint, form, 1.7 * sign * context.target, time_constant, context.torque**2)
-
-    def scaled(self, k: float) -> FrictionDrift:
-        return replace(self, change=k * self.change)
-
-    def parameters(self) -> dict[str, float]:
-        return {"change": self.change, "time_constant": self.time_constant}
 
     def plant(self, rig: Rig) -> Rig:
         return rig.with_coulomb(self.own, 1.3 * max(-self.change, 0.0))
@@ -117,17 +107,12 @@ class Drag(Effect):
     cause: ClassVar[str] = "quadratic-drag"
     known: ClassVar[tuple[str, ...]] = ("quadratic",)
     foreign: ClassVar[tuple[str, ...]] = ("power",)
+    told: ClassVar[tuple[str, ...]] = ("coefficient", "power")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Drag:
         power = 2.0 if form == "quadratic" else float(rng.choice([1.7, 2.4, 2.8]))
         return cls(context.joint, form, 0.6 * context.target / context.speed**power, power)
-
-    def scaled(self, k: float) -> Drag:
-        return replace(self, coefficient=k * self.coefficient)
-
-    def parameters(self) -> dict[str, float]:
-        return {"coefficient": self.coefficient, "power": self.power}
 
     def force(self, world: World) -> Law:
         dof, coefficient, power = world.dof[self.own], self.coefficient, self.power - 1.0

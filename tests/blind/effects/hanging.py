@@ -53,12 +53,6 @@ class Hanging(Effect):
             rig = rig.with_body(item.parent, item.inertia.seen_from(item.rotation, item.position))
         return rig
 
-    def parameters(self) -> dict[str, float]:
-        return {"mass": self.mass}
-
-    def scaled(self, k: float) -> Hanging:
-        return replace(self, mass=k * self.mass)
-
 
 @dataclass(frozen=True)
 class Slosh(Hanging):
@@ -76,9 +70,6 @@ class Slosh(Hanging):
         place = tuple((0.3 * edge_of(context.rig) * rng.uniform(-1.0, 1.0, 3)).tolist())
         mass = 0.5 * context.share * context.rig.payload.inertia.mass
         return cls(None, form, mass, place, float(rng.uniform(0.02, 0.08)), float(rng.uniform(0.03, 0.12)))
-
-    def scaled(self, k: float) -> Slosh:
-        return replace(self, mass=k * self.mass)
 
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         kind = "hinge" if self.form == "pendulum" else "slide"
@@ -122,9 +113,6 @@ class Rattle(Hanging):
         play = float(rng.uniform(0.003, 0.015)) if form == "slide" else float(rng.uniform(0.1, 0.5))
         return cls(None, form, mass, place, direction(rng), play)
 
-    def scaled(self, k: float) -> Rattle:
-        return replace(self, mass=k * self.mass)
-
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         axis = np.array(self.direction)
         arm = np.zeros(3) if self.form == "slide" else 0.3 * edge_of(rig) * np.roll(axis, 1)
@@ -167,9 +155,6 @@ class CableWhip(Hanging):
         mass = 0.3 * context.share * context.rig.payload.inertia.mass
         return cls(None, form, mass, place, float(rng.uniform(0.08, 0.3)))
 
-    def scaled(self, k: float) -> CableWhip:
-        return replace(self, mass=k * self.mass)
-
     def _hangers(self, rig: Rig) -> tuple[Appendage, ...]:
         hinges = tuple(Hinge(f"whip_{i}", "hinge", np.eye(3)[i]) for i in range(2))
         inertia = _ball(self.mass, np.array([0.0, 0.0, -self.length]), 0.2 * self.length)
@@ -201,6 +186,7 @@ class MountResonance(Hanging):
     foreign: ClassVar[tuple[str, ...]] = ("turning", "shifting")
     kin: ClassVar[tuple[str, ...]] = ("joint-flexibility",)
     widest: ClassVar[float] = 100.0
+    told: ClassVar[tuple[str, ...]] = ("mass", "hertz")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> MountResonance:
@@ -213,9 +199,6 @@ class MountResonance(Hanging):
 
     def scaled(self, k: float) -> MountResonance:
         return replace(self, mass=min(k, 3.0) * self.mass, hertz=max(self.hertz / max(k / 3.0, 1.0) ** 0.5, 4.0))
-
-    def parameters(self) -> dict[str, float]:
-        return {"mass": self.mass, "hertz": self.hertz}
 
     def _size(self, rig: Rig) -> float:
         return self.mass * (0.5 * edge_of(rig)) ** 2 if self.form == "turning" else self.mass

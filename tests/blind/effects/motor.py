@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import cos, lcm, pi, sin
+from dataclasses import dataclass
+from math import cos, inf, lcm, pi, sin
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -39,9 +39,6 @@ class Cogging(Effect):
         waves = tuple((float(w), k, float(rng.uniform(-pi, pi))) for w, k in zip(weights, harmonics, strict=True))
         return cls(context.joint, form, 1.4 * context.target, waves)
 
-    def scaled(self, k: float) -> Cogging:
-        return replace(self, amplitude=k * self.amplitude)
-
     def parameters(self) -> dict[str, float]:
         return {"amplitude": self.amplitude, "harmonic": float(self.waves[0][1])}
 
@@ -74,18 +71,13 @@ class TorqueRipple(Effect):
     known: ClassVar[tuple[str, ...]] = ("single", "two")
     foreign: ClassVar[tuple[str, ...]] = ("six-step",)
     stage: ClassVar[int] = 6
+    told: ClassVar[tuple[str, ...]] = ("depth", "harmonic")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueRipple:
         pairs = context.rig.motors[context.joint].poles // 2
         order = 6 if form == "six-step" else int(rng.choice([1, 2, 6]))
         return cls(context.joint, form, 1.4 * context.share, pairs * order, float(rng.uniform(-pi, pi)))
-
-    def scaled(self, k: float) -> TorqueRipple:
-        return replace(self, depth=k * self.depth)
-
-    def parameters(self) -> dict[str, float]:
-        return {"depth": self.depth, "harmonic": float(self.harmonic)}
 
     def drive(self, world: World) -> Law:
         joint, dof, depth, k, phase = self.own, world.dof[self.own], self.depth, self.harmonic, self.phase
@@ -113,16 +105,11 @@ class TorqueGain(Effect):
     known: ClassVar[tuple[str, ...]] = ("constant",)
     foreign: ClassVar[tuple[str, ...]] = ("by-sign",)
     stage: ClassVar[int] = 5
+    within: ClassVar[tuple[float, float]] = (-0.6, inf)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueGain:
         return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.share, context.lean)
-
-    def scaled(self, k: float) -> TorqueGain:
-        return replace(self, gain=max(k * self.gain, -0.6))
-
-    def parameters(self) -> dict[str, float]:
-        return {"gain": self.gain}
 
     def drive(self, world: World) -> Law:
         joint, gain, side, both = self.own, 1.0 + self.gain, self.side, self.form == "constant"
@@ -147,12 +134,6 @@ class TorqueBias(Effect):
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueBias:
         return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.target)
-
-    def scaled(self, k: float) -> TorqueBias:
-        return replace(self, bias=k * self.bias)
-
-    def parameters(self) -> dict[str, float]:
-        return {"bias": self.bias}
 
     def drive(self, world: World) -> Law:
         joint, bias = self.own, self.bias

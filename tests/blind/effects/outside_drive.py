@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import cos, pi, sqrt
+from math import cos, inf, pi, sqrt
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -25,6 +25,7 @@ class VoltageLimit(Effect):
     foreign: ClassVar[tuple[str, ...]] = ("hard", "sagging-supply")
     kin: ClassVar[tuple[str, ...]] = ("saturation",)
     stage: ClassVar[int] = 2
+    told: ClassVar[tuple[str, ...]] = ("no_load_speed", "stall")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> VoltageLimit:
@@ -32,9 +33,6 @@ class VoltageLimit(Effect):
 
     def scaled(self, k: float) -> VoltageLimit:
         return replace(self, stall=self.stall / k**0.3, no_load_speed=self.no_load_speed / k**0.15)
-
-    def parameters(self) -> dict[str, float]:
-        return {"no_load_speed": self.no_load_speed, "stall": self.stall}
 
     def drive(self, world: World) -> Law:
         joint, dof, top, stall = self.own, world.dof[self.own], self.no_load_speed, self.stall
@@ -63,18 +61,14 @@ class HotMotor(Effect):
     foreign: ClassVar[tuple[str, ...]] = ("linear", "root")
     kin: ClassVar[tuple[str, ...]] = ("torque-gain",)
     stage: ClassVar[int] = 5
+    within: ClassVar[tuple[float, float]] = (-inf, 0.6)
+    told: ClassVar[tuple[str, ...]] = ("loss", "time_constant")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> HotMotor:
         return cls(
             context.joint, form, 1.5 * context.share, context.rig.motors[context.joint].warm_up, context.torque**2
         )
-
-    def scaled(self, k: float) -> HotMotor:
-        return replace(self, loss=min(k * self.loss, 0.6))
-
-    def parameters(self) -> dict[str, float]:
-        return {"loss": self.loss, "time_constant": self.time_constant}
 
     def drive(self, world: World) -> Law:
         joint, loss, root = self.own, self.loss, self.form == "root"
@@ -101,17 +95,12 @@ class CrossTalk(Effect):
     kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
     stage: ClassVar[int] = 8
     needs_axes: ClassVar[int] = 2
+    told: ClassVar[tuple[str, ...]] = ("leak", "harmonic")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CrossTalk:
         others = [i for i in range(len(context.rig.links)) if i != context.joint]
         return cls(context.joint, form, 1.4 * context.share, int(rng.choice(others)), int(rng.integers(2, 8)))
-
-    def scaled(self, k: float) -> CrossTalk:
-        return replace(self, leak=k * self.leak)
-
-    def parameters(self) -> dict[str, float]:
-        return {"leak": self.leak, "harmonic": float(self.harmonic)}
 
     def drive(self, world: World) -> Law:
         joint, dof, other, leak, k = self.own, world.dof[self.own], self.other, self.leak, self.harmonic
@@ -139,12 +128,6 @@ class TorqueSteps(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> TorqueSteps:
         return cls(context.joint, form, 3.4 * context.target)
 
-    def scaled(self, k: float) -> TorqueSteps:
-        return replace(self, step=k * self.step)
-
-    def parameters(self) -> dict[str, float]:
-        return {"step": self.step}
-
     def drive(self, world: World) -> Law:
         joint, step, level = self.own, self.step, 0.0
         slack = 0.75 * step if self.form == "hysteresis" else 0.5 * step
@@ -171,17 +154,13 @@ class Dropouts(Effect):
     foreign: ClassVar[tuple[str, ...]] = ("dips", "stutter")
     kin: ClassVar[tuple[str, ...]] = ("outliers",)
     stage: ClassVar[int] = 2
+    within: ClassVar[tuple[float, float]] = (-inf, 1.0)
+    told: ClassVar[tuple[str, ...]] = ("loss", "per_second")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Dropouts:
         per_second = (1.0 if form == "dips" else 8.0) * max(0.5, 60.0 * context.share**2)
         return cls(context.joint, form, min(8.0 * context.share, 1.0), per_second, int(rng.integers(2**31)))
-
-    def scaled(self, k: float) -> Dropouts:
-        return replace(self, loss=min(k * self.loss, 1.0))
-
-    def parameters(self) -> dict[str, float]:
-        return {"loss": self.loss, "per_second": self.per_second}
 
     def _windows(self, seconds: float) -> list[tuple[float, float]]:
         rng = np.random.default_rng(self.seed)
@@ -216,17 +195,12 @@ class SupplyHum(Effect):
     foreign: ClassVar[tuple[str, ...]] = ("multiplied", "added")
     kin: ClassVar[tuple[str, ...]] = ("torque-ripple",)
     stage: ClassVar[int] = 8
+    told: ClassVar[tuple[str, ...]] = ("depth", "hertz")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> SupplyHum:
         depth = 1.4 * (context.share if form == "multiplied" else context.target)
         return cls(context.joint, form, depth, float(rng.uniform(3.0, 15.0)))
-
-    def scaled(self, k: float) -> SupplyHum:
-        return replace(self, depth=k * self.depth)
-
-    def parameters(self) -> dict[str, float]:
-        return {"depth": self.depth, "hertz": self.hertz}
 
     def drive(self, world: World) -> Law:
         joint, depth, omega, added = self.own, self.depth, 2.0 * pi * self.hertz, self.form == "added"

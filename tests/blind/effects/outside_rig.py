@@ -77,12 +77,6 @@ class Flywheel(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Flywheel:
         return cls(None, form, context.target / context.speed, direction(rng))
 
-    def scaled(self, k: float) -> Flywheel:
-        return replace(self, momentum=k * self.momentum)
-
-    def parameters(self) -> dict[str, float]:
-        return {"momentum": self.momentum}
-
     def force(self, world: World) -> Law:
         """Q_j = axis_j · (-ω × h), ω = Σ axis_j v_j, all in the world's frame."""
         data, h, seconds, steady = world.data, self.direction, world.seconds, self.form == "steady"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import copysign, cos, exp, pi
 from typing import TYPE_CHECKING, ClassVar
 
@@ -27,16 +27,11 @@ class Wind(Effect):
 
     cause: ClassVar[str] = "wind"
     foreign: ClassVar[tuple[str, ...]] = ("steady", "squalls")
+    told: ClassVar[tuple[str, ...]] = ("strength", "hertz")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Wind:
         return cls(context.joint, form, context.target, float(rng.uniform(0.3, 4.0)), int(rng.integers(2**31)))
-
-    def scaled(self, k: float) -> Wind:
-        return replace(self, strength=k * self.strength)
-
-    def parameters(self) -> dict[str, float]:
-        return {"strength": self.strength, "hertz": self.hertz}
 
     def _gusts(self, seconds: float) -> list[float]:
         """Two first-order filters in a row over white noise, unit rms, GUST_RATE a second."""
@@ -78,12 +73,6 @@ class Touch(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Touch:
         return cls(context.joint, form, 5.0 * context.target, int(rng.integers(2**31)))
 
-    def scaled(self, k: float) -> Touch:
-        return replace(self, push=k * self.push)
-
-    def parameters(self) -> dict[str, float]:
-        return {"push": self.push}
-
     def force(self, world: World) -> Law:
         rng = np.random.default_rng(self.seed)
         count = max(2, int(world.seconds / 6.0))
@@ -110,16 +99,11 @@ class BoucWen(Effect):
     cause: ClassVar[str] = "hysteretic-cable"
     foreign: ClassVar[tuple[str, ...]] = ("round", "pinched")
     kin: ClassVar[tuple[str, ...]] = ("presliding", "cable-spring")
+    told: ClassVar[tuple[str, ...]] = ("size", "stroke")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> BoucWen:
         return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(0.1, 0.5)) * context.width, 0.6)
-
-    def scaled(self, k: float) -> BoucWen:
-        return replace(self, size=k * self.size)
-
-    def parameters(self) -> dict[str, float]:
-        return {"size": self.size, "stroke": self.stroke}
 
     def force(self, world: World) -> Law:
         dof, size, stroke, beta, z = world.link_dof[self.own], self.size, self.stroke, self.beta, 0.0
@@ -154,12 +138,6 @@ class FrictionSpots(Effect):
         spots = tuple((float(p), float(w), float(h)) for p, w, h in zip(places, widths, heights, strict=True))
         return cls(context.joint, form, 4.0 * context.target, spots)
 
-    def scaled(self, k: float) -> FrictionSpots:
-        return replace(self, height=k * self.height)
-
-    def parameters(self) -> dict[str, float]:
-        return {"height": self.height}
-
     def grip(self, world: World) -> Law:
         joint, dof, height, spots = self.own, world.dof[self.own], self.height, self.spots
 
@@ -183,17 +161,12 @@ class RubbingStop(Effect):
     cause: ClassVar[str] = "rubbing-stop"
     foreign: ClassVar[tuple[str, ...]] = ("soft", "hard")
     kin: ClassVar[tuple[str, ...]] = ("cable-spring", "position-dependent-friction")
+    told: ClassVar[tuple[str, ...]] = ("push", "edge")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> RubbingStop:
         low, high = context.span
         return cls(context.joint, form, 3.0 * context.target, high - 0.25 * (high - low), 0.25 * (high - low))
-
-    def scaled(self, k: float) -> RubbingStop:
-        return replace(self, push=k * self.push)
-
-    def parameters(self) -> dict[str, float]:
-        return {"push": self.push, "edge": self.edge}
 
     def _depth(self) -> Callable[[float], float]:
         edge, width, power = self.edge, self.width, 2.0 if self.form == "soft" else 1.0
@@ -228,16 +201,11 @@ class StickyBrake(Effect):
     cause: ClassVar[str] = "dragging-brake"
     foreign: ClassVar[tuple[str, ...]] = ("on-off", "swelling")
     kin: ClassVar[tuple[str, ...]] = ("friction-drift",)
+    told: ClassVar[tuple[str, ...]] = ("drag", "period")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> StickyBrake:
         return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(2.0, 7.0)))
-
-    def scaled(self, k: float) -> StickyBrake:
-        return replace(self, drag=k * self.drag)
-
-    def parameters(self) -> dict[str, float]:
-        return {"drag": self.drag, "period": self.period}
 
     def grip(self, world: World) -> Law:
         joint, drag, period, sharp = self.own, self.drag, self.period, self.form == "on-off"

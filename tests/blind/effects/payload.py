@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -51,6 +52,7 @@ class PayloadMass(Effect):
     known: ClassVar[tuple[str, ...]] = ("uniform",)
     foreign: ClassVar[tuple[str, ...]] = ("bolted-on",)
     can_start_late: ClassVar[bool] = False
+    within: ClassVar[tuple[float, float]] = (-0.8, inf)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PayloadMass:
@@ -58,12 +60,6 @@ class PayloadMass(Effect):
         sign = 1.0 if form == "bolted-on" else float(rng.choice([-1.0, 1.0]))
         edge = (mass / 700.0) ** (1.0 / 3.0)
         return cls(None, form, sign * context.share, tuple(0.15 * edge * rng.uniform(-1.0, 1.0, 3)))
-
-    def scaled(self, k: float) -> PayloadMass:
-        return replace(self, share=max(k * self.share, -0.8))
-
-    def parameters(self) -> dict[str, float]:
-        return {"share": self.share}
 
     def plant(self, rig: Rig) -> Rig:
         body = rig.payload.inertia
@@ -84,6 +80,7 @@ class OffDiagonalInertia(Effect):
     known: ClassVar[tuple[str, ...]] = ("products",)
     can_start_late: ClassVar[bool] = False
     needs_axes: ClassVar[int] = 2
+    within: ClassVar[tuple[float, float]] = (-inf, 0.9)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> OffDiagonalInertia:
@@ -91,12 +88,6 @@ class OffDiagonalInertia(Effect):
         return cls(
             None, form, min(2.0 * context.share, 0.6), tuple(tuple(row) for row in rng.uniform(-1.0, 1.0, shape))
         )
-
-    def scaled(self, k: float) -> OffDiagonalInertia:
-        return replace(self, strength=min(k * self.strength, 0.9))
-
-    def parameters(self) -> dict[str, float]:
-        return {"strength": self.strength}
 
     def _skewed(self, inertia: Inertia, row: tuple[float, float, float]) -> Inertia:
         """Products p·√(Σ_a Σ_b)/2 of the second moments Σ: any |p| ≤ 1 leaves a real body."""

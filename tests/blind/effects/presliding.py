@@ -70,6 +70,7 @@ class Presliding(Effect):
     stiff: ClassVar[bool] = True
     widest: ClassVar[float] = 300.0
     can_start_late: ClassVar[bool] = False
+    told: ClassVar[tuple[str, ...]] = ("limit", "stroke")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Presliding:
@@ -80,9 +81,6 @@ class Presliding(Effect):
 
     def scaled(self, k: float) -> Presliding:
         return replace(self, stroke=max(k * self.stroke, 5e-6))
-
-    def parameters(self) -> dict[str, float]:
-        return {"limit": self.limit, "stroke": self.stroke}
 
     def plant(self, rig: Rig) -> Rig:
         return rig.with_coulomb(self.own, self.limit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -41,9 +42,6 @@ class EncoderOffset(Effect):
         offset = float(np.clip(k * self.offset, -0.5, 0.5))
         return replace(self, offset=offset, eccentricity=offset * (self.eccentricity / self.offset))
 
-    def parameters(self) -> dict[str, float]:
-        return {"offset": self.offset}
-
     def prepare(self, world: World) -> None:
         world.offset[self.own] += self.offset
         world.eccentric[self.own] = (self.eccentricity, self.phase)
@@ -60,16 +58,12 @@ class BaseTilt(Effect):
     known: ClassVar[tuple[str, ...]] = ("static",)
     foreign: ClassVar[tuple[str, ...]] = ("sinking",)
     can_start_late: ClassVar[bool] = False
+    within: ClassVar[tuple[float, float]] = (-inf, 1.0)
+    told: ClassVar[tuple[str, ...]] = ("angle", "heading")
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> BaseTilt:
         return cls(None, form, 2.0 * context.share, float(rng.uniform(-np.pi, np.pi)))
-
-    def scaled(self, k: float) -> BaseTilt:
-        return replace(self, angle=min(k * self.angle, 1.0))
-
-    def parameters(self) -> dict[str, float]:
-        return {"angle": self.angle, "heading": self.heading}
 
     def _gravity(self, share: float) -> Array:
         axis = np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
@@ -101,16 +95,11 @@ class PlatformMotion(Effect):
     known: ClassVar[tuple[str, ...]] = ("sines", "handheld")
     can_start_late: ClassVar[bool] = False
     base: ClassVar[Base] = Base.DRIVEN
+    within: ClassVar[tuple[float, float]] = (-inf, 3.0)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PlatformMotion:
         return cls(None, form, context.share, int(rng.integers(2**31)))
-
-    def scaled(self, k: float) -> PlatformMotion:
-        return replace(self, size=min(k * self.size, 3.0))
-
-    def parameters(self) -> dict[str, float]:
-        return {"size": self.size}
 
     def motion(self) -> BaseMotion:
         """The path of the base: position and Euler angles as functions of time."""

@@ -197,12 +197,6 @@ class Armature(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> Armature:
         return cls(context.joint, form, context.inertia * context.share)
 
-    def scaled(self, k: float) -> Armature:
-        return replace(self, inertia=k * self.inertia)
-
-    def parameters(self) -> dict[str, float]:
-        return {"inertia": self.inertia}
-
     def plant(self, rig: Rig) -> Rig:
         values = list(rig.armature)
         values[self.own] += self.inertia

@@ -1,0 +1,49 @@
+"""The drives of a rig: commands in, acting torques out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.effects import Sample, Signal
+from gimbal_pin.effects.signal import Borne
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model, brakes
+from gimbal_pin.plant import State
+from gimbal_pin.rig import Rig
+
+
+class Drive:
+    """The drives of all joints: commands in, acting torques out, with the memory of the signals in between."""
+
+    def __init__(self, signals: Sequence[Signal], rig: Rig, dt: float, plant: Model | None = None) -> None:
+        """Start every signal at rest; `plant`: whose friction stands before a gap, None: nobody's."""
+        self.dt, self.plant = dt, plant
+        self.chain = [(rig.joint_index(signal.joint), signal) for signal in signals]
+        self.memory = [signal.start() for signal in signals]
+
+    def acting(self, command: Array, state: State | None = None) -> Array:
+        """Return the mean torque that acts over the next interval, N m, (n,), from a state of the plant."""
+        if not self.chain:
+            return command
+        out = command.tolist()
+        for i, (j, signal) in enumerate(self.chain):
+            beside = 0.0
+            if signal.geared and self.plant is not None and state is not None:
+                beside = float(signal.beside(borne(self.plant, j, state, out[j])))
+            self.memory[i], passed = signal.step(self.memory[i], out[j] + beside, self.dt)
+            out[j] = passed - beside
+        return np.array(out)
+
+
+def borne(plant: Model, joint: int, state: State, torque: float) -> Borne:
+    """What a joint bears in a state of the plant; at rest its dry friction takes what it can of the torque."""
+    q, rate = float(state.q[joint]), float(state.v[joint])
+    terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
+    asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
+    slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
+    if rate:
+        brake = slides[rate > 0]
+        return Borne(brake, asked - brake)
+    return Borne(min(max(torque - asked, slides[0]), slides[1]), asked)

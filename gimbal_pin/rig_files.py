@@ -1,0 +1,84 @@
+"""Where a rig's URDF, YAML and payload lie: bundled, or named by a path."""
+
+from __future__ import annotations
+
+import importlib.resources
+from dataclasses import replace
+from pathlib import Path
+
+from gimbal_pin.config import Config, load_config, overlaid
+from gimbal_pin.errors import RigError
+from gimbal_pin.reading import read_bytes
+
+YAML = (".yaml", ".yml")
+
+
+def bundled() -> Path:
+    """Return the folder of the bundled rigs: inside the installed package, or beside it in a checkout."""
+    inside = Path(str(importlib.resources.files("gimbal_pin"))) / "urdf"
+    return inside if inside.is_dir() else Path(__file__).parents[1] / "urdf"
+
+
+def bundled_rigs() -> tuple[str, ...]:
+    """Names of the bundled rigs."""
+    return tuple(sorted(path.stem for path in bundled().glob("*.urdf")))
+
+
+def bundled_payloads() -> tuple[str, ...]:
+    """Names of the bundled payloads."""
+    return tuple(sorted(path.stem for path in (bundled() / "payloads").glob("*.urdf")))
+
+
+def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
+    """Return the URDF's path and the configuration of a bundled name, URDF or YAML path.
+
+    `above`: the YAML files that led here, resolved: none may name itself, directly or in a circle.
+    """
+    path = bundled() / f"{rig}.urdf" if str(rig) in bundled_rigs() else Path(rig)
+    if not path.is_file():
+        names = ", ".join(bundled_rigs())
+        raise RigError(str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}")
+    if path.suffix not in YAML:
+        beside = path.with_suffix(".yaml")
+        return path, located(load_config(beside), beside) if beside.is_file() else Config()
+    if path.resolve() in above:
+        raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
+    config = located(load_config(path), path)
+    target = find_target(path, config)
+    if target.suffix == ".urdf":
+        return target, config
+    base_path, base = find(target, (*above, path.resolve()))
+    return base_path, overlaid(base, config)
+
+
+def located(config: Config, path: Path) -> Config:
+    """Return the configuration with its payload's path made relative to the YAML that names it."""
+    if config.payload is None or config.payload in bundled_payloads():
+        return config
+    return replace(config, payload=str(path.parent / config.payload))
+
+
+def find_target(path: Path, config: Config) -> Path:
+    """Return what a YAML's `urdf:` names: a bundled rig, or a file relative to the YAML."""
+    if config.urdf is None:
+        return path.with_suffix(".urdf")
+    if config.urdf in bundled_rigs():
+        return bundled() / f"{config.urdf}.yaml"
+    return path.parent / config.urdf
+
+
+def payload_path(payload: str) -> Path:
+    """Return the URDF of a bundled payload or of a path."""
+    path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)
+    if not path.is_file():
+        names = ", ".join(bundled_payloads())
+        raise RigError(payload, "is neither a file nor a bundled payload", f"give a URDF, or one of {names}")
+    return path
+
+
+def read(path: Path) -> str:
+    """Return a text file's content; `RigError` if it cannot be read."""
+    try:
+        return read_bytes(path, RigError).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise RigError(str(path), f"is not text ({error})", "give a text file in UTF-8") from error

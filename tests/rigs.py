@@ -1,0 +1,61 @@
+"""Rigs for tests: the bundled ones, each loaded once, and those that a URDF's text spells."""
+
+from __future__ import annotations
+
+import io
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
+
+COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
+"""Every bundled rig with every payload."""
+
+BODY = (
+    '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'
+    '<inertia ixx="0.03" iyy="0.04" izz="0.05" ixy="0.002" ixz="-0.003" iyz="0.004"/></inertial></link>'
+)
+"""A link of a mass, askew in every way."""
+
+
+@cache
+def bundled(name: str, payload: str | None = None) -> Rig:
+    """A bundled rig."""
+    return Rig.load(name, payload)
+
+
+@cache
+def spelled(urdf: str) -> Rig:
+    """The rig of a URDF's text."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "spelled.urdf"
+        path.write_text(urdf, encoding="utf-8")
+        return Rig.load(path)
+
+
+def taken_by_all(urdf: str, joints: int) -> bool:
+    """Whether Pinocchio, yourdfpy and MuJoCo read a URDF of so many joints."""
+    import mujoco
+    import yourdfpy
+
+    robot = yourdfpy.URDF.load(io.BytesIO(urdf.encode()), load_meshes=False, build_scene_graph=False).robot
+    counts = (to_pinocchio(urdf, "written").nv, mujoco.MjModel.from_xml_string(urdf).nv)
+    return counts == (joints, joints) and len(robot.links) > joints
+
+
+def states(n: int, seed: int, count: int = 20) -> tuple[Array, Array, Array]:
+    """Angles, rates and accelerations of a size that rigs know, (count, n) each."""
+    draw = np.random.default_rng(seed).uniform(-1, 1, (3, count, n))
+    return np.pi * draw[0], 3 * draw[1], 20 * draw[2]
+
+
+def energy(rig: Rig, q: Array, v: Array) -> float:
+    """Kinetic and potential energy of one state, J."""
+    data = rig.model.createData()
+    kinetic = pin.computeKineticEnergy(rig.model, data, q, v)
+    return float(kinetic + pin.computePotentialEnergy(rig.model, data, q))
