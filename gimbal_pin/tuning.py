@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
-from gimbal_pin.control.bandwidth import allowed
+from gimbal_pin.control.bandwidth import granted
 from gimbal_pin.control.design import Wish, braking, inner, layered, seen_inertia
 from gimbal_pin.control.drawn import DRAWS, Ratios, drawn, widened
 from gimbal_pin.control.lyapunov import lyapunov
@@ -160,18 +160,18 @@ def tune(
     over = drawn(model, kind, np.random.default_rng(0))
     ratios, drives = widened(believed, over), model.drives
     rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
-    granted, kept = zip(*(allowed(wish, *row) for row in rows))
-    gains = tuple(wish.gains(hz) for hz in granted)
+    hertz, kept = zip(*granted(wish, rows))
+    gains = tuple(wish.gains(hz) for hz in hertz)
     known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
     law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
     found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
-    reasons = about_loops(model, wish, granted, found, least if over is not None else None)
+    reasons = about_loops(model, wish, hertz, found, least if over is not None else None)
     if known is None:
         reasons += grouped(model.rig.joints, [about_inertia(*row) for row in zip(nominal, believed)])
     else:
         reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
     draws, brakes = 0 if over is None else DRAWS, braking(model)
-    return Tuning(model, wish, granted, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons))
+    return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons))
 
 
 def law_of(

@@ -127,3 +127,17 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
     assert "cogging at tilt" in said and "explains" not in said and "on every axis" in said
     assert "tilt" in about_gain(found)[0] and extended_card(found)[0].tone == "good"
     assert about_gain(replace(found, findings=())) == extended_card(None) == []
+
+
+def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis) -> None:
+    """The verdict is named where any finding is; of another that is ambiguous it says that it is open."""
+    from gimbal_pin import text
+    from gimbal_pin.report.sections.diagnosis import said
+
+    finding = found.findings[0]
+    either = replace(finding, joint="roll", status="ambiguous", alike=("cogging", "cable-spring"), next_experiment="it")
+    mixed = replace(found, verdict="named", findings=(finding, either))
+    assert text.diagnosis(mixed, {}).startswith("verdict: named, but for cogging/cable-spring at roll: which of these")
+    assert said(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
+    sure = replace(found, verdict="named", findings=(finding,))
+    assert text.diagnosis(sure, {}).startswith("verdict: named\n") and said(sure).endswith("says what.")

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators import ESTIMATORS, Hausman, Ridge, hausman, idim, output_error, weighted
-from gimbal_pin.estimators.colour import colour, coloured
+from gimbal_pin.estimators.colour import colour, coloured, least
 from gimbal_pin.estimators.hausman import LEVEL
 from gimbal_pin.identification import given_beta, moved
 from gimbal_pin.log import Array, Log
@@ -181,3 +181,20 @@ def test_estimators_that_simulate_know_a_base_that_moves() -> None:
     first = weighted(blocks).theta
     assert np.abs(idim(blocks).theta - first).max() < 1e-3 * np.abs(first).max()
     assert np.abs(output_error(blocks).theta - first).max() < 5e-3 * np.abs(first).max()
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_the_bound_is_the_one_of_the_noises_own_covariance(memory: float) -> None:
+    """``(Aᵀ Γ⁻¹ A)⁻¹`` written out for a process of one pole, and no least squares of these rows is below it."""
+    rng, m = np.random.default_rng(4), 1500
+    A = lfilter([1.0], [1.0, -0.9], rng.standard_normal((m, 1, 3)), axis=0)
+    noise = lfilter([1.0], [1.0, -memory], rng.standard_normal((m, 1)), axis=0)
+    theta, ones = np.array([1.0, -2.0, 0.5]), np.ones((m, 1))
+    block = Block(0.1 * np.arange(m), A, (A @ theta) + noise, ones, ones)
+    gamma = memory ** np.abs(np.subtract.outer(np.arange(m), np.arange(m))) / (1 - memory**2)
+    flat = A[:, 0]
+    exact = np.sqrt(np.diag(np.linalg.inv(flat.T @ np.linalg.solve(gamma, flat))))
+    found = weighted([block])
+    np.testing.assert_allclose(least([block], found.theta), exact, rtol=0.08)
+    plain = np.linalg.pinv(flat)
+    assert (np.sqrt(np.diag(plain @ gamma @ plain.T)) >= 0.999 * exact).all()

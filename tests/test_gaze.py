@@ -124,7 +124,7 @@ def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_came
     away = corners[:8].mean(axis=0) - rays(bundled("thesis"), shown)[0].mean(axis=0)
     np.testing.assert_allclose(away, afar.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
     scene = onboard(bundled("thesis"), run, outlook(contest(), WANTED), WANTED)
-    for word in ("Bolted to the platform", "Held by full model-based control", "joints locked", "horizon", "target"):
+    for word in ("Bolted to the platform", "Held by switch", "joints locked", "horizon", "target"):
         assert word in scene
 
 
@@ -132,10 +132,10 @@ def test_the_page_says_what_was_run() -> None:
     tree = parsed(page())
     text = tree.text_content()
     ours, theirs = (f"{figures(degrees(contest().jitter[name]), 2)}°" for name in ("switch", "pid-world"))
-    assert f"Full model-based control leaves {ours} rms of jitter, world-frame PID {theirs}: 10 times as much." in text
+    assert f"Switch leaves {ours} rms of jitter, world-frame PID {theirs}: 10 times as much." in text
     assert "A note." in text and "yaw: cogging & <more>" in text and "Targets" not in text
     rows = [[cell.text_content().strip() for cell in row] for row in tree.xpath("//tbody")[0]]
-    assert [row[0] for row in rows] == ["world-frame PID", "computed torque", "full model-based control", "oracle"]
+    assert [row[0] for row in rows] == ["world-frame PID", "computed torque", "switch", "oracle"]
     budget = [drawing.get("aria-label") for drawing in tree.iter("svg") if "budget" in drawing.get("aria-label")]
     share = 1 - SIZES["computed-torque"] ** 2 / SIZES["pid-world"] ** 2
     assert len(budget) == 1 and f"base motion to hidden parameters {100 * share:.1f} %" in budget[0]
@@ -173,7 +173,7 @@ def test_the_headline_compares_at_equal_margins() -> None:
     beside, alone = (replace(contest(), rows=rows) for rows in ((pid, ours, tuned), (pid, tuned)))
     assert "10 times as much at equal margins. Your controller" in headline(beside)
     assert headline(beside).endswith("with margins of its own.")
-    assert numbers(replace(verified(), contest=beside))[0].note.startswith("full model-based control")
+    assert numbers(replace(verified(), contest=beside))[0].note.startswith("switch")
     assert headline(alone).endswith("each with margins of its own.") and "times" not in headline(alone)
 
 

@@ -35,15 +35,16 @@ from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.measures import cumulative, jitter
 from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.planted import planted_once
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES, Roster, without_hidden
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Seen, Station, rotations
 from gimbal_pin.pointing.sight import STEEP, Sight, gyros_between, inverted
+from gimbal_pin.pointing.singular import lost_turn
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.trust import holding, trusted
-from gimbal_pin.pointing.verify import planted_once
 from gimbal_pin.profile import profile_s
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
@@ -118,6 +119,17 @@ def test_near_roll_90_the_inverse_stays_bounded(roll: float) -> None:
     assert view.steep == (1 / max(np.cos(roll), 1e-12) > STEEP) or abs(1 / np.cos(roll) - STEEP) < 0.3
 
 
+@pytest.mark.parametrize("roll", [70.0, 80.0, 88.0])
+def test_the_turn_that_is_lost_is_told_with_what_it_takes(roll: float) -> None:
+    """Yaw and tilt, whose axes close to sin 1/2 (90° - roll) of each other, share the motion: √2/2 of 1/sin of that."""
+    sight = Sight(rig_of("thesis"))
+    told = lost_turn(sight, np.array([0.3, radians(roll), 0.0]))
+    times = float(told.split("would have to turn ")[1].split()[0])
+    assert times == pytest.approx(np.sqrt(0.5) / np.sin(radians(90 - roll) / 2), rel=0.06)
+    assert "yaw and tilt" in told and "about z" in told
+    assert "without end" in lost_turn(sight, np.array([0.3, pi / 2, 0.0]))
+
+
 def test_more_axes_than_needed_take_the_shortest_way() -> None:
     J = np.random.default_rng(0).standard_normal((3, 4))
     np.testing.assert_allclose(inverted(J)[0], np.linalg.pinv(J), atol=1e-10)
@@ -140,7 +152,7 @@ def test_the_axes_meet_in_the_centre(name: str) -> None:
 
 def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     """Rate, angular acceleration and force of another draw of the profile, 1.5 ms ahead; gravity passes as it is."""
-    forecast = Forecast(spectrum(), PID, DT, (0.0015,))
+    forecast = Forecast(spectrum(), (PID,), DT, (0.0015,))
     weights, t = forecast.weights[0], DT / 2 * np.arange(4000)
     rate, force = weights[:2], weights[2]
     assert force.sum() == pytest.approx(1.0, abs=1e-3)
@@ -152,7 +164,7 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
     foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
-    coarse = Forecast(spectrum().until(200.0), PID, DT, (0.0015,)).weights[0]
+    coarse = Forecast(spectrum().until(200.0), (PID,), DT, (0.0015,)).weights[0]
     assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
     filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
@@ -188,7 +200,7 @@ def test_what_is_fast_is_the_plain_formula() -> None:
     rng = np.random.default_rng(5)
     J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
     np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
-    forecast, past = Forecast(spectrum(), PID, DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
+    forecast, past = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
     for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
         plain = [weights[2] @ past[:, 3:], weights[0] @ past[:, :3], weights[1] @ past[:, :3]]
         np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
@@ -314,14 +326,14 @@ def test_the_observers_loop_is_broken_at_the_plants_input() -> None:
 
 def test_the_observer_finds_a_constant_disturbance() -> None:
     observer, rate, true = Observer(20.0, DT), 0.0, 3.0
-    memory = observer.start(1)
+    memory = observer.start()
     commands = [0.0]
     for k in range(300):
         commands.append(np.sin(0.05 * k))
-        memory = observer.step(memory, [rate], [commands[-1]], [True])
+        memory = observer.step(memory, rate, commands[-1], True)
         rate -= DT * (commands[-2] + true)
-    assert memory.disturbance[0] == pytest.approx(true, rel=1e-6)
-    held = observer.step(memory, [rate + 1.0], [0.0], [False])
+    assert memory.disturbance == pytest.approx(true, rel=1e-6)
+    held = observer.step(memory, rate + 1.0, 0.0, False)
     assert held.disturbance == memory.disturbance
 
 
@@ -444,7 +456,7 @@ def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torqu
     course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig))
     run = course.run(roster(plant, wanted), "with-gyros", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
-    assert any("singular" in event for event in run.events)
+    assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
     weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
     run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
     assert any("torque limit" in event for event in run.events) and max(run.at_limit.values()) > 0.2

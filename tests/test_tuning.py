@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from math import atan, pi, sqrt
 from typing import Any
@@ -204,6 +205,27 @@ def test_impossible_wishes_are_refused_in_one_line(thesis: Model, wish: dict[str
     with pytest.raises(UsageError, match=place) as caught:
         tune(thesis, **wish)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("wish", [{}, {"kind": "pid"}, {"damping": 0.7}])
+def test_a_margin_that_cannot_be_says_which_can(tuned: Tuning, wish: dict[str, object]) -> None:
+    """Both figures of the refusal may be asked for, the second with what it takes."""
+    with pytest.raises(UsageError) as refused:
+        tuned.with_(disk_margin=1.9, **wish)
+    said = r"is ([\d.]+); ask for that, or with damping=2, integral=0 for up to ([\d.]+)"
+    found_in = re.search(said, str(refused.value))
+    assert found_in is not None
+    most, more = found_in.groups()
+    assert 0.5 < float(most) < float(more) < 1.9
+    for disk, rest in ((most, {}), (more, {"damping": 2.0, "integral": 0.0})):
+        found = tuned.with_(disk_margin=float(disk), **{**wish, **rest})
+        assert min(margins.disk_margin for margins in found.worst) >= float(disk) - 1e-9
+
+
+def test_joints_that_share_a_loop_share_a_curve(tuned: Tuning) -> None:
+    legend = tuned.with_(bandwidth_hz={"yaw": 4, "roll": 6, "tilt": 6}).plot().axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text().split(":")[0] for text in legend.get_texts()] == ["yaw", "roll, tilt"]
 
 
 def test_unknown_change_names_the_known_ones(tuned: Tuning) -> None:

@@ -8,12 +8,14 @@ from math import degrees, nan
 import numpy as np
 import pytest
 
+from gimbal_pin import text
 from gimbal_pin.control import ComputedTorque, JointPid
 from gimbal_pin.control.uncertainty import base_columns
 from gimbal_pin.experiment import bench_run
 from gimbal_pin.identification import identify
+from gimbal_pin.identification.bound import SHAKEN
 from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
+from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.bench import WANTED, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Row
@@ -75,15 +77,34 @@ def test_steps_are_judged_by_their_worst_joint() -> None:
 # --- What a shaken log teaches -----------------------------------------------------------------------------------
 
 
-def test_a_shaken_log_shows_what_a_base_at_rest_hides() -> None:
+@pytest.fixture(scope="module")
+def shaken() -> tuple[Rig, Model, Log]:
+    """A rig, its plant, and 12 s of it on a base that is shaken by hand."""
+    rig = Rig.load("thesis")
+    plant = nominal(unbalanced(rig))
+    return rig, plant, shaken_log(plant, seconds=12.0)
+
+
+def test_a_shaken_log_is_used_as_far_as_it_tells(shaken: tuple[Rig, Model, Log]) -> None:
+    """Every deviation is within 1.5 times the bound, by the filter that such a log gets; and none is under it."""
+    rig, _, log = shaken
+    found = identify(rig, [log], holdout="none", examined="noisy")
+    assert found.filtering.cutoff == SHAKEN and found.bound is not None
+    assert (found.estimate.std < 1.5 * found.bound).all()
+    assert (found.estimate.std > 0.85 * found.bound).all()
+    told = text.identified(found)
+    assert "± at best" in told and "for they are small: " in told
+    assert found.to_dict()["least_std"][found.names[0]] == found.bound[0]
+
+
+def test_a_shaken_log_shows_what_a_base_at_rest_hides(shaken: tuple[Rig, Model, Log]) -> None:
     """The six parameters that only a moving base shows, from 12 s of profile S at half size.
 
     As a group they are within 10 % of their norm. One by one, 10 % is asked of those alone that such a log shows to a
     twentieth: half of them are near zero on a rig drawn symmetric; all are told to within their own deviations.
     """
-    rig = Rig.load("thesis")
-    plant = nominal(unbalanced(rig))
-    model = identify(rig, [shaken_log(plant, seconds=12.0)], holdout="none").model
+    rig, plant, log = shaken
+    model = identify(rig, [log], holdout="none").model
     shows, fixed, (_, places) = reduce(rig, base="rotating"), reduce(rig, base="fixed").mixing, columns(rig)
     true, found = shows.mixing @ plant.rig.phi[places], shows.mixing @ model.rig.phi[places]
     seen = np.linalg.pinv(fixed) @ fixed

@@ -27,7 +27,7 @@ class Fit:
 
     estimator: Estimator
     holdout: str | None
-    filtering: Filtering
+    filtering: Filtering | None
 
 
 def tags_of(logs: Sequence[str]) -> list[str | None]:

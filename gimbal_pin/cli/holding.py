@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
-from gimbal_pin.cli.inputs import carried, load_logs, positive
+from gimbal_pin.cli.inputs import carried, load_logs, noted, positive
 from gimbal_pin.cli.options import Effects, PlatformSize, optional
 from gimbal_pin.errors import UsageError
 
@@ -93,11 +93,16 @@ class Holding:
             positive(option, value)
 
     def taught(self, rig: str, payload: str | None) -> Log | None:
-        """Return the log that teaches, if one is named."""
+        """Return the log that teaches, if one is named; say what is wrong with its platform's IMU."""
+        from gimbal_pin.aboard import sound
+
         if self.learn is None:
             return None
         own: Sequence[str] = self.learn_map or (() if self.platform_log is not None else self.map)
-        return load_logs(rig, payload, [self.learn], own)[1][0]
+        loaded, (log,) = load_logs(rig, payload, [self.learn], own)
+        if loaded.base in log.imus:
+            noted(sound(log.t, log.imus[loaded.base], log.name).notes)
+        return log
 
     def verified(
         self,

@@ -77,13 +77,14 @@ def identify(
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.balance import reported
     from gimbal_pin.bodies import TRUST
+    from gimbal_pin.rows import Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
     fit = Fit(estimator_of(estimator, trusted, bootstrap, seed), holdout, filters)
     asked = {"--estimator": estimator != "weighted", "--holdout": holdout is not None, "--bias": bias, "--refit": refit}
     online.check({**asked, "--trust": trust is not None, "--bootstrap": bootstrap > 0})
     if online.follow:
-        start = online.start(rig, payload, logs, known, filters)
+        start = online.start(rig, payload, logs, known, filters or Filtering())
         learned = followed(start, logs[0], map, online, by_line(json))
         write(learned, output, urdf)
         concluded(learned, json)

@@ -47,8 +47,7 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
         )
     loaded = load_rig(rig, payload or (tags[0] if tags else None))
     read = [read_log(log, loaded, mapping) for log in logs]
-    for event in (event for log in read for event in log.events):
-        print(f"gimbal-pin: note: {event}", file=sys.stderr)
+    noted([event for log in read for event in log.events])
     return loaded, read
 
 
@@ -78,9 +77,11 @@ def carried(
 
     Raises:
         UsageError: Both were given.
+        LogError: The log cannot be used, see `aboard.sound`.
     """
     import numpy as np
 
+    from gimbal_pin.aboard import sound
     from gimbal_pin.io import read_imu
     from gimbal_pin.platform import Platform
     from gimbal_pin.profile import profile_s
@@ -90,14 +91,23 @@ def carried(
         return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
     if profile == "S":
         raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
-    t, imu = read_imu(log, rig, rig.base, mapping)
+    t, imu, notes = sound(*read_imu(log, rig, rig.base, mapping), str(log))
+    noted(notes)
     return Platform.measured(t - t[0], imu, str(log))
 
 
-def filtering(cutoff: float | None, alignment: float | None) -> Filtering:
-    """Return the filter that the options ask for, the defaults where they ask for nothing."""
+def noted(notes: Sequence[str]) -> None:
+    """Tell what is to be known of an input, on standard error."""
+    for note in notes:
+        print(f"gimbal-pin: note: {note}", file=sys.stderr)
+
+
+def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:
+    """Return the filter that the options ask for, None where they ask for nothing."""
     from gimbal_pin.rows import Filtering
 
+    if cutoff is None and alignment is None:
+        return None
     positive("--cutoff", 1.0 if cutoff is None else cutoff)
     return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
 

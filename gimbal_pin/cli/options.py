@@ -45,7 +45,9 @@ ModelFile = Annotated[
     optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
 Seed = Annotated[int, arg(help="seed of everything random")]
-Cutoff = Annotated[float | None, optional("HZ", "low-pass on every column and on the torque", "4")]
+Cutoff = Annotated[
+    float | None, optional("HZ", "low-pass on every column and on the torque", "4; 12 where the base turns")
+]
 Alignment = Annotated[
     float | None, optional("SECONDS", "the torque acts that much later than its stamp", "half a sample")
 ]
@@ -68,6 +70,7 @@ class Gains:
         arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty"),
     ] = None
     damping: Annotated[float, arg(help="damping of the tracking error")] = 1.0
+    integral: Annotated[float, arg(help="speed of the integral action, in bandwidths; 0: none")] = 0.2
     delay: Annotated[float, arg(help="time from measurement to torque, s, without the hold")] = 0.001
     robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False
 

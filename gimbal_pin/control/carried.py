@@ -35,12 +35,12 @@ class CarriedMemory(NamedTuple):
     Attributes:
         integral: ∫e per joint, rad s.
         owed: Torque that the limits took off and that was not made up for yet, N m, for one sample.
-        observed: What the disturbance observer remembers; None without one.
+        observed: What the joints' disturbance observers remember; empty without them.
     """
 
     integral: tuple[float, ...]
     owed: tuple[float, ...]
-    observed: Observed | None = None
+    observed: tuple[Observed, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class CarriedTorque:
         dt: Sampling interval, s.
         terms: False leaves friction and all other terms to the feedback.
         robust: Lyapunov redesign, or None.
-        observer: Disturbance observer, or None.
+        observers: Disturbance observers, one per joint; empty: none.
         trusted: Joints whose feed-forward is believed; empty: all. The others get a PID on their own inertia.
     """
 
@@ -69,7 +69,7 @@ class CarriedTorque:
     dt: float
     terms: bool = True
     robust: Robust | None = None
-    observer: Observer | None = None
+    observers: tuple[Observer, ...] = ()
     trusted: tuple[bool, ...] = ()
 
     @cached_property
@@ -96,8 +96,8 @@ class CarriedTorque:
 
     def start(self) -> CarriedMemory:
         """Memory before the first sample."""
-        observed = None if self.observer is None else self.observer.start(len(self.gains))
-        return CarriedMemory((0.0,) * len(self.gains), (0.0,) * len(self.gains), observed)
+        none = (0.0,) * len(self.gains)
+        return CarriedMemory(none, none, tuple([observer.start() for observer in self.observers]))
 
     def torque(self, t: float, q: Array, v: Array, reference: Aim, memory: Any) -> tuple[Array, CarriedMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
@@ -109,14 +109,15 @@ class CarriedTorque:
             extra = self.robust.correction(integral, error, rate, wished, feedback)
             feedback = [y + w for y, w in zip(feedback, extra)]
         observed = memory.observed
-        if self.observer is not None and observed is not None:
-            feedback = [y - d for y, d in zip(feedback, observed.disturbance)]
+        if observed:
+            feedback = [y - own.disturbance for y, own in zip(feedback, observed)]
         wanted = [u + self.lasting * o for u, o in zip(self.inverse(t, reference.ahead, feedback), memory.owed)]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
         tau = self.outer.clipped(wanted)
-        if self.observer is not None and observed is not None:
+        if observed:
             free = [a == b and not o for a, b, o in zip(tau, wanted, memory.owed)]
-            observed = self.observer.step(observed, rate, feedback, free)
+            rows = zip(self.observers, observed, rate, feedback, free)
+            observed = tuple([observer.step(*seen) for observer, *seen in rows])
         owed = memory.owed if tau == wanted and not any(memory.owed) else self.left(wanted, tau)
         return np.array(tau), CarriedMemory(kept, owed, observed)
 

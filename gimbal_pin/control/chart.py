@@ -42,7 +42,7 @@ def chart(
 
     figure = Figure(figsize=(10, 7), layout="constrained")
     gain, nyquist, phase, step = figure.subplots(2, 2).flat
-    for joint, pid, found, drive, several in zip(joints, loops, margins, drives, ratios):
+    for joint, pid, found, drive, several in alike(joints, loops, margins, drives, ratios):
         omega = frequencies(pid, dt)
         response = sampled_loop(pid, dt, delay, drive=drive)(np.exp(1j * omega * dt))
         label = f"{joint}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
@@ -57,6 +57,20 @@ def chart(
     disk(nyquist, min(found.disk_margin for found in margins))
     dressed(gain, phase, nyquist, step)
     return figure
+
+
+def alike(
+    joints: Sequence[str],
+    loops: Sequence[Pid],
+    margins: Sequence[Margins],
+    drives: Sequence[tuple[Signal, ...]],
+    ratios: Sequence[Sequence[float]],
+) -> list[tuple[str, Pid, Margins, tuple[Signal, ...], Sequence[float]]]:
+    """Return the arguments of `chart`, joints with the same loop as one: their curves would hide each other."""
+    same: dict[tuple[Pid, Margins, tuple[Signal, ...], tuple[float, ...]], list[str]] = {}
+    for joint, pid, found, drive, several in zip(joints, loops, margins, drives, ratios):
+        same.setdefault((pid, found, drive, tuple(several)), []).append(joint)
+    return [(", ".join(names), *loop) for loop, names in same.items()]
 
 
 def disturbance(pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]) -> tuple[Array, Array]:

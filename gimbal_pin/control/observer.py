@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import exp, pi
@@ -19,22 +18,22 @@ if TYPE_CHECKING:
 
 
 class Observed(NamedTuple):
-    """What the observer remembers.
+    """What one joint's observer remembers.
 
     Attributes:
-        rate: Estimated ė per joint, rad/s.
+        rate: Estimated ė, rad/s.
         disturbance: Estimated acceleration that the model did not foresee, rad/s².
         commanded: Feedback of the last samples that has not acted yet, oldest first, rad/s².
     """
 
-    rate: tuple[float, ...]
-    disturbance: tuple[float, ...]
-    commanded: tuple[tuple[float, ...], ...]
+    rate: float
+    disturbance: float
+    commanded: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Observer:
-    """``ė⁺ = ė - dt (u + d)``, d constant: a Luenberger observer with both poles at ``exp(-2π hz dt)``.
+    """``ė⁺ = ė - dt (u + d)``, d constant: one joint's Luenberger observer, both poles at ``exp(-2π hz dt)``.
 
     What is linearised leaves ``q̈ = q̈_d + u + d``: whatever makes the camera turn against the commands is d.
 
@@ -54,30 +53,23 @@ class Observer:
         away = 1 - exp(-2 * pi * self.hz * self.dt)
         return 2 * away, away**2 / self.dt
 
-    def start(self, n: int) -> Observed:
+    def start(self) -> Observed:
         """Memory before the first sample."""
-        return Observed((0.0,) * n, (0.0,) * n, ((0.0,) * n,) * self.delay)
+        return Observed(0.0, 0.0, (0.0,) * self.delay)
 
-    def step(
-        self, memory: Observed, rate: Sequence[float], feedback: Sequence[float], free: Sequence[bool]
-    ) -> Observed:
+    def step(self, memory: Observed, rate: float, feedback: float, free: bool) -> Observed:
         """Return the memory after a sample.
 
         Args:
             memory: The memory before it.
             rate: Measured ė, rad/s.
             feedback: Commanded u, rad/s².
-            free: Joints whose torque was not cut: the others' disturbance stands, as conditional integration does.
+            free: Whether the torque was not cut; else the disturbance stands, as conditional integration does.
         """
-        queue = (*memory.commanded, tuple(feedback))
+        queue = (*memory.commanded, feedback)
         own, out = self.gains
-        gap = [v - estimate for v, estimate in zip(rate, memory.rate)]
-        rates = [
-            estimate - self.dt * (u + d) + own * e
-            for estimate, u, d, e in zip(memory.rate, queue[0], memory.disturbance, gap)
-        ]
-        disturbance = [d - out * e if ok else d for d, e, ok in zip(memory.disturbance, gap, free)]
-        return Observed(tuple(rates), tuple(disturbance), queue[1:])
+        gap, d = rate - memory.rate, memory.disturbance
+        return Observed(memory.rate - self.dt * (queue[0] + d) + own * gap, d - out * gap if free else d, queue[1:])
 
 
 def observed_loop(

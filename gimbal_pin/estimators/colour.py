@@ -157,3 +157,26 @@ def score(columns: Sequence[Array], joints: Sequence[Colour], weight: Array) -> 
             y = lfilter([1.0], polynomial, z[::-1, j], axis=0)
             out += weight[j] ** 2 * power * (y.T @ y)
     return out
+
+
+def least(blocks: Sequence[Block], theta: Array) -> Array:
+    """Least standard deviations that any unbiased estimate of theta from some rows has, (k,): Cramér and Rao's.
+
+    ``diag((Σ_j A_jᵀ Γ_j⁻¹ A_j)⁻¹)^½``, Γ_j the covariance of joint j's residual as an autoregressive process. That
+    residual holds the noise of all sensors as it comes through the equations, the torque's beside that of the angles,
+    rates and accelerations in the regressor.
+
+    Args:
+        blocks: Rows, of a cutoff as wide as the motion.
+        theta: An estimate, (k,).
+    """
+    whole = series(blocks)
+    seen = autocovariance([block.b - block.A @ theta for block in whole], [block.share for block in whole])
+    rows = float(sum(len(block.t) for block in whole))
+    information = np.zeros((len(theta), len(theta)))
+    for j, gamma in enumerate(seen.T):
+        polynomial, power = colour(gamma, rows)
+        for block in whole:
+            white = lfilter(polynomial, [1.0], block.A[:, j], axis=0)
+            information += white.T @ white / max(power, 1e-300)
+    return np.sqrt(np.diag(np.linalg.pinv(information, hermitian=True)))

@@ -10,6 +10,7 @@ from gimbal_pin.calibration import rectified
 from gimbal_pin.effects import Effect
 from gimbal_pin.estimators import Estimate, Estimator, weighted
 from gimbal_pin.identification.assembling import assembled
+from gimbal_pin.identification.bound import best, usual
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.seen import check_seen, enough, unseen, within
@@ -46,23 +47,24 @@ def identify(
         effects: Effects on top of Coulomb and viscous friction.
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
-        filtering: Cutoff and alignment; None: the defaults.
+        filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `bound.usual`.
         examined: Whether to test if least squares is biased on these logs, see `suspicion`, and, unless "never", if
-            their halves are of one rig, see `halves.apart`.
+            their halves are of one rig, see `halves.apart`, and what logs of a base that turned tell at best.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
     """
-    filters = filtering or Filtering()
     for log in logs:
-        within(log, filters)
+        within(log, filtering or Filtering())
     calibrated = [rectified(rig, log) for log in logs]
     notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
     logs = [one.log for one in calibrated]
+    filters = filtering or usual(logs, moved(rig, logs))
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
-    blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
+    base = moved(rig, train)
+    blocks, estimate = fitted(rig, everything, train, filters, estimator, base)
     tested = kept(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
@@ -72,7 +74,15 @@ def identify(
     noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
     notes += (halves.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
     return replace(
-        found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged, parting=parting
+        found,
+        logs=tuple(log.name for log in logs),
+        mountings=mountings,
+        notes=notes,
+        bias=judged,
+        parting=parting,
+        bound=None
+        if examined == "never" or base != "rotating"
+        else best(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
     )
 
 

@@ -50,6 +50,8 @@ class Identified:
         bias: Whether least squares is biased on these logs; None where that was not asked.
         parting: By how much the halves of the data differ, in shares of what chance allows, see `halves.apart`; above
             one they are of two rigs; None where that was not asked.
+        bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
+            `estimators.colour.least`; None where the base did not turn, or that was not asked.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
@@ -70,6 +72,7 @@ class Identified:
     notes: tuple[str, ...] = ()
     bias: Suspicion | None = None
     parting: float | None = None
+    bound: Array | None = None
     trust: float = TRUST
     swapped: bool = False
 
@@ -147,6 +150,7 @@ class Identified:
                 {"name": name, "value": x, "std": s, "unit": unit, "urdf": number(given), "deviations": number(z)}
                 for name, unit, x, s, given, z in rows
             ],
+            "least_std": None if self.bound is None else dict(zip(self.names, self.bound.tolist())),
             "trust": self.trust,
             "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),

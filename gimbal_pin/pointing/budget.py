@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
 BASELINE = "pid-world"
+FRICTION = "friction"
 STEPS = (
     ("base motion", "without-hidden"),
     ("hidden parameters", "computed-torque"),
-    ("friction", "with-friction"),
+    (FRICTION, "with-friction"),
     ("prediction", "with-prediction"),
     ("several gyros", "with-gyros"),
     ("foreknowledge", "oracle"),
@@ -40,12 +41,18 @@ class Budget:
         return len(self.parts) > 2
 
     @staticmethod
-    def of(jitter: Mapping[str, float]) -> Budget | None:
-        """Part the error by controllers' jitter, rad rms; steps whose controller did not run are told with the next."""
+    def of(jitter: Mapping[str, float], beside: Sequence[str] = ()) -> Budget | None:
+        """Part the error by controllers' jitter, rad rms; steps whose controller did not run are told with the next.
+
+        Args:
+            jitter: Controller → rad rms.
+            beside: Causes that are compensated with friction, as cogging: their share is in friction's.
+        """
         if BASELINE not in jitter or not any(name in jitter for _, name in STEPS):
             return None
         whole, parts, before, since = jitter[BASELINE], {}, jitter[BASELINE], ""
-        for what, name in STEPS:
+        for step, name in STEPS:
+            what = " and ".join(filter(None, [step, ", ".join(beside)])) if step == FRICTION else step
             since = since or what
             if name in jitter:
                 parts[what if since == what else f"{since} to {what}"] = (before**2 - jitter[name] ** 2) / whole**2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import degrees, sqrt
 from typing import Any
@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.effects import Signal
-from gimbal_pin.model import Model
+from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.budget import Budget
+from gimbal_pin.pointing.events import summed
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS, Roster
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import Station
+from gimbal_pin.pointing.swinging import Swing, swinging
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,17 @@ class Row:
         """What happened in any of the runs, each once."""
         return tuple(dict.fromkeys(event for run in self.runs for event in run.events))
 
+    @property
+    def happened(self) -> tuple[str, ...]:
+        """The events of all runs, each kind once, with its count."""
+        return summed(event for run in self.runs for event in run.events)
+
+    @property
+    def swings(self) -> tuple[Swing, ...]:
+        """Per joint whose loop swings by itself in any of the runs, the largest."""
+        every = sorted((swing for run in self.runs for swing in run.swings), key=lambda swing: swing.share)
+        return tuple(sorted({swing.joint: swing for swing in every}.values(), key=lambda swing: -swing.share))
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `track`)."""
         return {
@@ -77,6 +90,7 @@ class Row:
             "torque_rms": dict(self.torque_rms),
             "at_limit": dict(self.at_limit),
             "events": list(self.events),
+            "unstable": [swing.to_dict() for swing in self.swings],
         }
 
 
@@ -88,20 +102,27 @@ class Contest:
         rig: Name of the rig.
         payload: Its payload, or None.
         rows: One per controller.
+        beside: Causes that the controllers compensate beside friction, which add torque.
     """
 
     rig: str
     payload: str | None
     rows: tuple[Row, ...]
+    beside: tuple[str, ...] = ()
 
     @cached_property
     def jitter(self) -> Mapping[str, float]:
         """Controller → jitter, rad rms."""
         return {row.controller: row.jitter_rms for row in self.rows}
 
+    @cached_property
+    def stable(self) -> Mapping[str, float]:
+        """The same of controllers whose loops do not swing by themselves."""
+        return {row.controller: row.jitter_rms for row in self.rows if not row.swings}
+
     @property
     def gain(self) -> float | None:
-        """Jitter of the world-frame PID over ours; None where one did not run."""
+        """Jitter of the world-frame PID over ours; None where one did not run, or is unstable."""
         return self.ratio(BASELINE, OURS)
 
     @property
@@ -110,14 +131,14 @@ class Contest:
         return self.ratio(OURS, ORACLE)
 
     def ratio(self, above: str, below: str) -> float | None:
-        """One controller's jitter over another's, None where one did not run."""
-        have = self.jitter
+        """One controller's jitter over another's, None where one did not run, or is unstable."""
+        have = self.stable
         return have[above] / have[below] if above in have and below in have else None
 
     @property
     def budget(self) -> Budget | None:
-        """Where the baseline's error goes."""
-        return Budget.of(self.jitter)
+        """Where the baseline's error goes, as far as controllers are stable."""
+        return Budget.of(self.stable, self.beside)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rows and the budget, JSON's `pointing` and `pointing_budget`."""
@@ -160,10 +181,11 @@ class Course:
 
     def held(self, pointer: Pointer, seed: int, name: str = "pointing") -> Pointing:
         """Run a controller that is there already."""
-        return point(
+        ground = self.ground(seed)
+        run = point(
             self.plant,
             pointer,
-            self.ground(seed),
+            ground,
             rng=np.random.default_rng([seed, 1]),
             seconds=self.seconds,
             station=self.station,
@@ -173,6 +195,7 @@ class Course:
             motion=self.motion,
             seed=seed,
         )
+        return replace(run, swings=swinging(self.plant, pointer.navigator.wanted, ground, run))
 
 
 Mapper = Callable[[Callable[[tuple[str, int]], Pointing], Iterable[tuple[str, int]]], Iterable[Pointing]]
@@ -184,7 +207,9 @@ def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, ma
     plan = [(name, seed) for seed in range(seeds) for name in names]
     runs = list(mapped(Entry(course, roster), plan))
     rows = [Row(name, tuple(run for run in runs if run.controller == name)) for name in names]
-    return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows))
+    plain = friction_effects(course.plant.rig.joints)
+    beside = dict.fromkeys(term.effect.name for term in roster.model.terms if term.effect not in plain)
+    return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows), tuple(beside))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import degrees, isnan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,14 @@ from gimbal_pin.control.uncertainty import inertia
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
-from gimbal_pin.pointing.contest import Contest
 from gimbal_pin.pointing.least import LONGEST, least
 from gimbal_pin.pointing.measures import SETTLING, split
-from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.trust import holding
+
+if TYPE_CHECKING:
+    from gimbal_pin.pointing.contest import Contest
+    from gimbal_pin.pointing.result import Pointing
 
 BEFORE, AFTER = 0.1, 0.6
 """Around a moment at which a motor is too weak, what is not counted either, s: the loop has to find back."""

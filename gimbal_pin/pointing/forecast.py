@@ -30,13 +30,13 @@ class Forecast:
 
     Attributes:
         spectrum: How the platform moves.
-        gains: The outer loop, which says G.
+        gains: The outer loop, which says G, one per lead.
         dt: Sampling interval, s.
         leads: How far ahead, s.
     """
 
     spectrum: Spectrum
-    gains: Pid
+    gains: tuple[Pid, ...]
     dt: float
     leads: tuple[float, ...]
 
@@ -44,15 +44,15 @@ class Forecast:
     def weights(self) -> tuple[Array, ...]:
         """Per lead, what gives rate, angular acceleration and, in the last row, the force, (3, TAPS)."""
         known = self.spectrum.until(0.5 / self.dt)
-        passed = passing(self.gains, known.f)
+        rows = [(passing(gains, known.f), self.dt, lead) for gains, lead in zip(self.gains, self.leads)]
         return tuple(
             np.vstack(
                 [
-                    solved(known.f, known.rate, known.rate_noise, passed, self.dt, lead, (0, 1)),
-                    solved(known.f, known.force, known.force_noise, passed, self.dt, lead, (0,)),
+                    solved(known.f, known.rate, known.rate_noise, *row, (0, 1)),
+                    solved(known.f, known.force, known.force_noise, *row, (0,)),
                 ]
             )
-            for lead in self.leads
+            for row in rows
         )
 
     def ahead(self, memory: Array) -> list[Carried]:

@@ -71,7 +71,7 @@ class Navigator:
         forecast: The platform's motion, ahead by as much as each distinct drive of the law is late; or now.
         source: Whose gyro tells the attitude.
         accelerates: False takes no wanted acceleration from inverse kinematics.
-        oracle: The platform's true motion ahead is known, not predicted.
+        oracle: The platform's true motion ahead is known, not predicted, for every lead.
         fusion: Brings the other gyros in; None: the camera's attitude comes from its own alone.
     """
 
@@ -141,7 +141,7 @@ class Navigator:
     def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""
         out, true = [], seen.true if self.oracle else None
-        bases = self.forecast.ahead(past) if true is None else [true] * len(self.forecast.leads)
+        bases = self.forecast.ahead(past) if true is None else true
         for k, (lead, base) in enumerate(zip(self.forecast.leads, bases)):
             q = seen.q + lead * v
             out.append(self.wished(q, self.sight.view(q) if k else view, base))

@@ -17,6 +17,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.pointing.guard import Guard, Watch
 from gimbal_pin.pointing.navigator import Fix, Known, Navigator
 from gimbal_pin.pointing.seen import Seen
+from gimbal_pin.pointing.singular import lost_turn
 
 NOTHING: frozenset[str] = frozenset()
 LIMITED = 50
@@ -121,7 +122,8 @@ class Pointer:
             tau = np.zeros_like(tau)
             after = after._replace(law=self.law.start(), fallback=False, tau=tau)
         if fix.steep and not before.steep:
-            events.append(f"{t:.3f} s: near a singular pose, inverse kinematics damped")
+            why = lost_turn(self.navigator.sight, fix.q)
+            events.append(f"{t:.3f} s: near a singular pose, inverse kinematics damped: {why}")
         limited = before.limited + 1 if any(at_limit) else 0
         if limited == LIMITED:
             joint = self.navigator.sight.rig.joints[at_limit.index(True)]

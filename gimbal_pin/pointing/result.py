@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gimbal_pin.log import Array, frozen
 from gimbal_pin.pointing.measures import SETTLING, jitter
+
+if TYPE_CHECKING:
+    from gimbal_pin.pointing.swinging import Swing
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,7 @@ class Pointing:
         base: Attitude of the platform in the world, (w, x, y, z), (N, 4).
         tau_max: Largest torque of each motor, N m, (n,).
         events: What happened, in sentences.
+        swings: Joints whose loops swing by themselves.
     """
 
     controller: str
@@ -41,6 +46,7 @@ class Pointing:
     base: Array
     tau_max: Array
     events: tuple[str, ...] = ()
+    swings: tuple[Swing, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.config import Noise
-from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Pid, bounds
+from gimbal_pin.control import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.carried import CarriedTorque
-from gimbal_pin.control.equal import DAMPING, INTEGRAL, Equal, bandwidth
 from gimbal_pin.control.uncertainty import inertia
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
@@ -20,6 +19,7 @@ from gimbal_pin.model import Model
 from gimbal_pin.pointing.forecast import Forecast
 from gimbal_pin.pointing.fusion import Fusion
 from gimbal_pin.pointing.guard import Guard
+from gimbal_pin.pointing.loops import Loops
 from gimbal_pin.pointing.navigator import ErrorFrom, Navigator
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.sight import Sight
@@ -43,8 +43,6 @@ NAMES = (
 )
 """All controllers, each from "without-hidden" on with all that the one before it has; those from "with-observer" to
 "switch" stand beside each other, on top of "with-gyros", and the oracle too."""
-FALLEN = 0.5
-"""Share of the bandwidth of the PID that is fallen back to."""
 OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
 TUNED = "tuned"
 """The controller with the gains that somebody asked for: it has its own margins, not those of the others."""
@@ -82,29 +80,21 @@ class Roster:
         return Sight(self.model.rig)
 
     @cached_property
-    def equal(self) -> Equal:
-        """The loops, for the slowest of the drives."""
-        drives = self.model.drives
-        slowest = max(range(len(drives)), key=lambda j: self.model.late(self.dt)[j])
-        return Equal(self.dt, self.delay * self.dt, drives[slowest])
+    def loops(self) -> Loops:
+        """The outer loops, joint by joint."""
+        return Loops(self.model, self.dt, self.delay)
 
-    @cached_property
-    def known(self) -> Bounds:
-        """Bounds on the model's error."""
-        return bounds(self.model, np.random.default_rng(0))
+    def margins(self, name: str) -> tuple[Margins, ...]:
+        """Return the margins of a controller's loops, joint by joint, with the drives that the model knows."""
+        law = self.law if name == TUNED and isinstance(self.law, (JointPid, ComputedTorque)) else None
+        return self.loops.margins(name, law)
 
-    @cached_property
-    def leads(self) -> tuple[float, ...]:
-        """Time from a sample to the middle of the hold of its torque, s, one per distinct drive."""
-        return tuple((self.delay + 0.5) * self.dt + late for late in sorted(set(self.model.late(self.dt))))
-
-    def navigator(self, gains: Pid, predicts: bool = False, fuses: bool = False) -> Navigator:
-        """Return navigation for an outer loop."""
-        leads = self.leads if predicts else (0.0,) * len(self.leads)
+    def navigator(self, gains: tuple[Pid, ...], predicts: bool = False, fuses: bool = False) -> Navigator:
+        """Return navigation for the joints' outer loops."""
+        leads = self.loops.leads if predicts else (0.0,) * len(self.loops.leads)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
-        return Navigator(
-            self.sight, self.wanted, self.dt, Forecast(self.spectrum, gains, self.dt, leads), fusion=fusion
-        )
+        forecast = Forecast(self.spectrum, self.loops.per_lead(gains), self.dt, leads)
+        return Navigator(self.sight, self.wanted, self.dt, forecast, fusion=fusion)
 
     def pointer(self, name: str) -> Pointer:
         """Return one controller.
@@ -123,49 +113,45 @@ class Roster:
         predicts, fuses = rank >= NAMES.index("with-prediction"), rank >= NAMES.index("with-gyros")
         navigator = self.navigator(gains, predicts, fuses)
         model = without_hidden(self.model) if name == "without-hidden" else self.model
-        law = CarriedTorque(model, (gains,) * self.model.rig.n, self.dt, rank > NAMES.index("computed-torque"))
+        law = CarriedTorque(model, gains, self.dt, rank > NAMES.index("computed-torque"))
         return self.guarded(replace(navigator, oracle=name == ORACLE), replace(law, **extra))
 
-    def loop(self, name: str) -> tuple[Pid, dict[str, Any]]:
-        """Return the outer loop of a model-based controller, and what of the law goes with it."""
+    def loop(self, name: str) -> tuple[tuple[Pid, ...], dict[str, Any]]:
+        """Return the outer loops of a model-based controller, and what of the law goes with them."""
         if name == "with-observer":
-            return self.equal.observed, {"observer": self.equal.observer}
+            return self.loops.observed, {"observers": self.loops.observers}
         if name == "lyapunov":
-            slow, robust = self.equal.robust(self.known, self.model.rig.n)
-            return slow, {"robust": robust}
-        return self.equal.pid, {"trusted": self.trusted} if name == OURS and not all(self.trusted) else {}
+            return self.loops.slow, {"robust": self.loops.robust}
+        return self.loops.pid, {"trusted": self.trusted} if name == OURS and not all(self.trusted) else {}
 
     def plain(self, name: str) -> Pointer:
         """Return one of the controllers that know nothing of the platform's acceleration."""
-        gains = (self.equal.pid,) * self.model.rig.n
-        navigator = self.navigator(self.equal.pid)
+        gains = self.loops.pid
+        navigator = self.navigator(gains)
         if name == "computed-torque-fixed":
             law = ComputedTorque(replace(self.model, terms=()), gains, self.dt)
             return self.guarded(replace(navigator, accelerates=False), law)
         source: ErrorFrom = "platform" if name == "pid-joint" else "camera"
-        return self.guarded(replace(navigator, source=source, accelerates=False), self.pid(self.equal.pid))
+        return self.guarded(replace(navigator, source=source, accelerates=False), self.pid(gains))
 
     def tuned(self, law: JointPid | ComputedTorque) -> Pointer:
         """Return ours with the gains and the redesign of a given law; with those of a PID, a world-frame PID."""
-        slowest = min(law.gains, key=lambda gains: gains.kp)
         if isinstance(law, JointPid):
-            return self.guarded(replace(self.navigator(slowest), accelerates=False), replace(law, dt=self.dt))
+            return self.guarded(replace(self.navigator(law.gains), accelerates=False), replace(law, dt=self.dt))
         carried = CarriedTorque(
             self.model, law.gains, self.dt, robust=law.robust, trusted=self.loop(OURS)[1].get("trusted", ())
         )
-        return self.guarded(self.navigator(slowest, predicts=True, fuses=True), carried)
+        return self.guarded(self.navigator(law.gains, predicts=True, fuses=True), carried)
 
     def guarded(self, navigator: Navigator, law: Law) -> Pointer:
         """Return a controller with its guard, and a PID at half the bandwidth to fall back to."""
-        half = Pid.placed(FALLEN * bandwidth(self.equal.pid), DAMPING, INTEGRAL)
         noisy = self.noise.gyro > 0 and self.noise.accelerometer > 0
-        return Pointer(navigator, law, Guard(self.dt, noisy), self.pid(half))
+        return Pointer(navigator, law, Guard(self.dt, noisy), self.pid(self.loops.half))
 
-    def pid(self, gains: Pid) -> JointPid:
+    def pid(self, gains: tuple[Pid, ...]) -> JointPid:
         """Return a PID on the inertias that the joints have where the camera looks as wanted."""
-        rig = self.model.rig
         seen = np.diagonal(inertia(self.model, self.looking[None])[0]).tolist()
-        return JointPid((gains,) * rig.n, tuple(seen), tuple(self.model.tau_max.tolist()), self.dt)
+        return JointPid(gains, tuple(seen), tuple(self.model.tau_max.tolist()), self.dt)
 
     @cached_property
     def looking(self) -> Array:

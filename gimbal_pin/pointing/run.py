@@ -38,16 +38,26 @@ class Sensed:
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
         self.before: Seen | None = None
 
-    def see(self, k: int, state: State, lead: int | None) -> Seen | None:
-        """Return what arrives of what the sensors say at sample k; the oracle sees `lead` half-samples ahead."""
+    def see(self, k: int, state: State, leads: tuple[float, ...] = ()) -> Seen | None:
+        """Return what arrives of what the sensors say at sample k; the oracle sees `leads` half-samples ahead."""
         gyros = self.sight.rates(state.q, state.v, self.w[k]) + self.noise[k]
         w, f = self.told[k]
-        true = None if lead is None else carried(self.rows[min(2 * k + lead, len(self.rows) - 1)])
+        true = tuple([carried(self.held(2 * k + lead)) for lead in leads]) or None
         arrived: Seen | None = Seen(self.t[k], self.station.angles(state.q), gyros[:3], w, f, gyros[3:], true)
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)
         self.before = self.before if arrived is None else arrived
         return arrived
+
+    def held(self, place: float) -> Array:
+        """Mean of the platform's true motion over the hold about a place, by Simpson's rule: what a torque answers."""
+        return (self.at(place - 1) + 4 * self.at(place) + self.at(place + 1)) / 6
+
+    def at(self, place: float) -> Array:
+        """The platform's true motion at a place among its samples, (9,), the last one beyond them."""
+        first = min(int(place), len(self.rows) - 2)
+        part = min(place - first, 1.0)
+        return np.asarray((1 - part) * self.rows[first] + part * self.rows[first + 1])
 
 
 def point(
@@ -121,7 +131,8 @@ class Loop:
     def run(self, pointer: Pointer) -> tuple[Array, Array, tuple[str, ...]]:
         """Return true angles and commanded torques, (N, n) each, and what happened."""
         t, dt, navigator, limit = self.sensed.t, pointer.dt, pointer.navigator, self.system.model.rig.tau_max
-        lead, lowest = round(2 * max(navigator.forecast.leads) / dt) if navigator.oracle else None, -limit
+        leads = tuple([2 * lead / dt for lead in navigator.forecast.leads]) if navigator.oracle else ()
+        lowest = -limit
         state = ready(self.sensed, self.attitudes[0], navigator.wanted)
         command: Array = np.zeros(len(limit))
         pending: deque[Array] = deque([command] * self.delay)
@@ -129,7 +140,7 @@ class Loop:
         for k in tqdm(range(len(t)), self.name, unit="sample", disable=None, leave=False, delay=2):
             if not isfinite(sum(state.q.tolist())):
                 raise UsageError(self.name, f"diverged {t[k]:.3g} s after its start", "lower bandwidth or delay")
-            seen = self.sensed.see(k, state, lead)
+            seen = self.sensed.see(k, state, leads)
             if memory is None and seen is not None:
                 camera = self.attitudes[k] @ self.sensed.sight.attitude(state.q)
                 memory = pointer.start(seen, camera, self.attitudes[k])

@@ -32,7 +32,7 @@ class Seen(NamedTuple):
         w: Rate of the platform's gyro, in the base link's frame, rad/s, (3,).
         f: Specific force of the platform, m/s², (3,).
         links: Rates of the gyros on links between the two, each in its link's frame, rad/s, (3 L,).
-        true: The platform's true motion where the torque will act; for the oracle, which no rig has.
+        true: The platform's true motion where each drive's torque will act, see `Navigator`; for the oracle alone.
     """
 
     t: float
@@ -41,7 +41,7 @@ class Seen(NamedTuple):
     w: Array
     f: Array
     links: Array
-    true: Carried | None = None
+    true: tuple[Carried, ...] | None = None
 
 
 class Fault(Protocol):

@@ -59,8 +59,8 @@ def targets(found: Contest, sight: Sight, late: float = 0.0) -> tuple[Target, ..
     still = (0.006, 0.0035) if platform == "log" else (0.012, 0.005) if uneven else (0.005, 0.003)
     where = "recorded motion: " if platform == "log" else ""
     ratios = (
-        Target(f"{where}world-frame PID over ours", found.gain, *gain, True),
-        Target(f"{where}ours over the oracle", found.distance, 2.5, 1.3, False),
+        Target(f"{where}world-frame PID over {OURS}", found.gain, *gain, True),
+        Target(f"{where}{OURS} over the oracle", found.distance, 2.5, 1.3, False),
     )
     # How still a late drive must stand nobody has stated: only how much stiller than with a PID.
     return ratios if late >= LATE else (*ratios, Target(f"{where}jitter, ° rms", jitter, *still, False))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.control.aim import Law
-from gimbal_pin.control.loop import Margins
+from gimbal_pin.control.loop import Margins, worst
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.effects import Term
+from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import identify
@@ -24,8 +24,9 @@ from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
+from gimbal_pin.pointing.planted import missed, planted_once
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import NAMES, TUNED
+from gimbal_pin.pointing.roster import BASELINE, NAMES, TUNED
 from gimbal_pin.pointing.seen import Fault, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
@@ -102,13 +103,15 @@ class Verified:
     Attributes:
         contest: Every controller's runs: on profile S, on a recorded motion where that was asked for alone.
         targets: The figures that count, beside their bounds.
-        margins: Of the loop that all controllers have equal margins to.
+        margins: Of the world-frame PID, the worst of its joints: all controllers have equal margins to it.
         causes: What `diagnose` found and the controllers compensate, in sentences.
         late: How far ahead the platform's motion is foreseen, s, per distinct drive.
         recorded: The runs on a recorded motion, where there are some on profile S as well.
         demand: What the recorded motion asks of the motors, where it asks for more than they have.
         steps: How the thesis's steps were followed, where that was asked for.
         sweep: Jitter against the model's error, where that was asked for.
+        loops: Controller → the margins of its loops, joint by joint.
+        missed: What was planted and the controllers do not know, in sentences.
     """
 
     contest: Contest
@@ -120,11 +123,18 @@ class Verified:
     demand: Demand | None = None
     steps: Tracking | None = None
     sweep: Sweep | None = None
+    loops: Mapping[str, tuple[Margins, ...]] = field(default_factory=dict)
+    missed: tuple[str, ...] = ()
 
     @property
     def contests(self) -> tuple[Contest, ...]:
         """The runs of every motion, profile S first."""
         return (self.contest,) if self.recorded is None else (self.contest, self.recorded)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names."""
+        return self.contest.rows[0].runs[0].joints
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `track`)."""
@@ -143,7 +153,11 @@ class Verified:
                 for t in self.targets
             ],
             "pointing_margins": vars(self.margins),
+            "pointing_loops": {
+                name: {joint: vars(own) for joint, own in zip(self.joints, found)} for name, found in self.loops.items()
+            },
             "compensated": list(self.causes),
+            "not_compensated": list(self.missed),
             **more,
         }
 
@@ -159,43 +173,47 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     if reason := unable(rig, WANTED):
         raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
     if asked.log is not None and asked.plant is None:
-        model, causes = modelled(rig, asked.log, asked)
+        model, found = modelled(rig, asked.log, asked)
         known = model or identify(rig, [asked.log], holdout="none").model
         planted_once(known, asked.causes)
         plant = drawn(known, np.random.default_rng(LEARNED))
-        return replace(verify(rig, replace(asked, plant=plant, known=known, find=False)), causes=causes)
+        held = verify(rig, replace(asked, plant=plant, known=known, find=False))
+        return replace(held, causes=sentences(found), missed=missed(known, asked.causes, asked.find, found))
     plant, drive = plant_with(
         nominal(unbalanced(rig)) if asked.plant is None else asked.plant,
         [parse_effect(text, rig) for text in asked.causes],
     )
     log = shaken_log(plant, drive) if asked.log is None else asked.log
-    model, causes = modelled(rig, log, asked)
+    model, findings = modelled(rig, log, asked)
     lesson = learned(rig, log, model=model)
     station = Station.of(rig, asked.faults)
     courses = [Course(plant, *motion, station, drive, asked.delay) for motion in grounds(rig, asked)]
     roster = replace(entered(lesson, courses[0]), law=asked.law)
-    found = [shared(course, asked, names, roster) for course in courses]
+    ran = [shared(course, asked, names, roster) for course in courses]
     late = max(lesson.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
-    judged = [target for contest in found for target in targets(contest, Sight(rig), late)]
+    judged = [target for contest in ran for target in targets(contest, Sight(rig), late)]
     steps = None
     if asked.steps:
         steps = stepped(replace(plant, drive=(*plant.drive, *drive)), lesson.model, roster.dt, asked.delay)
         judged += step_targets(steps)
-    demand = demanded(courses[-1], roster.wanted)
-    swept = sweep(courses[0], roster) if asked.sweep else None
-    more = (found[1] if len(found) > 1 else None, demand, steps, swept)
-    return Verified(found[0], tuple(judged), roster.equal.margins, causes, roster.leads, *more)
+    return Verified(
+        ran[0],
+        tuple(judged),
+        worst(list(roster.margins(BASELINE))),
+        sentences(findings),
+        roster.loops.leads,
+        recorded=ran[1] if len(ran) > 1 else None,
+        demand=demanded(courses[-1], roster.wanted),
+        steps=steps,
+        sweep=sweep(courses[0], roster) if asked.sweep else None,
+        loops={name: roster.margins(name) for name in names},
+        missed=missed(lesson.model, asked.causes, asked.find, findings),
+    )
 
 
-def planted_once(known: Model, causes: Sequence[str]) -> None:
-    """Raise `UsageError` for a cause to be planted in a plant that has it, as the log that it is drawn from shows."""
-    there = {(cause.name, cause.place) for cause in (*known.drive, *(term.effect for term in known.terms))}
-    for text in causes:
-        planted = parse_effect(text, known.rig)
-        cause = planted.effect if isinstance(planted, Term) else planted
-        if (cause.name, cause.place) in there:
-            what = "is in the plant already: it was found in the log that the plant is drawn from"
-            raise UsageError(f"--effect {text}", what, "leave it out; plant only what that log does not show")
+def sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return what findings say."""
+    return tuple(finding.sentence for finding in findings)
 
 
 def demanded(course: Course, wanted: Array) -> Demand | None:
@@ -207,15 +225,15 @@ def demanded(course: Course, wanted: Array) -> Demand | None:
     return demand if demand.weak else None
 
 
-def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[str, ...]]:
-    """Return the model that is known or that `diagnose` extends, None for the one that `identify` gives, and causes."""
+def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[Finding, ...]]:
+    """Return the model that is known or that `diagnose` extends, None for the one that `identify` gives; findings."""
     if not asked.find:
         return asked.known, ()
     found = diagnose(rig, [log], rng=np.random.default_rng(LEARNED))
     after = found.after
     if after is None or not found.findings:
         return asked.known, ()
-    return after.model, tuple(finding.sentence for finding in found.findings)
+    return after.model, found.findings
 
 
 def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:

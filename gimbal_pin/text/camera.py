@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees, isnan
+from math import degrees, inf, isnan
 from typing import TYPE_CHECKING
 
 from gimbal_pin.text.cells import number, table
+from gimbal_pin.text.loops import margins
 
 if TYPE_CHECKING:
     from gimbal_pin.pointing.contest import Row
@@ -18,20 +19,61 @@ def verified(found: Verified) -> str:
     """Every controller on all that was run, targets, and where the error goes, degrees."""
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
     parts = [circumstances(found), controllers(found), ""]
+    parts += [margins(found.loops, found.joints), ""] if found.loops else []
+    parts += unstable(found)
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
     parts += [*asking(found), *swept(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
-    parts += [
-        f"{row.controller}: {event}" for contest in found.contests for row in contest.rows for event in row.events
-    ]
+    parts += [f"NOT compensated: {sentence}" for sentence in found.missed]
+    parts += remarks(found)
+    parts += [f"{row.controller}: {event}" for _, row in every(found) for event in row.happened]
     return "\n".join(parts)
+
+
+def every(found: Verified) -> list[tuple[str, Row]]:
+    """Every row of every motion, with what to call that motion: nothing where there is but one."""
+    several = len(found.contests) > 1
+    rows = [(contest.rows[0].runs[0].platform, row) for contest in found.contests for row in contest.rows]
+    return [(f" (platform {platform})" if several else "", row) for platform, row in rows]
+
+
+def remarks(found: Verified) -> list[str]:
+    """What `switch` is, and why an observer may cost more than it gains."""
+    from gimbal_pin.pointing.roster import ORACLE, OURS
+
+    still, told = found.contest.jitter, list[str]()
+    if OURS in still:
+        told.append(f"{OURS}: all that with-gyros knows; on joints whose model is worth less than its uncertainty, PID")
+    plain, observed = still.get("with-gyros"), still.get("with-observer")
+    if plain is not None and observed is not None and observed > 1.02 * plain and found.loops:
+        fast, slow = (max(own.crossover_hz for own in found.loops[name]) for name in ("with-gyros", "with-observer"))
+        told.append(
+            f"with-observer shakes {number(observed / plain, 3)} times as much as with-gyros: at equal margins its "
+            f"loop crosses at {number(slow, 3)} Hz, not at {number(fast, 3)}, and what an observer makes up for "
+            "this model knows already"
+        )
+    least = min((jitter for name, jitter in found.contest.stable.items() if name != ORACLE), default=inf)
+    if least < 0.97 * still.get(ORACLE, 0.0):
+        told.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
+    return told
+
+
+def unstable(found: Verified) -> list[str]:
+    """Who swings by itself: such a controller's figures say nothing."""
+    lines = []
+    for where, row in every(found):
+        sizes = [f"{s.joint} at {number(s.hz, 2)} Hz with {number(100 * s.share, 2)} %" for s in row.swings]
+        if sizes:
+            said = f"{row.controller}{where} is unstable, it swings by itself"
+            lines.append(f"{said}: {', '.join(sizes)} of the torque limit")
+    return [*lines, ""] if lines else []
 
 
 def circumstances(found: Verified) -> str:
     """What was run, with which margins."""
     from gimbal_pin.pointing.roster import TUNED
 
-    contest, margins = found.contest, found.margins
+    contest, least = found.contest, found.margins
     ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
     motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
     made = "; tuned has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
@@ -40,10 +82,7 @@ def circumstances(found: Verified) -> str:
         made += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
     return (
         f"{contest.rig}{f' with {contest.payload}' if contest.payload else ''} on {motions}; every loop's disk margin "
-        f"with the drives that are known is at least {number(margins.disk_margin, 3)}, "
-        f"the PID crosses at {number(margins.crossover_hz, 3)} Hz "
-        f"(margins of {number(margins.phase_margin_deg, 3)}° in phase and {number(1e3 * margins.delay_margin, 2)} ms "
-        f"in delay){made}"
+        f"with the drives that are known is at least {number(least.disk_margin, 3)}{made}"
     )
 
 
@@ -100,7 +139,7 @@ def asking(found: Verified) -> list[str]:
 
 def swept(found: Verified) -> list[str]:
     """How wrong the model may be."""
-    return [] if found.sweep is None else ["", found.sweep.sentence]
+    return [] if found.sweep is None or found.contest.gain is None else ["", found.sweep.sentence]
 
 
 def budget(found: Verified) -> list[str]:
@@ -110,7 +149,7 @@ def budget(found: Verified) -> list[str]:
     parted = found.contest.budget
     if parted is None or not parted.telling:
         names = ", ".join(name for _, name in STEPS)
-        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}, all of them stable"]
     rows = [
         (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import TYPE_CHECKING
 
 from gimbal_pin.text.cells import number, table
 
 if TYPE_CHECKING:
+    from gimbal_pin.control import Margins
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
 
@@ -57,3 +59,23 @@ def tracking(found: Tracking, plant: str) -> str:
     ]
     head = f"simulated steps; the plant is {plant}\n"
     return head + table("step", "controller", "joint", "rms error °", "overshoot %", "peak error °", rows=rows)
+
+
+def margins(loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]) -> str:
+    """Margins of every controller's loops; controllers and joints whose loops are the same share a row."""
+    from gimbal_pin.pointing.loops import distinct
+
+    rows = [(listed(names, loops), ", ".join(places), *shown(own)) for names, places, own in distinct(loops, joints)]
+    return table("loops of", "joint", "Hz", "phase margin °", "gain dB", "disk", "delay ms", rows=rows)
+
+
+def shown(own: Margins) -> tuple[str, ...]:
+    """Crossover and margins of one loop."""
+    sizes = (own.crossover_hz, own.phase_margin_deg, own.gain_margin_db, own.disk_margin, 1e3 * own.delay_margin)
+    return tuple(number(size, 3) for size in sizes)
+
+
+def listed(names: Sequence[str], of: Mapping[str, tuple[Margins, ...]]) -> str:
+    """Names of controllers; of all but a few, which they are not."""
+    rest = [name for name in of if name not in names]
+    return f"all but {', '.join(rest)}" if 0 < len(rest) < len(names) - 1 else ", ".join(names) if rest else "all"

@@ -19,7 +19,9 @@ def identified(found: Identified) -> str:
     """Parameters with uncertainty, accuracy, and how to balance the payload."""
     from gimbal_pin.balance import balance
 
-    parts = [estimated(found), table(*HEADS, rows=[parameter(found, k) for k in range(len(found.names))])]
+    heads = HEADS if found.bound is None else (*HEADS, "± at best")
+    parts = [estimated(found), table(*heads, rows=[parameter(found, k) for k in range(len(found.names))])]
+    parts += at_best(found)
     parts += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     parts.append("")
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
@@ -37,6 +39,8 @@ def identified(found: Identified) -> str:
     return "\n".join(parts)
 
 
+CLOSE = 0.1
+"""Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 HEADS = ("parameter", "value", "± 95 %", "± % of it", "unit", "URDF", "off by, std")
 
 
@@ -53,7 +57,22 @@ def parameter(found: Identified, k: int) -> tuple[str, ...]:
     share = number(100 * abs(1.96 * std / value), 2) if value and std else ""
     interval = number(1.96 * std, 2) if std else "–"  # nothing was estimated: it was taken as it was known
     stated = (number(float(found.stated[k])), f"{found.moved[k]:+.1f}" if found.moved[k] == found.moved[k] else "–")
-    return (found.names[k], number(value), interval, share, found.units[k], *stated)
+    best = () if found.bound is None else (number(1.96 * float(found.bound[k]), 2),)
+    return (found.names[k], number(value), interval, share, found.units[k], *stated, *best)
+
+
+def at_best(found: Identified) -> list[str]:
+    """What the log itself leaves open, whoever estimates: Cramér and Rao's bound beside each interval."""
+    if found.bound is None:
+        return []
+    told = "± at best: of any unbiased estimate from these rows (Cramér and Rao, by the residual's colour up to 16 Hz)"
+    theta = found.estimate.theta.tolist()
+    rows = zip(found.names, theta, found.bound.tolist())
+    loose = [name for name, value, std in rows if std > CLOSE * abs(value)]
+    if not loose:
+        return [told]
+    limit = f"the log tells these no closer than to a standard deviation of {100 * CLOSE:.0f} % of their value"
+    return [told, f"{limit}, for they are small: {', '.join(loose)}"]
 
 
 def physique(found: Identified) -> list[str]:

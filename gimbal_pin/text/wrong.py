@@ -19,7 +19,7 @@ LIMIT = "(what would be found goes with the motion all log long; noise averages 
 
 def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     """Verdict, findings, what is left at each joint, and where the files lie."""
-    lines = [f"verdict: {found.verdict}"] + ([""] if found.spoiling or found.findings else [])
+    lines = [f"verdict: {found.verdict}{doubted(found)}"] + ([""] if found.spoiling or found.findings else [])
     for fault in found.spoiling:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
         lines += [f"  {sized(p)}" for p in fault.answer]
@@ -46,6 +46,12 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def doubted(found: Diagnosis) -> str:
+    """Which findings a verdict of named does not speak of: those whose cause the logs leave open."""
+    open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
+    return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
 
 
 def told(finding: Finding) -> list[str]:

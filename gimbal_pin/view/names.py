@@ -8,7 +8,6 @@ CONTROLLERS = {
     "pid-world": "world-frame PID",
     "computed-torque-fixed": "computed torque, base taken as fixed",
     "without-hidden": "computed torque without hidden parameters",
-    "switch": "full model-based control",
     "tuned": "your controller (gains of tune)",
 }
 """Controllers whose names say more than their keys."""

@@ -30,7 +30,7 @@ VERDICTS = {
 
 def diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    parts = [paragraph(toned(VERDICTS[found.verdict], "good" if found.verdict == "nothing" else "fair"))]
+    parts = [paragraph(toned(said(found), "good" if found.verdict == "nothing" else "fair"))]
     parts += (
         [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
     )
@@ -54,6 +54,13 @@ def diagnosis(found: Diagnosis) -> Section:
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
     parts += [folded("Notes", bullets(notes))] if notes else []
     return Section("What the simulation gets wrong", join(parts), "On the part of the log that no choice has seen.")
+
+
+def said(found: Diagnosis) -> str:
+    """Return the verdict; a cause that is left open is not said to be named."""
+    open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
+    more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
+    return f"{VERDICTS[found.verdict]}{more}"
 
 
 HEAD: list[Content] = ["Joint", "What is left is", "Error before", "Error after", "Would have been found"]
@@ -82,8 +89,9 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list
     if gain["rollout_rmse_before"] > 0:
         rolled = gain["rollout_rmse_after"] / gain["rollout_rmse_before"]
         lines.append(f"Simulated from the same torque, the angle is off by {rolled:.2g} times what it was without it.")
-    said = [heading(f"{finding.joint or 'Rig'}: {finding.cause}"), paragraph(finding.sentence), bullets(lines)]
-    return [*said, *rivals(finding), *(part for one in likest for part in alike_map(one, colour))]
+    title = f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}"
+    told = [heading(title), paragraph(finding.sentence), bullets(lines)]
+    return [*told, *rivals(finding), *(part for one in likest for part in alike_map(one, colour))]
 
 
 SURE = 20.0

@@ -7,8 +7,11 @@ from math import degrees, isnan
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.control import Margins
 from gimbal_pin.pointing.bench import WANTED
+from gimbal_pin.pointing.budget import BASELINE
 from gimbal_pin.pointing.contest import Contest, Row
+from gimbal_pin.pointing.loops import distinct
 from gimbal_pin.pointing.outlook import outlook, shown
 from gimbal_pin.pointing.roster import ORACLE, OURS, TUNED
 from gimbal_pin.pointing.verify import Verified
@@ -22,6 +25,10 @@ from gimbal_pin.report.sections.margins import GAIN_DB, PHASE_DEG, tone
 from gimbal_pin.view.names import controller_name
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
+SWITCH = (
+    f"The {OURS} is model-based control with all that the others know; joints whose model is worth less than its "
+    "uncertainty it leaves to a PID."
+)
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 
 
@@ -75,10 +82,11 @@ def circumstances(contest: Contest) -> str:
     own = " (but for the gains asked for, which have their own)" if TUNED in contest.jitter else ""
     times = "once" if len(runs) == 1 else f"{len(runs)} times, each with its own motion and noise"
     platform = MOTIONS.get(runs[0].platform, runs[0].platform)
+    what = f" {SWITCH}" if OURS in contest.jitter else ""
     return (
         f"Simulated {times} for {figures(float(runs[0].t[-1]), 2)} s on {platform}, every controller with the same "
         f"motion, sensors, delay, torque limits and margins{own}. Jitter is the line of sight above 0.2 Hz; what is "
-        "slower is drift, which integrated gyros have whoever controls."
+        f"slower is drift, which integrated gyros have whoever controls.{what}"
     )
 
 
@@ -152,25 +160,41 @@ def targets(found: Verified) -> Markup:
 
 
 def margins(found: Verified) -> list[Markup]:
-    """Return the margins that all controllers share."""
-    own = found.margins
-    row: list[Content] = [
-        "world-frame PID",
+    """Return the margins of every controller's loops, joint by joint."""
+    loops = found.loops or {BASELINE: (found.margins,) * len(found.joints)}
+    rows = [
+        [listed(map(controller_name, names)), listed(joints), *margin_row(own)]
+        for names, joints, own in distinct(loops, found.joints)
+    ]
+    head: list[Content] = ["Controllers", "Joints", "Crossover", "Phase margin", "Gain margin", "Disk margin"]
+    head += ["Delay margin"]
+    said = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
+    if any(row.controller == TUNED for row in found.contest.rows):
+        said += f" Apart from {controller_name(TUNED)}, whose margins stand where it was tuned."
+    return [heading("Margins"), table(head, rows, label="Margins of the loops"), paragraph(said, "side")]
+
+
+def margin_row(own: Margins) -> list[Content]:
+    """Return one loop's margins."""
+    return [
         f"{figures(own.crossover_hz)} Hz",
         toned(f"{figures(own.phase_margin_deg)}°", tone(own.phase_margin_deg, PHASE_DEG)),
         toned(f"{figures(own.gain_margin_db)} dB", tone(own.gain_margin_db, GAIN_DB)),
         figures(own.disk_margin),
         f"{figures(1e3 * own.delay_margin)} ms",
     ]
-    head: list[Content] = ["Loop", "Crossover", "Phase margin", "Gain margin", "Disk margin", "Delay margin"]
-    said = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
-    if any(row.controller == TUNED for row in found.contest.rows):
-        said += f" Apart from {controller_name(TUNED)}, whose margins stand where it was tuned."
-    return [heading("Margins"), table(head, [row], label="Margins of the loop"), paragraph(said, "side")]
 
 
 def told(found: Verified) -> list[Markup]:
-    """Return what is compensated, and what happened."""
-    events = [f"{controller_name(row.controller)}: {event}" for row in found.contest.rows for event in row.events]
+    """Return what is compensated, what is not, who is unstable, and what happened."""
+    every = [(controller_name(row.controller), swing) for row in found.contest.rows for swing in row.swings]
+    swings = [
+        f"{who}: {swing.joint} swings by itself at {figures(swing.hz, 2)} Hz, with "
+        f"{figures(100 * swing.share, 2)} % of its torque limit (rms): its figures say nothing."
+        for who, swing in every
+    ]
+    events = [f"{controller_name(row.controller)}: {event}" for row in found.contest.rows for event in row.happened]
     parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
+    parts += [heading("Planted and not compensated"), bullets(found.missed)] if found.missed else []
+    parts += [notice("Unstable", bullets(swings))] if swings else []
     return [*parts, notice("What happened", bullets(events[:12]))] if events else parts
