@@ -21,6 +21,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, Regression, Rows, base_motion, kept
 from gimbal_pin.suspicion import Asked, suspicion
 from gimbal_pin.threads import one_thread
+from gimbal_pin.wiring import check_wiring
 
 
 @one_thread()
@@ -53,6 +54,7 @@ def identify(
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
+        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
     """
     filters = filtering or Filtering()
     for log in logs:
@@ -63,6 +65,7 @@ def identify(
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
     blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
+    check_wiring(blocks, estimate)
     tested = kept(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
