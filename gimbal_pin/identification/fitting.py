@@ -66,6 +66,9 @@ def identify(
     everything = friction_effects(rig.joints) + tuple(effects)
     blocks, estimate = fitted(rig, everything, train, filters, estimator, moved(rig, train))
     check_wiring(blocks, estimate)
+    notes += tuple(
+        f"{log.name} only judged the others and taught nothing; --refit learns from all" for log in whole(test, logs)
+    )
     tested = kept(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
@@ -77,6 +80,11 @@ def identify(
     return replace(
         found, logs=tuple(log.name for log in logs), mountings=mountings, notes=notes, bias=judged, parting=parting
     )
+
+
+def whole(held_out: Sequence[Log], logs: Sequence[Log]) -> list[Log]:
+    """Return the logs that were held out as a whole."""
+    return [log for log in held_out if any(log is one for one in logs)]
 
 
 def refitted(judged: Identified, whole: Identified) -> Identified:

@@ -11,11 +11,13 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import unseen
 from gimbal_pin.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import ALIKE, LONGER, WINDOWS, Score, Watch, onset, scores
+from gimbal_pin.online.change import ALIKE, LOOK, WINDOWS, Score, Watch, onset, scores, spared
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
-WINDOW = 2 * max(WINDOWS) + LONGER
-"""Newest rows that are not learned for good yet: those that the slowest alarm can be about."""
+WINDOW = LOOK + 5
+"""Newest rows that are not learned for good yet: those that an alarm can be about, and a few for a slow one."""
+AGAIN = 2
+"""Rows in a row for which a score must be beyond chance."""
 DOUBT = 0.2
 """Share of friction by which it may be off without anything having changed."""
 REFRESHED = 8
@@ -133,12 +135,12 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     reference, watch = known.reference, known.watch
     if reference is None or watch is None:
         return announced(task, known, now)
-    rows = values(known.window[-max(WINDOWS) :])
-    found = scores(rows, watch)
-    alarms = [one.alarms(known.dispersion, squares(task, known)) for one in found]
+    rows, few_squares = values(known.window[-LOOK:]), squares(task, known)
+    found = scores(rows[-max(WINDOWS) :], watch)
+    alarms = [one.alarms(known.dispersion, few_squares) for one in found]
     beyond = tuple(counted(*three) for three in zip(known.beyond, found, alarms))
     known = replace(known, beyond=beyond)
-    if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
+    if max(beyond) >= AGAIN and any(one.alarms(known.dispersion, few_squares) for one in spared(rows, watch)):
         return changed(task, known, reference, watch, now)
     tried = known.settled.rows >= TRIED and not any(alarms)
     return announced(task, watched(known, found[-1]) if tried else known, now)
