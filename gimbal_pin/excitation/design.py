@@ -88,6 +88,10 @@ class Excitation:
         """Length of the motion, s."""
         return float(self.motion.t[-1])
 
+    def __repr__(self) -> str:
+        """One line: condition number and length; `text.excitation` has what it uses of the limits."""
+        return f"excitation of {self.rig}: condition number {self.condition_number:.1f} in {self.length}"
+
     @property
     def length(self) -> str:
         """Its length and what it is made of, in words."""

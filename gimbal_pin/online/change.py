@@ -25,7 +25,7 @@ LOOK = max(KEPT) + LONGER
 """Newest rows that are looked at."""
 CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
-EARLY = 1e-4
+EARLY = 1e-6
 """The same while the noise itself is known from few rows only: then a score has heavier tails than any that counts."""
 ALIKE = 2.5
 """Rows, half a period of the cutoff apart, that tell as much of slow noise's power as one would of white noise's."""

@@ -64,6 +64,10 @@ class Several:
         """The gimbal with the reference, or with the first payload where that has no log."""
         return self.identified.get(self.reference, next(iter(self.identified.values())))
 
+    def __repr__(self) -> str:
+        """A few lines per camera: what was estimated, and how well it predicts."""
+        return "\n".join([*(repr(one) for one in self.identified.values()), self.sentence])
+
     def refitted(self, whole: Several) -> Several:
         """Return an estimate from all data with the held-out accuracy of this one, which had not seen all of it."""
         each = {name: refitted(self.identified[name], one) for name, one in whole.identified.items()}

@@ -106,13 +106,10 @@ def mounting(log: str, link: str, found: Mounting) -> str:
 
 def accuracy(part: Accuracy) -> str:
     """Torque error of one part of the data."""
-    cells = [
-        f"{joint} {number(error, 3)} N m ({part.fit_percent[joint]:.2f} %)" for joint, error in part.torque_rmse.items()
-    ]
     used = min(part.used.values())
     judged = (
         ""
         if used > 0.9
         else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
     )
-    return f"{part.how}: torque error rms (fit)  " + ", ".join(cells) + judged
+    return f"{part}{judged}"

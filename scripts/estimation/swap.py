@@ -83,7 +83,7 @@ def swap(logs: int = 36, workers: int = CORES, resume: Path | None = None) -> No
         where = f"swapped at {at:g} s" + (f" behind a pause of {pause:g} s" if pause else "")
         print(
             f"{where}: {len(some)} logs, announced after {np.median(told):.2f} s ({told.max():.2f} at most), "
-            f"known after {np.median(known):.2f} s ({known.max():.2f}), off by {100 * off.max():.2g} % of the change at most"
+            f"known after {np.median(known):.2f} s ({known.max():.2f}), off by {100 * off.max():.2g} % of the change"
         )
     late = sum(not row["told"] <= TOLD for row in rows)
     unknown, false = sum(not row["known"] <= KNOWN for row in rows), sum(row["false"] for row in rows)
