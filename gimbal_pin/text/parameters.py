@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import degrees, floor, inf, log10
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from gimbal_pin.text.cells import number, table
@@ -18,7 +19,10 @@ def identified(found: Identified) -> str:
     """Parameters with uncertainty, accuracy, and how to balance the payload."""
     from gimbal_pin.balance import balance
 
-    parts = [estimated(found), table(*HEADS, rows=[parameter(found, k) for k in range(len(found.names))])]
+    parts = [
+        estimated(found),
+        table(*HEADS, rows=[line for k in range(len(found.names)) for line in folded(parameter(found, k))]),
+    ]
     parts += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     parts.append("")
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
@@ -36,6 +40,8 @@ def identified(found: Identified) -> str:
     return "\n".join(parts)
 
 
+NAME = 48
+"""Widest name of a parameter in a table."""
 HEADS = ("parameter", "value", "± 95 %", "± % of it", "unit", "URDF", "off by, std")
 
 
@@ -44,6 +50,12 @@ def estimated(found: Identified) -> str:
     method = found.estimate.method
     held = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
     return f"{len(found.names)} parameters by {method}{held}; deviations by {found.estimate.uncertainty}"
+
+
+def folded(row: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """A row whose name is a long sum, as several: the figures stand beside its first terms."""
+    first, *more = wrap(row[0], NAME, break_long_words=False, break_on_hyphens=False)
+    return [(first, *row[1:]), *((f"  {part}", *[""] * (len(row) - 1)) for part in more)]
 
 
 def parameter(found: Identified, k: int) -> tuple[str, ...]:
@@ -55,6 +67,10 @@ def parameter(found: Identified, k: int) -> tuple[str, ...]:
     return (found.names[k], number(value), interval, share, found.units[k], *stated)
 
 
+PARTS = (slice(1, 3), slice(3, 4), slice(4, 5))
+"""Columns of what is told of bodies that stand together."""
+
+
 def physique(found: Identified) -> list[str]:
     """The nearest bodies with 95 % intervals, and what of them is the URDF's."""
     rows = []
@@ -63,9 +79,11 @@ def physique(found: Identified) -> list[str]:
         diagonal = ", ".join(within(body.inertia[k]) for k in (0, 2, 5))
         products = ", ".join(within(body.inertia[k]) for k in (1, 3, 4))
         rows.append((body.link, within(body.mass), com, diagonal, products))
-    heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz")
+    # Three tables: one of all columns would be wider than a terminal.
+    heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz, kg m^2")
+    told = [table(heads[0], *heads[part], rows=[(row[0], *row[part]) for row in rows]) for part in PARTS]
     trust = f"± 95 %; *: not shown by the log, ± holds if the URDF is right to {100 * found.trust:.3g} % (--trust)"
-    return ["", table(*heads, rows=rows), trust, ""]
+    return ["", *told, trust, ""]
 
 
 def within(figure: Figure, factor: float = 1.0) -> str:
@@ -110,6 +128,6 @@ def accuracy(part: Accuracy) -> str:
     judged = (
         ""
         if used > 0.9
-        else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
+        else f"\n  as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
     )
     return f"{part}{judged}"
