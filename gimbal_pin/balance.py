@@ -21,6 +21,11 @@ COUNT = 400
 """Poses over which gravity is balanced."""
 RANK = 1e-6
 """A direction that moves less gravity torque than this share of the most cannot be balanced by."""
+MINIMISED = (
+    f"that way gravity's torque over the motors' limits is least, mean square over all joints and {COUNT} poses that "
+    "fill the rig's limits: one joint may take more than before, for another's sake"
+)
+"""What the way is the best for."""
 WORTH = 1e-4
 """A way shorter than this, m, is nothing that a hand can slide."""
 TIGHT = 0.5
@@ -57,7 +62,7 @@ class Balance:
     @property
     def sentences(self) -> tuple[str, ...]:
         """How to balance it, what that saves, and whether the motors hold it unbalanced."""
-        return self.how(), self.holding()
+        return self.how(), MINIMISED, self.holding()
 
     def how(self) -> str:
         """Say how far to slide it, and what that saves."""

@@ -150,6 +150,13 @@ class Log:
         """Number of samples."""
         return len(self.t)
 
+    def __repr__(self) -> str:
+        """One line: name, joints, length and channels."""
+        held = [name for name in ("q", "v", "tau", "q_ref", "temperature") if getattr(self, name) is not None]
+        held += [f"IMU of {link}" for link in self.imus]
+        span = f"{len(self)} samples, {self.t[-1] - self.t[0]:.4g} s" if len(self) else "no samples"
+        return f"log {self.name}: {span} of {', '.join(self.joints)} ({', '.join(held)})"
+
     @property
     def dt(self) -> float:
         """Median sampling interval, s."""

@@ -27,6 +27,8 @@ LEAST = 0.1
 """Least share of what the rates show that is taken for motion, where nearly all of it is noise."""
 BEYOND = 10.0
 """Change of the torque, in squared shares of noise, that noise alone does not make: at most three are usual."""
+DENSEST = 25.0
+"""Most that an encoder's slow steps count by: a joint that stands has hardly any."""
 EXAMINED = 60.0
 """Time of the first log on which least squares is tested, s: a longer one costs more than it says."""
 
@@ -102,7 +104,9 @@ def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> floa
     From the angle's noise differentiated twice or, where there is one, the rate's differentiated once, by whichever
     says less; the motion's from the rows' rates, less what the noise that passes the smoothing adds to them.
     """
-    noise, smoothed = (noises(log, filtering.cutoff * factor) for factor in (1.0, filtering.smoothing))
+    fine = signals.noise_std(log.q)
+    noise = noises(log, filtering.cutoff, np.maximum(fine, coarseness(log.q)))
+    smoothed = noises(log, filtering.cutoff * filtering.smoothing, fine)
     parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in series(blocks)]
     total = np.mean(np.concatenate(parts) ** 2, axis=0)
     step = 1.0 / (2 * filtering.cutoff)
@@ -111,10 +115,29 @@ def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> floa
     return float(np.max(noise[1][moving] / size[moving], initial=0.0))
 
 
-def noises(log: Log, cutoff: float) -> tuple[Array, Array]:
-    """Standard deviations of the rate's and of the acceleration's noise below a cutoff, rad/s and rad/s², (n,) each."""
+def coarseness(q: Array) -> Array:
+    """White noise of the density that an encoder's steps have where most samples repeat the one before, rad, (n,).
+
+    Differences of the samples see none of it: from step to step the reading does not change, and the error is a
+    sawtooth as slow as the steps. Its power, a twelfth of the step's square, lies below their rate, not Nyquist's.
+    """
+    jumps = np.abs(np.diff(q, axis=0))
+    share = np.mean(jumps > 0, axis=0)
+    step = np.array([np.median(one[one > 0]) if one.any() else 0.0 for one in jumps.T])
+    denser = np.sqrt(np.clip(0.5 / np.maximum(share, 1e-300), 1.0, DENSEST))
+    return np.asarray(np.where(share < 0.5, step / np.sqrt(12.0) * denser, 0.0))
+
+
+def noises(log: Log, cutoff: float, angle: Array) -> tuple[Array, Array]:
+    """Standard deviations of the rate's and of the acceleration's noise below a cutoff, rad/s and rad/s², (n,) each.
+
+    Args:
+        log: The log.
+        cutoff: As above, Hz.
+        angle: Standard deviation of the angles' white noise, rad, (n,).
+    """
     rate, slow = 1.0 / log.dt, signals.lowpass(cutoff, 1.0 / log.dt)
-    angle, gains = signals.noise_std(log.q), [signals.noise_gain(slow, rate, k) for k in range(3)]
+    gains = [signals.noise_gain(slow, rate, k) for k in range(3)]
     if log.v is None:
         return angle * gains[1], angle * gains[2]
     measured = signals.noise_std(log.v)

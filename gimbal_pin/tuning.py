@@ -66,6 +66,17 @@ class Tuning:
         """The control law, ready for `simulate`."""
         return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
 
+    def __repr__(self) -> str:
+        """A line per joint: gains, bandwidth and margins; `text.tuning` has the table."""
+        rig = self.model.rig
+        rows = zip(rig.joints, self.gains, self.bandwidth_hz, self.margins)
+        each = (
+            f"{joint}: kp {pid.kp:.4g}, ki {pid.ki:.4g}, kd {pid.kd:.4g}; {hz:.3g} Hz, margins: phase "
+            f"{found.phase_margin_deg:.3g}°, gain {found.gain_margin_db:.3g} dB, disk {found.disk_margin:.3g}"
+            for joint, pid, hz, found in rows
+        )
+        return "\n".join([f"{self.wish.kind} for {rig.name}", *each, *self.reasons])
+
     def with_(self, **changes: Any) -> Tuning:
         """Tune again with some wishes changed: ``tuning.with_(bandwidth_hz=12)``."""
         known = [f.name for f in fields(Wish)]

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gimbal_pin.balance import COUNT, Balance, balance, reported
+from gimbal_pin.balance import COUNT, MINIMISED, Balance, balance, reported
 from gimbal_pin.checking import gravity_load, poses
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.identification import Identified, identify
@@ -93,3 +93,19 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
     rig = Rig.load("turret", "none")
     log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
     assert reported(identify(rig, [log], filtering=Filtering(alignment=0.0)))["balance"] is None
+
+
+@pytest.mark.parametrize("name", ["thesis", "turret"])
+def test_no_way_that_brute_force_tries_is_better(name: str) -> None:
+    """Least of what it says it minimises, over every way on a grid about it and many at random, on the fitted model."""
+    one = found(name, (0.012, -0.006, 0.009))
+    said = balance(one)
+    assert said is not None and MINIMISED in said.sentences and "mean square over all joints" in MINIMISED
+    fitted = one.model.rig
+    best = total(fitted, said.way)
+    steps = np.array([-0.02, -0.005, -0.001, 0.0, 0.001, 0.005, 0.02])
+    grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    rng = np.random.default_rng(0)
+    for way in (*grid[:: 2 if name == "turret" else 5], *(0.05 * rng.standard_normal((30, 3)))):
+        assert total(fitted, said.way + way) >= best * (1 - 1e-9) - 1e-15
+    assert best < total(fitted, np.zeros(3))

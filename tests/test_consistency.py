@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
+from gimbal_pin.errors import DataError
 from gimbal_pin.estimators import physical as physical_fit
 from gimbal_pin.estimators import weighted
 from gimbal_pin.estimators.base import effective_rows, factor, residual_power
@@ -158,3 +159,13 @@ def test_bodies_that_are_hardly_told_apart_stay_near_the_urdf(seed: int) -> None
     exact, leant = (nearest(rig.phi, mixing, mixing @ rig.phi + off, np.diag(std**2), one) for one in (WEIGHTS, LEANT))
     assert leant.distance < exact.distance + 1.0
     assert np.all(np.abs(np.log(leant.phi[::10] / rig.phi[::10])) < np.log(2.0))
+
+
+@pytest.mark.parametrize(("beta", "variance"), [(np.nan, 1.0), (np.inf, 1.0), (0.0, np.nan)])
+def test_what_is_beyond_all_bodies_is_an_error_that_names_the_units(beta: float, variance: float) -> None:
+    """An estimate that is no number any more, as of a log in other units, ends in one line and not in a traceback."""
+    phi = Rig.load("turret").phi
+    one = np.eye(len(phi))
+    assert nearest(phi, one, phi, one).distance < 1e-3
+    with np.errstate(all="ignore"), pytest.raises(DataError, match="that can exist; look at the units of t, q and tau"):
+        nearest(phi, one, np.full(len(phi), beta), variance * one)

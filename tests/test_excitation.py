@@ -315,6 +315,29 @@ def test_arguments_out_of_range_are_named(arguments: dict[str, object], place: s
         excite(Rig.load("turret"), rng=np.random.default_rng(0), **arguments)
 
 
+# length
+
+
+def test_a_longer_motion_is_never_worse_than_the_usual_one() -> None:
+    """With five harmonics whatever the length 20 s were two to four times worse; a long one repeats a shorter one."""
+    rig, usual = Rig.load("turret"), designed("turret", 0).condition_number
+    for seconds, periods in ((20.0, 1), (24.0, 2)):
+        found = excite(rig, seconds=seconds, starts=1, rng=np.random.default_rng(0), dt=0.01)
+        assert found.condition_number <= usual and found.seconds == seconds
+        assert found.seconds / found.series.seconds == pytest.approx(periods, rel=1e-12)
+        assert found.motion.q[0] == pytest.approx(found.motion.q[-1], abs=1e-9)
+        assert_within(rig, nominal(rig), found, 0.05)
+
+
+@given(seconds=st.floats(0.5, 5000.0))
+def test_the_highest_harmonic_has_half_a_hertz(seconds: float) -> None:
+    series, shorter = Series.of(seconds), Series(seconds, 3)
+    fastest = series.harmonics / series.seconds
+    assert fastest >= 0.5 * (1 - 1e-12) and (fastest <= 0.6 or series.harmonics == 5) and series.seconds <= 20.0
+    assert seconds / series.seconds == pytest.approx(round(seconds / series.seconds), rel=1e-12)
+    assert Series.of(10.0) == Series(10.0, 5) and Series.of(seconds, 3) == shorter
+
+
 # interruption
 
 

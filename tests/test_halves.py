@@ -78,3 +78,5 @@ def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() ->
     np.testing.assert_array_equal(final.estimate.theta, everything.estimate.theta)
     assert final.held_out == held.held_out and final.held_out is not None and "all data" in final.notes[-1]
     assert np.median(final.estimate.std / held.estimate.std) < 0.9
+    said = "prescribed 2 only judged the others and taught nothing; --refit learns from all"
+    assert said in held.notes and said not in final.notes

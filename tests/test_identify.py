@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin import signals
+from gimbal_pin import signals, text
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import ESTIMATORS, ols, robust, weighted
 from gimbal_pin.estimators.base import factor
@@ -229,3 +229,16 @@ def test_holding_out(clean: Log) -> None:
     for wrong in ("log:4", "log:0", "half"):
         with pytest.raises(UsageError):
             split([clean] * 3, wrong, EXACT)
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
+def test_no_table_is_wider_than_a_terminal(name: str) -> None:
+    """Every line that is laid out in columns fits 120; what a result prints is lines, not arrays."""
+    rig = Rig.load(name)
+    found = identify(rig, [prescribed(nominal(rig), 1, 10.0, torque_noise=0.02, dt=4e-3)])
+    told = text.identified(found).splitlines()
+    tables = [line for line in told if "   " in line.strip() or line.startswith("body ")]
+    assert len(tables) > len(found.names) and max(map(len, tables)) <= 120
+    short = str(found)
+    assert f"{len(found.names)} parameters by weighted" in short and "array(" not in short and short.count("\n") == 3
+    assert found.held_out is not None and all(f"{joint} " in str(found.held_out) for joint in rig.joints)

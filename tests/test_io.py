@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as hnp
 
 from gimbal_pin import io, reading
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
-from gimbal_pin.io import base, csv, files
+from gimbal_pin.io import base, csv, files, units
 from gimbal_pin.io.mapping import Source, parse_entry, parse_expression, read_mapping
 from gimbal_pin.log import Imu, Log, Motion
 from gimbal_pin.rig import Rig
@@ -557,11 +557,35 @@ def test_torque_far_beyond_the_motor_is_mentioned(rig: Rig, tmp_path: Path) -> N
         assert len(io.read_log(tmp_path / "x.csv", rig).events) == count
 
 
-def test_degrees_are_mentioned_only_where_sure(rig: Rig, tmp_path: Path) -> None:
-    (tmp_path / "x.csv").write_text(f"{HEADER}\n0,80,2,0.3,0.4\n1,-85,1.4,0.3,0.4\n")
-    (event,) = io.read_log(tmp_path / "x.csv", rig).events
-    assert "q_yaw" in event and "85" in event and "pi/180" in event
-    assert io.read_log(tmp_path / "x.csv", rig, ["q_yaw=q_yaw*pi/180"]).events == ()
+def test_degrees_are_refused_only_where_sure(rig: Rig, tmp_path: Path) -> None:
+    """Ten degrees of travel are more than any joint has radians; a turn counted twice or a few spikes are none."""
+    path = tmp_path / "x.csv"
+    path.write_text(f"{HEADER}\n" + "".join(f"{k},{80 - 3 * k},1.4,0.3,0.4\n" for k in range(55)))
+    with pytest.raises(LogError, match=r"x\.csv: q_yaw travels .* degrees.* --map q_yaw=COLUMN\*pi/180$"):
+        io.read_log(path, rig)
+    assert io.read_log(path, rig, ["q_yaw=q_yaw*pi/180"]).events == ()
+    t = np.linspace(0, 10, 1001)
+    q = np.stack([np.sin(t) + 2 * np.pi * (t > 5), 0.3 * np.sin(2 * t)], axis=1)
+    q[[100, 500]] = 900.0
+    units.check_units("x", rig, t, q, None)
+    with pytest.raises(LogError, match="counts or another unit"):
+        units.check_units("x", rig, t, 1e4 * q, None)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 0.1]))
+def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: float) -> None:
+    """However coarse or noisy; in two units, or with t in ms, they are refused, standing joints never."""
+    rng, t = np.random.default_rng(seed), np.linspace(0, 20, 4001)
+    w = rng.uniform(0.5, 6, rig.n)
+    q, v = 0.5 * np.sin(np.outer(t, w)), 0.5 * w * np.cos(np.outer(t, w))
+    seen, noisy = step * np.round(q / step), v + 0.1 * rng.standard_normal(v.shape)
+    units.check_units("x", rig, t, seen, noisy)
+    units.check_units("x", rig, t, 1e-4 * rng.standard_normal(q.shape), 0.1 * rng.standard_normal(v.shape))
+    with pytest.raises(LogError, match=r"moves 0\.01.* times as far as dq_yaw says"):
+        units.check_units("x", rig, t, q, np.degrees(noisy))
+    with pytest.raises(LogError, match=r"t is in ms, not s: map it: --map t=COLUMN\*1e-3"):
+        units.check_units("x", rig, 1e3 * t, seen, noisy)
 
 
 def test_two_channels_of_one_name_are_refused() -> None:

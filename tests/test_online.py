@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import chdtri
 
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimators import weighted
+from gimbal_pin.estimators import Estimate, weighted
 from gimbal_pin.experiment import bench_run
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.io import write_log
@@ -30,8 +31,9 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
+from gimbal_pin.online.change import LOOK, Watch, spared
 from gimbal_pin.online.learning import absorbed, values
-from gimbal_pin.online.recursive import Known, Moments, loosened, solved
+from gimbal_pin.online.recursive import LAGS, Known, Moments, loosened, solved
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering
 from gimbal_pin.signals import lowpass
@@ -237,16 +239,38 @@ def test_a_swap_of_a_light_camera_on_a_large_rig() -> None:
     assert np.sqrt(np.mean(((estimate.theta - new) / estimate.std) ** 2)) < 2.0
 
 
-@pytest.mark.parametrize("other", [None, "mirrorless"])
-def test_a_swap_after_ten_seconds_is_announced_as_soon_as_a_late_one(other: str | None) -> None:
-    """Seventy rows have come then, half of them still in the window; on the same noise without a swap none is told."""
+@pytest.mark.parametrize(
+    ("other", "swap", "pause"),
+    [(None, 8.0, 0.0), ("mirrorless", 10.0, 0.0), ("mirrorless", 8.0, 0.0), ("mirrorless", 9.0, 4.0)],
+)
+def test_an_early_swap_is_announced_as_soon_as_a_late_one(other: str | None, swap: float, pause: float) -> None:
+    """Also behind a pause in the log, where the filters settle anew; on the same noise without a swap none is told."""
     rigs = [Rig.load("thesis", payload) for payload in ("cinema", other or "cinema")]
-    logs = [renoised(prescribed(nominal(one), seconds=16.0), 4) for one in rigs]
-    tau = np.where(logs[0].t[:, None] < 10.0, logs[0].tau, logs[1].tau)
+    logs = [renoised(prescribed(nominal(one), seconds=16.0, dt=2e-3), 4) for one in rigs]
+    late = logs[0].t >= swap
+    tau = np.where(late[:, None], logs[1].tau, logs[0].tau)
     online = Online.of(rigs[0], filtering=Filtering(alignment=0.0))
-    events = online.advance(online.start(), replace(logs[0], tau=tau)).events
-    changes = [event.t for event in events if event.what == "changed"]
-    assert len(changes) == (other is not None) and all(10.0 < t < 13.0 for t in changes)
+    events = online.advance(online.start(), replace(logs[0], t=logs[0].t + pause * late, tau=tau)).events
+    changes = [event.t - pause for event in events if event.what == "changed"]
+    assert len(changes) == (other is not None) and all(swap < t < swap + 3.0 for t in changes)
+
+
+@pytest.mark.parametrize("rows", [5, 6])
+def test_what_lasts_under_seven_rows_leaves_no_trace_in_a_score(rows: int) -> None:
+    """However large and wherever it is; what lasts is told by the rows that stay."""
+    rng = np.random.default_rng(rows)
+    A = rng.standard_normal((LOOK, 2, 3))
+    known = Known(Estimate(np.zeros(3), 1e-6 * np.eye(3), np.ones(2), 1.0, 99, "x"), np.eye(LAGS + 1, 1) * np.ones(2))
+    watch = Watch.of(known, np.eye(3), np.zeros(3))
+    noise = rng.standard_normal((LOOK, 2))
+    quiet = spared(np.dstack([A, noise, np.ones_like(noise)]), watch)
+    for begin in range(0, LOOK - rows, 4):
+        pushed = noise.copy()
+        pushed[begin : begin + rows] += 1e3
+        after = spared(np.dstack([A, pushed, np.ones_like(noise)]), watch)
+        assert all(one.value < chdtri(one.freedom, 1e-3) for one in after)
+    lasting = spared(np.dstack([A, noise + A @ [9.0, 9.0, 9.0], np.ones_like(noise)]), watch)
+    assert lasting[-1].alarms(1.0) and not any(one.alarms(1.0) for one in quiet)
 
 
 def test_what_is_no_payload_raises_no_alarm() -> None:

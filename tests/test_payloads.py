@@ -13,11 +13,12 @@ import pytest
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.errors import UsageError
 from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import Identified, given_beta, identify
 from gimbal_pin.io import write_log
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.payloads import Carried, Several, identify_new, identify_several, stated
+from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 from gimbal_pin.tuning import tune
@@ -154,6 +155,15 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
     moment = {one["name"]: one["value"] for one in third["camera"]}
     assert moment["camera.mx"] == pytest.approx(stated(Rig.load("turret", "zoom-lens"))[1], rel=0.02)
     refused(run("identify", "turret", tagged[0], f"{tmp_path}/cinema.csv"), 2, "tag each of them")
+    urdf = tmp_path / "new.urdf"
+    again = result(run, "identify", "turret", tagged[2], *exact, "--known", model, "--urdf", urdf, "--refit")
+    assert again["held_out"]["how"] == "last third" and again["samples"] == third["samples"]
+    assert again["base_parameters"] == third["base_parameters"] and any("all data" in note for note in again["notes"])
+    written, true = Rig.load(urdf), Rig.load("turret", "zoom-lens")
+    reduction = reduce(true)
+    scale = np.abs(given_beta(true, reduction)) + 1e-2
+    assert np.all(np.abs(given_beta(written, reduction) - given_beta(true, reduction)) < 0.05 * scale)
+    refused(run("identify", "turret", *tagged[:2], *exact, "--urdf", urdf), 2, "--urdf")
 
 
 def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:

@@ -11,12 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gimbal_pin.errors import LogError
+from gimbal_pin.estimators import weighted
+from gimbal_pin.identification import identify
 from gimbal_pin.io import write_log
 from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
+from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering, Regression, Rows, kept
+from gimbal_pin.wiring import check_wiring
 from tests.bench_logs import fourier
-from tests.command_line import Run
+from tests.command_line import Run, refused
 
 DT = 4e-3
 PAYLOADS = {"turret": ("infrared", "none"), "thesis": ("cinema", "zoom-lens")}
@@ -85,3 +91,47 @@ def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, 
     assert all(finding["status"] == "data" for finding in said["findings"])
     assert SPOILT.get(kind, said["findings"][0]["cause"]) == said["findings"][0]["cause"]
     assert said["residual"] == {} and all(finding["sentence"] for finding in said["findings"])
+
+
+MIXED: dict[str, tuple[str, Callable[[Array], Array], str]] = {
+    "a sign": ("thesis", lambda tau: tau * [1, -1, 1], r"tau_roll has the wrong sign.*--map tau_roll=COLUMN\*-1"),
+    "all signs": ("turret", lambda tau: -tau, "tau_pan and tau_tilt have the wrong sign"),
+    "two columns": ("turret", lambda tau: tau[:, ::-1], "tau_pan and tau_tilt hold each other's torque.*exchange them"),
+}
+
+
+@pytest.mark.parametrize("kind", MIXED)
+def test_torques_that_were_mixed_up_are_told(kind: str) -> None:
+    """Least squares explains most of them as well, with negative masses."""
+    name, mix, words = MIXED[kind]
+    rig = Rig.load(name)
+    log = recorded(rig, 1)
+    identify(rig, [log], holdout="none")
+    with pytest.raises(LogError, match=words):
+        identify(rig, [replace(log, tau=mix(np.asarray(log.tau)))], holdout="none")
+
+
+def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:
+    """Its torque is zero, and so is what a turned sign makes of it; the other's is told all the same."""
+    rig = Rig.load("turret")
+    log = recorded(rig, 2)
+    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
+    idle = Regression(blocks.rows, tuple(b._replace(A=b.A * [[[1], [0]]], b=b.b * [1, 0]) for b in blocks))
+    check_wiring(idle, weighted(idle))
+    turned = Regression(blocks.rows, tuple(b._replace(b=-b.b) for b in idle))
+    with pytest.raises(LogError, match=r"tau_pan has the wrong sign"):
+        check_wiring(turned, weighted(turned))
+
+
+def test_diagnosis_names_a_column_before_any_cause(run: Run, tmp_path: Path) -> None:
+    log = recorded(Rig.load("turret"), 3)
+    write_log(replace(log, tau=np.asarray(log.tau)[:, ::-1]), tmp_path / "x.csv")
+    refused(run("diagnose", "turret", tmp_path / "x.csv"), 2, "tau_pan and tau_tilt hold each other's torque")
+
+
+@pytest.mark.parametrize("more", [[], ["--cutoff", "0.2"], ["--follow", "--idle", "0"]])
+def test_milliseconds_are_refused_whatever_the_cutoff(run: Run, tmp_path: Path, more: list[str]) -> None:
+    log = recorded(Rig.load("turret"), 3, 3.0)
+    write_log(replace(log, t=1e3 * log.t, v=None), tmp_path / "x.csv")
+    code, _, err = run("identify", "turret", tmp_path / "x.csv", *more)
+    assert code == 2 and "t is in ms, map it: --map t=COLUMN*1e-3" in err and err.count("\n") == 1

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from gimbal_pin.cli.inputs import load_logs, load_rig, mounted
@@ -38,19 +39,34 @@ def tags_of(logs: Sequence[str]) -> list[str | None]:
 
 
 def cameras(
-    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], known: str | None, fit: Fit
+    rig: str,
+    payload: str | None,
+    logs: Sequence[str],
+    mapping: Sequence[str],
+    known: str | None,
+    fit: Fit,
+    refit: bool = False,
 ) -> Several:
-    """Identify one gimbal with the several payloads that the logs are tagged with, or a new one on a known gimbal."""
+    """Identify one gimbal with the several payloads that the logs are tagged with, or a new one on a known gimbal.
+
+    With `refit` from all data, once the held-out error is known.
+    """
     from gimbal_pin.io.model import read_model
     from gimbal_pin.payloads import identify_new, identify_several
 
+    def judged(run: Callable[..., Several]) -> Several:
+        if not refit:
+            return run(**vars(fit))
+        tested = replace(fit, holdout=fit.holdout or "last-third")
+        return run(**vars(tested)).refitted(run(**vars(replace(fit, holdout="none"))))
+
     if known is not None:
         loaded, read = load_logs(rig, payload, logs, mapping)
-        return identify_new(loaded, read, read_model(known, load_rig(rig, mounted(known))), **vars(fit))
+        return judged(partial(identify_new, loaded, read, read_model(known, load_rig(rig, mounted(known)))))
     tags = [tag for tag in tags_of(logs) if tag is not None]
     if payload is not None or None in tags_of(logs):
         raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
     each = {tag: [log for log in logs if log.endswith(f"@{tag}")] for tag in tags}
     pairs = {tag: load_logs(rig, None, mine, mapping) for tag, mine in each.items()}
     rigs, read_by = ({tag: pair[k] for tag, pair in pairs.items()} for k in (0, 1))
-    return identify_several(rigs, read_by, **vars(fit))  # type: ignore[arg-type]
+    return judged(partial(identify_several, rigs, read_by))  # type: ignore[arg-type]

@@ -23,8 +23,15 @@ def excite(
     output: Output,
     *,
     payload: Payload = None,
-    seconds: Annotated[float, arg(help="length of the motion, which repeats, s")] = 10.0,
-    harmonics: Annotated[int, arg(help="harmonics of the Fourier series")] = 5,
+    seconds: Annotated[float, arg(help="length of the motion, which can be repeated, s")] = 10.0,
+    harmonics: Annotated[
+        int | None,
+        arg(
+            metavar="COUNT",
+            help="harmonics of the Fourier series",
+            help_behavior_hint="(default: up to half a hertz, at least five)",
+        ),
+    ] = None,
     starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
     criterion: Literal["condition", "determinant"] = "condition",
     after: Annotated[

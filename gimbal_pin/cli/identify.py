@@ -12,7 +12,7 @@ from tyro.conf import OmitArgPrefixes, arg
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import Fit, cameras, tags_of
 from gimbal_pin.cli.following import WHOLE, Following, by_line, concluded, followed
-from gimbal_pin.cli.inputs import alone, filtering, load_logs
+from gimbal_pin.cli.inputs import filtering, load_logs
 from gimbal_pin.cli.options import (
     Alignment,
     Cutoff,
@@ -90,11 +90,10 @@ def identify(
         concluded(learned, json)
         return
     if known is not None or len(tags_of(logs)) > 1:
-        alone("several cameras or --known", {"--refit": refit}, "give --holdout none instead")
-        several = cameras(rig, payload, logs, map, known, fit)
-        if urdf is not None:
+        if urdf is not None and known is None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
-        write(several.first, output, None, several.identified)
+        several = cameras(rig, payload, logs, map, known, fit, refit)
+        write(several.first, output, urdf, several.identified)
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)

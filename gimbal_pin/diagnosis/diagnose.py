@@ -28,6 +28,7 @@ from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 from gimbal_pin.threads import one_thread
+from gimbal_pin.wiring import check_columns
 
 BAND = Filtering(cutoff=12.0, smoothing=2.5)
 """Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""
@@ -73,6 +74,8 @@ def diagnose(
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
+    base = moved(rig, train)
+    check_columns(rig, train, base, Filtering())
     held = judged(rig, test, filtering, origins) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
@@ -81,7 +84,7 @@ def diagnose(
     each = alone(rig, [one.log for one in audits], filtering)
     apart = outright(rig, each)
     if apart is None:
-        problem = Problem.of(evidence, reduce(rig, base=moved(rig, train)))
+        problem = Problem.of(evidence, reduce(rig, base=base))
         gliding = solved(problem, ())
         evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
         found = searched(reopened(problem, evidence), causes, rng)

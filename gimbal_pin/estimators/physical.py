@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.consistency import fitted
+from gimbal_pin.consistency import WEIGHTS, fitted
 from gimbal_pin.estimators.base import (
     RANK,
     Estimate,
@@ -109,23 +109,25 @@ def anchored(data: Array, wide: Array) -> Array:
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
 
 
-def bounded(rows: Rows, stacked: Array) -> tuple[Array, Array]:
+def bounded(rows: Rows, stacked: Array, weights: Sequence[float] = WEIGHTS) -> tuple[Array, Array]:
     """Return the bodies and the other coefficients: those that want to leave their bounds stay on them.
 
-    Friction drives nothing: its coefficients are not negative.
+    Friction drives nothing: its coefficients are not negative. `weights` are what `consistency.fitted` takes.
     """
     limits = [c for effect in rows.effects for c in effect.coefficients]
     lower, upper = (np.array([getattr(c, name) for c in limits]) for name in ("lower", "upper"))
     held = np.full(len(limits), np.nan)
     while True:
-        phi, others = constrained(rows.rig.phi, rows.mixing, stacked, held)
+        phi, others = constrained(rows.rig.phi, rows.mixing, stacked, held, weights)
         low, high = others < lower, others > upper
         if not (low | high).any():
             return phi, others
         held[low], held[high] = lower[low], upper[high]
 
 
-def constrained(start: Array, mixing: Array, stacked: Array, held: Array) -> tuple[Array, Array]:
+def constrained(
+    start: Array, mixing: Array, stacked: Array, held: Array, weights: Sequence[float] = WEIGHTS
+) -> tuple[Array, Array]:
     """Return the bodies, (10 n,), and the other coefficients, that fit best ``[U z]``, (any, k + 1).
 
     The others are not constrained, so they are eliminated: with their columns first, what stands under their part of
@@ -138,7 +140,7 @@ def constrained(start: Array, mixing: Array, stacked: Array, held: Array) -> tup
     free = int(np.sum(~fixed))
     R = triangle(rows[:, [*(width + np.flatnonzero(~fixed)), *range(width), total]])
     end = free + width
-    phi = fitted(start, R[free:end, free:end] @ mixing, R[free:end, end]).phi
+    phi = fitted(start, R[free:end, free:end] @ mixing, R[free:end, end], weights).phi
     left = R[:free, end] - R[:free, free:end] @ (mixing @ phi)
     others = held.copy()
     others[~fixed] = np.linalg.lstsq(R[:free, :free], left, rcond=None)[0]

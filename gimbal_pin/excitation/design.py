@@ -48,13 +48,13 @@ SHORTEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A motion that starts and ends at rest, repeats every `seconds`, and keeps to the rig's limits.
+    """A motion that starts and ends at rest, can be repeated, and keeps to the rig's limits.
 
     Attributes:
         rig: The rig's name.
         joints: Joint names (n).
-        motion: The motion, one period, both ends included.
-        series: The Fourier series.
+        motion: The motion, both ends included.
+        series: The Fourier series; a long motion holds a whole number of its periods.
         coefficients: Its coefficients (2 L + 1, n): q0 rad, a_l and b_l rad/s.
         criterion: Name of what was minimised.
         value: Its value.
@@ -85,8 +85,18 @@ class Excitation:
 
     @property
     def seconds(self) -> float:
-        """Length of one period, s."""
-        return self.series.seconds
+        """Length of the motion, s."""
+        return float(self.motion.t[-1])
+
+    def __repr__(self) -> str:
+        """One line: condition number and length; `text.excitation` has what it uses of the limits."""
+        return f"excitation of {self.rig}: condition number {self.condition_number:.1f} in {self.length}"
+
+    @property
+    def length(self) -> str:
+        """Its length and what it is made of, in words."""
+        times, own = round(self.seconds / self.series.seconds), f"{self.series.harmonics} harmonics"
+        return f"{self.seconds:g} s, {own}" + (f" of {self.series.seconds:.4g} s, {times} times over" * (times > 1))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as `gimbal-pin excite --json` writes it (CONTRACT)."""
@@ -98,6 +108,7 @@ class Excitation:
             "condition_number": self.condition_number,
             "seconds": self.seconds,
             "harmonics": self.series.harmonics,
+            "period": self.series.seconds,
             "finished": self.finished,
             "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
             "speed": dict(self.speed),
@@ -112,7 +123,7 @@ def excite(
     rig: Rig,
     *,
     seconds: float = 10.0,
-    harmonics: int = 5,
+    harmonics: int | None = None,
     starts: int = 5,
     rng: np.random.Generator,
     criterion: str | Criterion = "condition",
@@ -134,7 +145,8 @@ def excite(
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
             way; rate, acceleration and torque are free where the rig states no limit.
         seconds: Length, s.
-        harmonics: Harmonics of 1/seconds, two or more.
+        harmonics: Harmonics of 1/seconds, two or more; None: up to half a hertz, at least five, a motion of more than
+            20 s repeating itself (`Series.of`).
         starts: How much is tried, one or more: three random motions for each.
         rng: Source of the starts.
         criterion: "condition", "determinant", or a criterion of your own.
@@ -144,7 +156,7 @@ def excite(
         speed: Rms rate that every joint should reach so that friction shows, as a share of its rate limit (without one:
             of what half a hertz over its travel takes), under one; limits go first.
         torque_model: Model that the torque limits are checked with; None: the rig's nominal model.
-        dt: Sampling interval of the returned motion, s; the period is a whole number of it.
+        dt: Sampling interval of the returned motion, s; its length is a whole number of it.
 
     Returns:
         The motion, its condition number, and what it uses of the limits.
@@ -167,7 +179,7 @@ def excite(
     envelope = Envelope.of(rig, margin)
     problem = Problem(
         model,
-        Series(seconds, harmonics),
+        Series.of(seconds, harmonics),
         Columns.of(rig, effects),
         named(criterion),
         envelope,

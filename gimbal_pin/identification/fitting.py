@@ -22,6 +22,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, Regression, Rows, base_motion, kept
 from gimbal_pin.suspicion import Asked, suspicion
 from gimbal_pin.threads import one_thread
+from gimbal_pin.wiring import check_wiring
 
 
 @one_thread()
@@ -54,6 +55,7 @@ def identify(
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
+        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
     """
     for log in logs:
         within(log, filtering or Filtering())
@@ -65,6 +67,10 @@ def identify(
     everything = friction_effects(rig.joints) + tuple(effects)
     base = moved(rig, train)
     blocks, estimate = fitted(rig, everything, train, filters, estimator, base)
+    check_wiring(blocks, estimate)
+    notes += tuple(
+        f"{log.name} only judged the others and taught nothing; --refit learns from all" for log in whole(test, logs)
+    )
     tested = kept(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
@@ -84,6 +90,11 @@ def identify(
         if examined == "never" or base != "rotating"
         else best(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
     )
+
+
+def whole(held_out: Sequence[Log], logs: Sequence[Log]) -> list[Log]:
+    """Return the logs that were held out as a whole."""
+    return [log for log in held_out if any(log is one for one in logs)]
 
 
 def refitted(judged: Identified, whole: Identified) -> Identified:

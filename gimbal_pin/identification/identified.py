@@ -76,6 +76,19 @@ class Identified:
     trust: float = TRUST
     swapped: bool = False
 
+    def __repr__(self) -> str:
+        """A few lines: what was estimated, from what, and how well it predicts; `text.identified` has the table."""
+        rig = self.model.rig
+        mounted = f" with {rig.payload}" if rig.payload else ""
+        head = (
+            f"{rig.name}{mounted}: {len(self.names)} parameters by {self.estimate.method} from {', '.join(self.logs)}"
+        )
+        parts = [str(part) for part in (self.train, self.held_out) if part is not None]
+        notes = [f"note: {said}" for said in self.notes]
+        return "\n".join(
+            [head, *parts, *notes, "names, estimate, bodies, model, to_dict() and to_urdf() hold the rest"]
+        )
+
     @property
     def physical(self) -> bool:
         """Whether bodies exist that have the estimated base parameters, to a thousandth of their deviation."""

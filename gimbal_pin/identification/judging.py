@@ -29,6 +29,11 @@ class Accuracy:
     fit_percent: Mapping[str, float]
     used: Mapping[str, float]
 
+    def __str__(self) -> str:
+        """One line: every joint's error and fit."""
+        each = (f"{j} {error:.3g} N m ({self.fit_percent[j]:.2f} %)" for j, error in self.torque_rmse.items())
+        return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
+
 
 def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
     """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""

@@ -6,25 +6,31 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.log import Log
 from gimbal_pin.rows import Block, Filtering, Rows, settling
 
 SLOW = 0.2
-"""Sampling interval from which it is no rig's, but milliseconds that were taken for seconds, s."""
+"""Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
 DROWNED = 0.1
 """Share of a joint's samples under which it is told that the others were masked out."""
 
 
 def within(log: Log, filters: Filtering) -> None:
-    """Raise `UsageError` if the cutoff leaves the filters nothing to remove."""
-    if len(log) > 1 and filters.cutoff * log.dt > 0.2:
-        what = f"of {filters.cutoff:g} Hz is too high for {1 / log.dt:.0f} samples a second"
-        mend = f"give at most {0.2 / log.dt:.3g} Hz"
-        if log.dt > SLOW:
-            mend += "; if t is in ms, not s, map it: --map t=t*1e-3"
-        raise UsageError(f"{log.name}: the cutoff", what, mend)
+    """Raise `UsageError` if the cutoff leaves nothing to remove, `LogError` if samples lie too far apart."""
+    if len(log) > 1:
+        check_sampling(log.name, log.dt, filters.cutoff)
+
+
+def check_sampling(name: str, dt: float, cutoff: float) -> None:
+    """Raise what `within` raises, for a sampling interval, s, and a cutoff, Hz."""
+    if dt > SLOW:
+        mend = "if t is in ms, map it: --map t=COLUMN*1e-3; else record twenty samples a second or more"
+        raise LogError(name, f"has {dt:.3g} s between two samples, too long to see a rig move", mend)
+    if cutoff * dt > 0.2:
+        what = f"of {cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
+        raise UsageError(f"{name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
 
 
 def enough(rows: Rows, blocks: Sequence[Block]) -> None:

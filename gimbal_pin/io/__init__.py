@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from math import inf, pi
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +24,10 @@ from gimbal_pin.io.base import (
 from gimbal_pin.io.csv import open_csv, write_csv
 from gimbal_pin.io.mapping import check_targets, read_mapping
 from gimbal_pin.io.parquet import open_parquet, write_parquet
+from gimbal_pin.io.units import check_units, strong
 from gimbal_pin.log import Array, Imu, Log, Motion
 from gimbal_pin.rig import Rig
 
-TOO_STRONG = 3.0
-"""Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
 FORMATS: Mapping[str, Format] = {
     ".csv": Format(open_csv, write_csv),
     ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
@@ -62,7 +60,8 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
 
 
 def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str], payload: str | None) -> Log:
-    """Return the log of the groups that were read."""
+    """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
+    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"))
     return Log(
         name=name,
         joints=rig.joints,
@@ -74,7 +73,7 @@ def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str],
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=(*degrees(rig, data["q"]), *strong(rig, data.get("tau"))),
+        events=strong(rig, data.get("tau")),
     )
 
 
@@ -172,29 +171,6 @@ def to_imu(data: Mapping[str, Array], link: str) -> Imu | None:
     """Return the IMU of a link out of the groups that were read, or None."""
     parts = {kind: data[f"{kind}_{link}"] for kind in IMU_COLUMNS if f"{kind}_{link}" in data}
     return Imu(**parts) if parts else None
-
-
-def degrees(rig: Rig, q: Array) -> tuple[str, ...]:
-    """Return a sentence per joint whose angles can only be degrees: ten times its limit, yet within it as degrees."""
-    sentences = []
-    for joint, limit, reach in zip(rig.joints, rig.limits, np.abs(q).max(axis=0)):
-        bound = max(abs(limit.lower), abs(limit.upper))
-        if bound < inf and 10 * bound < reach <= 1.1 * bound * 180 / pi:
-            mend = f"if these are degrees, map q_{joint}=COLUMN*pi/180"
-            sentences.append(f"q_{joint} reaches {reach:.4g} rad where the rig's limit is {bound:.3g}; {mend}")
-    return tuple(sentences)
-
-
-def strong(rig: Rig, tau: Array | None) -> tuple[str, ...]:
-    """Return a sentence per joint whose torque can be no N m: it is far beyond what its motor has."""
-    if tau is None:
-        return ()
-    return tuple(
-        f"tau_{joint} reaches {reach:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in other "
-        f"units, map tau_{joint}=COLUMN*(N m per unit)"
-        for joint, limit, reach in zip(rig.joints, rig.tau_max, np.abs(tau).max(axis=0))
-        if reach > TOO_STRONG * limit
-    )
 
 
 def spline_derivative(t: Array, values: Array, order: int) -> Array:

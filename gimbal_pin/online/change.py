@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import chdtri, fdtri
 
@@ -15,11 +17,15 @@ from gimbal_pin.online.recursive import LAGS, Known, tapered
 WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
 LONGER = 7
-"""A window's score must be beyond chance for as many rows as it has and so many more: the filters spread one push, or a
-passage near standstill that the model does not describe, over six or so."""
+"""Consecutive rows that a change is told without, whichever they are: the filters spread one push, or a passage near
+standstill that the model does not describe, over six or so."""
+KEPT = (2, *WINDOWS)
+"""Rows that are left of a window then."""
+LOOK = max(KEPT) + LONGER
+"""Newest rows that are looked at."""
 CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
-EARLY = 1e-4
+EARLY = 1e-6
 """The same while the noise itself is known from few rows only: then a score has heavier tails than any that counts."""
 ALIKE = 2.5
 """Rows, half a period of the cutoff apart, that tell as much of slow noise's power as one would of white noise's."""
@@ -84,7 +90,7 @@ class Watch(NamedTuple):
             doubt: By what share of its value each parameter may be off without a change, (k,): friction is never quite
                 Coulomb's, and warms up.
         """
-        theta, m = known.estimate.theta, max(WINDOWS)
+        theta, m = known.estimate.theta, LOOK
         lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
         shape = np.zeros((LAGS + 2, known.gamma.shape[1]))
         shape[:-1] = known.gamma * tapered()[:, None]
@@ -108,7 +114,46 @@ def scores(rows: Array, watch: Watch) -> list[Score]:
     Returns:
         One per window.
     """
-    newest = rows[::-1] * (rows[::-1, :, -1:] > SEEN)
+    white = whitened(rows[::-1], np.arange(len(rows)), watch)
+    return explained(squares_of(white, rows.shape[1], WINDOWS))
+
+
+def spared(rows: Array, watch: Watch) -> list[Score]:
+    """Return what `scores` does, of so many more rows, without those `LONGER` that tell most of a change.
+
+    A push, or one passage that the model does not describe, then leaves nothing; a payload leaves what the other rows
+    say. Their covariance is that of the rows that stay, so that nothing of the others is in them.
+
+    Args:
+        rows: The newest rows, oldest first, (LOOK, n, k + 2).
+        watch: What was known before them.
+
+    Returns:
+        One per entry of `KEPT`.
+    """
+    newest, found = rows[::-1], []
+    for begin in range(max(KEPT) + 1):
+        at = np.delete(np.arange(LOOK), slice(begin, begin + LONGER))
+        counts = [count for count in KEPT if count >= begin]
+        found.append(explained(squares_of(whitened(newest[at], at, watch), rows.shape[1], counts))[::-1])
+    each = ([one[k] for one in found if k < len(one)] for k in range(len(KEPT)))
+    return [min(some, key=lambda score: score.mean) for some in each][::-1]
+
+
+def squares_of(white: Array, n: int, counts: Sequence[int]) -> Array:
+    """``[C e]ᵀ[C e]`` of the newest rows of n joints, as many as each count says, (len(counts), r + 1, r + 1)."""
+    return np.stack([white[: n * count].T @ white[: n * count] for count in counts])
+
+
+def whitened(newest: Array, at: NDArray[np.integer[Any]], watch: Watch) -> Array:
+    """Return ``L⁻¹ [A D  b - A theta]`` with the factor of their covariance, (m n, r + 1).
+
+    Args:
+        newest: ``[A b share]``, newest first, (m, n, k + 2).
+        at: How many rows ago each of them was, (m,).
+        watch: What was known before them.
+    """
+    newest = newest * (newest[:, :, -1:] > SEEN)
     m, n, _ = newest.shape
     flat = newest.reshape(m * n, -1)
     A, share = flat[:, :-2], newest[:, :, -1].T
@@ -116,12 +161,11 @@ def scores(rows: Array, watch: Watch) -> list[Score]:
     blocks = np.einsum("tjsj->jts", spread.reshape(m, n, m, n))  # a view
     # The mean of a share of the samples has noise as the root of that share.
     size = np.sqrt(share)
-    blocks += watch.noise * (size[:, :, None] * size[:, None, :])
+    blocks += watch.noise[:, at[:, None], at] * (size[:, :, None] * size[:, None, :])
     spread[np.diag_indices(m * n)] += share.T.ravel() == 0.0
     L = np.linalg.cholesky(spread)
     data = np.concatenate([A @ watch.directions, (flat[:, -2] - A @ watch.theta)[:, None]], axis=1)
-    white = solve_triangular(L, data, lower=True, check_finite=False)
-    return explained(np.stack([white[: n * count].T @ white[: n * count] for count in WINDOWS]))
+    return np.asarray(solve_triangular(L, data, lower=True, check_finite=False))
 
 
 def explained(squares: Array) -> list[Score]:

@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import Estimate
-from gimbal_pin.identification import Accuracy, Identified, accuracy, assembled, to_model
+from gimbal_pin.identification import Accuracy, Identified, accuracy, assembled, check_sampling, to_model
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
@@ -177,9 +177,7 @@ class Online:
             return memory
         grid = memory.grid
         filtering, dt = self.rows.filtering, interval(grid.raw[: FIRST + 1, 0])
-        if filtering.cutoff * dt > 0.2:
-            what = f"of {filtering.cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
-            raise UsageError(f"{memory.name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
+        check_sampling(memory.name, dt, filtering.cutoff)
         design = designed(self.rows, dt)
         base = len(self.rows.reduction.independent)
         doubt = np.where(np.arange(len(self.rows.names)) < base, 0.0, DOUBT)

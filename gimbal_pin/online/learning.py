@@ -11,11 +11,16 @@ from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification import unseen
 from gimbal_pin.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import ALIKE, LONGER, WINDOWS, Score, Watch, onset, scores
+from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, spared
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
-WINDOW = 2 * max(WINDOWS) + LONGER
-"""Newest rows that are not learned for good yet: those that the slowest alarm can be about."""
+WINDOW = LOOK + 5
+"""Newest rows that are not learned for good yet while nothing seems to have changed."""
+HELD = 2 * max(WINDOWS) + LONGER
+"""The same while something does: those that the slowest alarm can be about."""
+PLAIN = 15.0
+"""Times beyond chance that a score without any few rows is if a payload was swapped; what a model's form leaves out
+near standstill for a second or two (Stribeck of more than half the friction) reaches five."""
 DOUBT = 0.2
 """Share of friction by which it may be off without anything having changed."""
 REFRESHED = 8
@@ -133,15 +138,21 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     reference, watch = known.reference, known.watch
     if reference is None or watch is None:
         return announced(task, known, now)
-    rows = values(known.window[-max(WINDOWS) :])
-    found = scores(rows, watch)
-    alarms = [one.alarms(known.dispersion, squares(task, known)) for one in found]
+    rows, few_squares = values(known.window[-LOOK:]), squares(task, known)
+    found = scores(rows[-max(WINDOWS) :], watch)
+    alarms = [one.alarms(known.dispersion, few_squares) for one in found]
     beyond = tuple(counted(*three) for three in zip(known.beyond, found, alarms))
     known = replace(known, beyond=beyond)
-    if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
+    lasting = any(count >= window + LONGER for count, window in zip(beyond, WINDOWS))
+    if lasting or (any(alarms) and plain(spared(rows, watch), known.dispersion, few_squares)):
         return changed(task, known, reference, watch, now)
     tried = known.settled.rows >= TRIED and not any(alarms)
     return announced(task, watched(known, found[-1]) if tried else known, now)
+
+
+def plain(found: list[Score], dispersion: float, squares: float) -> bool:
+    """Whether a score is so far beyond chance that a change need not last to be told."""
+    return any(one.alarms(PLAIN * dispersion, squares) for one in found)
 
 
 def squares(task: Task, known: Learned) -> float:
@@ -179,14 +190,15 @@ def predicted(known: Learned, row: Row) -> Learned:
 
 def taken(task: Task, known: Learned, row: Row) -> Learned:
     """Put a row into the window; the oldest leaves it and is learned for good."""
-    window = (*known.window, row)
-    if len(window) <= WINDOW:
+    window, before = (*known.window, row), known.settled.rows
+    leaving = max(0, len(window) - (HELD if known.doubtful else WINDOW))
+    if not leaving:
         return replace(known, window=window)
-    settled = absorbed(task, known.settled, window[:1])
-    if window[1].t - window[0].t > 1.5 * task.step:
+    settled = absorbed(task, known.settled, window[:leaving])
+    if window[leaving].t - window[leaving - 1].t > 1.5 * task.step:
         settled = settled.broken()
-    known = replace(known, settled=settled, window=window[1:])
-    if settled.rows % REFRESHED:
+    known = replace(known, settled=settled, window=window[leaving:])
+    if settled.rows // REFRESHED == before // REFRESHED:
         return known
     reference = found(task, settled, known.prior)
     watch = None if reference is None else Watch.of(reference, task.directions, task.doubt)

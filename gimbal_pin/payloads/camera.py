@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gimbal_pin.balance import reported
-from gimbal_pin.identification import Identified
+from gimbal_pin.identification import Identified, refitted
 from gimbal_pin.log import Array
 
 BARE = "none"
@@ -63,6 +63,15 @@ class Several:
     def first(self) -> Identified:
         """The gimbal with the reference, or with the first payload where that has no log."""
         return self.identified.get(self.reference, next(iter(self.identified.values())))
+
+    def __repr__(self) -> str:
+        """A few lines per camera: what was estimated, and how well it predicts."""
+        return "\n".join([*(repr(one) for one in self.identified.values()), self.sentence])
+
+    def refitted(self, whole: Several) -> Several:
+        """Return an estimate from all data with the held-out accuracy of this one, which had not seen all of it."""
+        each = {name: refitted(self.identified[name], one) for name, one in whole.identified.items()}
+        return replace(whole, identified=each)
 
     @property
     def sentence(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import degrees, floor, inf, log10
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from gimbal_pin.text.cells import number, table
@@ -20,8 +21,8 @@ def identified(found: Identified) -> str:
     from gimbal_pin.balance import balance
 
     heads = HEADS if found.bound is None else (*HEADS, "± at best")
-    parts = [estimated(found), table(*heads, rows=[parameter(found, k) for k in range(len(found.names))])]
-    parts += at_best(found)
+    rows = [line for k in range(len(found.names)) for line in folded(parameter(found, k))]
+    parts = [estimated(found), table(*heads, rows=rows), *at_best(found)]
     parts += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     parts.append("")
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
@@ -39,6 +40,8 @@ def identified(found: Identified) -> str:
     return "\n".join(parts)
 
 
+NAME = 48
+"""Widest name of a parameter in a table."""
 CLOSE = 0.1
 """Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 HEADS = ("parameter", "value", "± 95 %", "± % of it", "unit", "URDF", "off by, std")
@@ -49,6 +52,12 @@ def estimated(found: Identified) -> str:
     method = found.estimate.method
     held = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
     return f"{len(found.names)} parameters by {method}{held}; deviations by {found.estimate.uncertainty}"
+
+
+def folded(row: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """A row whose name is a long sum, as several: the figures stand beside its first terms."""
+    first, *more = wrap(row[0], NAME, break_long_words=False, break_on_hyphens=False)
+    return [(first, *row[1:]), *((f"  {part}", *[""] * (len(row) - 1)) for part in more)]
 
 
 def parameter(found: Identified, k: int) -> tuple[str, ...]:
@@ -75,6 +84,10 @@ def at_best(found: Identified) -> list[str]:
     return [told, f"{limit}, for they are small: {', '.join(loose)}"]
 
 
+PARTS = (slice(1, 3), slice(3, 4), slice(4, 5))
+"""Columns of what is told of bodies that stand together."""
+
+
 def physique(found: Identified) -> list[str]:
     """The nearest bodies with 95 % intervals, and what of them is the URDF's."""
     rows = []
@@ -83,9 +96,11 @@ def physique(found: Identified) -> list[str]:
         diagonal = ", ".join(within(body.inertia[k]) for k in (0, 2, 5))
         products = ", ".join(within(body.inertia[k]) for k in (1, 3, 4))
         rows.append((body.link, within(body.mass), com, diagonal, products))
-    heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz")
+    # Three tables: one of all columns would be wider than a terminal.
+    heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz, kg m^2")
+    told = [table(heads[0], *heads[part], rows=[(row[0], *row[part]) for row in rows]) for part in PARTS]
     trust = f"± 95 %; *: not shown by the log, ± holds if the URDF is right to {100 * found.trust:.3g} % (--trust)"
-    return ["", table(*heads, rows=rows), trust, ""]
+    return ["", *told, trust, ""]
 
 
 def within(figure: Figure, factor: float = 1.0) -> str:
@@ -126,16 +141,13 @@ def mounting(log: str, link: str, found: Mounting) -> str:
 
 def accuracy(part: Accuracy) -> str:
     """Torque error of one part of the data."""
-    cells = [
-        f"{joint} {number(error, 3)} N m ({part.fit_percent[joint]:.2f} %)" for joint, error in part.torque_rmse.items()
-    ]
     used = min(part.used.values())
     judged = (
         ""
         if used > 0.9
-        else f"; as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
+        else f"\n  as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
     )
-    return f"{part.how}: torque error rms (fit)  " + ", ".join(cells) + judged
+    return f"{part}{judged}"
 
 
 def following(found: Progress, told: int) -> str:

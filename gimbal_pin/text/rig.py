@@ -72,7 +72,7 @@ def base(found: Base) -> str:
 def excitation(found: Excitation) -> str:
     """An excitation and what it uses of the limits."""
     rows = [(joint, *(f"{100 * share:.0f}" for share in used.values())) for joint, used in found.limits_used.items()]
-    head = f"condition number {found.condition_number:.1f} in {found.seconds:g} s"
+    head = f"condition number {found.condition_number:.1f} in {found.length}"
     if found.narrowed is not None:
         middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
         head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"

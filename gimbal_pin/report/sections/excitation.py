@@ -22,7 +22,7 @@ def excitation(design: Excitation, rig: Rig) -> Section:
     """Return an excitation's motion, its condition number, and how much of each limit it uses."""
     joints = joints_of(rig)
     text = (
-        f"{design.seconds:g} s, {design.series.harmonics} harmonics, criterion {design.criterion}; condition number "
+        f"{design.length}, criterion {design.criterion}; condition number "
         f"{figures(design.condition_number, 2)} (columns in unit torque: comparable within a rig, not between rigs)."
     )
     if not design.finished:
@@ -45,7 +45,7 @@ def used(design: Excitation, joint: Joint, key: str) -> Content:
 def drawing(design: Excitation, joints: tuple[Joint, ...]) -> Markup:
     """Return the motion as a picture."""
     alt = f"Angles and rates of {', '.join(design.joints)} over {design.seconds:g} s"
-    caption = "One period of the motion: position above, rate below."
+    caption = "The motion: position above, rate below."
     return plots.picture(partial(motion_figure, design, joints), alt, caption)
 
 

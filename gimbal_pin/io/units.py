@@ -1,0 +1,89 @@
+"""Columns that can be in no SI units: refused where that is sure, told where it is likely."""
+
+from __future__ import annotations
+
+from math import degrees, inf, isfinite, pi
+
+import numpy as np
+
+from gimbal_pin.errors import LogError
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
+
+TOO_STRONG = 3.0
+"""Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
+FEW = 0.01
+"""Share of the samples at either end that do not count: spikes are the audit's to find."""
+FEWEST = 50
+"""Samples that can be judged."""
+BEYOND = 1.5
+"""Travel over what the rig's limits leave, a turn of the encoder aside, from which it is none in radians."""
+INTERVALS = 200
+"""Intervals over which angles are compared with what their rates add up to."""
+ALIKE = 0.9
+"""Least correlation of the two that tells their ratio."""
+OFF = 3.0
+"""Ratio of the two from which they are in different units."""
+
+
+def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None) -> None:
+    """Raise `LogError` for angles, rates or times that can be no radians, radians per second or seconds.
+
+    Args:
+        name: The file.
+        rig: Whose limits the angles are compared with.
+        t: Time, (N,).
+        q: Angles, (N, n).
+        v: Rates, (N, n), or None.
+    """
+    if len(t) >= FEWEST:
+        check_angles(name, rig, q)
+    if v is not None and len(t) > INTERVALS:
+        check_rates(name, rig, t, q, v)
+
+
+def check_angles(name: str, rig: Rig, q: Array) -> None:
+    """Raise `LogError` if joints travel much farther than the rig's limits let them, in radians."""
+    way = np.subtract(*np.quantile(q, [1 - FEW, FEW], axis=0))
+    room = np.array([limit.upper - limit.lower if isfinite(limit.upper - limit.lower) else inf for limit in rig.limits])
+    off = [j for j in range(rig.n) if way[j] > BEYOND * room[j] + 2 * pi]
+    if not off:
+        return
+    worst = off[0]
+    likely = way[worst] < 1.1 * degrees(room[worst])
+    what = f"q_{rig.joints[worst]} travels {way[worst]:.4g} rad where the rig's limits leave {room[worst]:.3g}"
+    factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
+    mend = " ".join(f"--map q_{rig.joints[j]}=COLUMN*{factor}" for j in off)
+    raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {mend}")
+
+
+def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
+    """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower."""
+    ends = np.linspace(0, len(t) - 1, INTERVALS + 1).astype(int)
+    added = np.concatenate([np.zeros((1, rig.n)), np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
+    ways, sums = np.diff(q[ends], axis=0), np.diff(added[ends], axis=0)
+    size, other, both = (np.sum(a * b, axis=0) for a, b in ((ways, ways), (sums, sums), (ways, sums)))
+    ratio = np.sqrt(size / np.maximum(other, 1e-300))
+    tells = (both > ALIKE * np.sqrt(size * other)) & (both > 0)
+    off = tells & ((ratio > OFF) | (ratio < 1 / OFF))
+    if not off.any():
+        return
+    j = int(np.argmax(off))
+    joint, factor = rig.joints[j], float(ratio[j])
+    what = f"q_{joint} moves {factor:.3g} times as far as dq_{joint} says"
+    if off.sum() == tells.sum() and abs(np.log10(factor) + 3) < 0.3:
+        raise LogError(name, f"{what}, as every joint does", "t is in ms, not s: map it: --map t=COLUMN*1e-3")
+    mend = f"one of the two is in degrees, or in other units: --map dq_{joint}=COLUMN*{factor:.3g}, or map q_{joint}"
+    raise LogError(name, what, mend)
+
+
+def strong(rig: Rig, tau: Array | None) -> tuple[str, ...]:
+    """Return a sentence per joint whose torque can be no N m: it is far beyond what its motor has."""
+    if tau is None:
+        return ()
+    return tuple(
+        f"tau_{joint} reaches {reach:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in other "
+        f"units, map tau_{joint}=COLUMN*(N m per unit)"
+        for joint, limit, reach in zip(rig.joints, rig.tau_max, np.abs(tau).max(axis=0))
+        if reach > TOO_STRONG * limit
+    )
