@@ -101,14 +101,14 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     Raises:
         UsageError: A joint that the rig does not have, or dry friction that would push somewhere.
     """
-    rig = model.rig
+    rig, changes = model.rig, tuple(cause for cause in causes if isinstance(cause, RigEffect))
     for cause in causes:
         if isinstance(cause, RigEffect):
             rig = cause.apply(rig)
         else:
             rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
     terms = model.terms + tuple(cause for cause in causes if isinstance(cause, Term))
-    plant = replace(model, rig=rig, terms=terms, estimated=None)
+    plant = replace(model, rig=rig, terms=terms, estimated=None, changes=(*model.changes, *changes))
     check_dry(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
 
@@ -210,7 +210,8 @@ def simulate(
     torque_noise = sense.torque_std * rng.standard_normal(reference.q.shape)
     carried = None if platform is None else halved(platform, t)
     motors = Drive((*plant.drive, *drive), plant.rig, dt, plant)
-    loop = Loop(Plant(plant, carried), motors, controller, sense, rate_noise, delay, name)
+    sinking = plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried)
+    loop = Loop(Plant(plant, sinking), motors, controller, sense, rate_noise, delay, name)
     seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
     base = None if carried is None else carried.part(slice(0, None, 2))
     return Log(
