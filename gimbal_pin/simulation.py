@@ -17,7 +17,7 @@ from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import UsageError
 from gimbal_pin.imu import noisy, readings
 from gimbal_pin.log import Array, Imu, Log, Motion
-from gimbal_pin.model import Model, brakes
+from gimbal_pin.model import Model, brakes, friction_effects
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
@@ -94,6 +94,8 @@ class Altered(NamedTuple):
 def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     """Return the plant that a model becomes with some causes on top: more terms, signals in its drive, its rig changed.
 
+    Bristles are a joint's dry friction: they take the place of its Coulomb friction.
+
     Args:
         model: The model to start from.
         causes: Terms, drive signals (in the order in which the command passes them) and rig effects.
@@ -107,7 +109,10 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
             rig = cause.apply(rig)
         else:
             rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
-    terms = model.terms + tuple(cause for cause in causes if isinstance(cause, Term))
+    added = tuple(cause for cause in causes if isinstance(cause, Term))
+    bristled = {term.effect.joint for term in added if term.effect.bristly and any(term.values)}
+    bent = {effect for effect in friction_effects(sorted(bristled)) if effect.dry}
+    terms = (*(replace(term, values=(0.0,)) if term.effect in bent else term for term in model.terms), *added)
     plant = replace(model, rig=rig, terms=terms, estimated=None, changes=(*model.changes, *changes))
     check_dry(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
