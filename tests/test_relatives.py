@@ -52,6 +52,13 @@ def test_bristles_beside_friction_that_does_not_bend_are_none(coulomb: float, as
     assert related(found, found.causes[0]) == stands_aside(found, found.causes[0]) == aside
 
 
+def test_bristles_that_slide_all_the_time_may_stand_beside_others_that_are_shorter() -> None:
+    bristles = Presliding(JOINT, 1e-3)
+    plant = plant_with(nominal(RIG), [Term(bristles, (0.15,)), Term(Coulomb(JOINT), (0.1,))]).plant
+    found = state(plant, bristles)
+    assert not related(found, found.causes[0])
+
+
 def test_a_limit_that_falls_with_the_rate_is_a_supply_that_gives_out() -> None:
     """``±limit (1 ∓ v/v₀)`` beside ``±limit``: the slope by ``-limit/v₀`` is the rate where the limit bites."""
     command, rate, least = np.linspace(-3.0, 3.0, 61), np.linspace(0.5, -0.4, 61), 1e-3

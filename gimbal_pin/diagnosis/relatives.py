@@ -15,6 +15,9 @@ from gimbal_pin.effects import Cause, Effect, Signal
 ASIDE = 0.15
 """Share of a joint's dry friction that may be none of its bristles': they are the friction of its bearing, and what
 bends beside friction that does not, as a cable does, is another thing."""
+SLID = 20.0
+"""Power of bristles over that of what sets them apart from Coulomb friction, from which they slide nearly all the time:
+of bristles of many lengths the shortest are then Coulomb friction to such a log."""
 TAKEN = 0.25
 """Share of what is left at a joint that a relative's parameter explains, from which the relative it is."""
 MUCH = 4.0
@@ -27,13 +30,13 @@ def related(state: State, cause: Cause) -> bool:
 
 
 def stands_aside(state: State, cause: Cause) -> bool:
-    """Whether bristles bend beside dry friction that does not."""
+    """Whether bristles that bend for long do so beside dry friction that does not."""
     if not isinstance(cause, Effect) or not cause.bristly:
         return False
     at = len(state.problem.reduction.independent)
     here = [at + k for k, one in enumerate(state.problem.friction) if one.joint == cause.joint and one.dry]
     rest, bent = float(np.sum(state.fit.theta[here])), float(state.coefficients(cause)[0])
-    return rest > ASIDE * (rest + bent)
+    return rest > ASIDE * (rest + bent) and state.columns(cause).bulk < SLID
 
 
 def sags(state: State, cause: Cause) -> bool:
