@@ -111,7 +111,7 @@ def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], torque:
     sizes = [0.0, 0.0]
     each = [[x @ values for x in plain_columns(evidence, effect, torque)] for effect, values in friction]
     for part, *parts in zip(evidence.parts, *each):
-        braking = np.sum(parts, axis=0) * np.sign(part.channels.v[:, j]) * part.gate[:, j]
+        braking = np.sum(parts, axis=0) * part.slide[:, j] * part.gate[:, j]
         sizes = [sizes[0] + float(np.sum(np.minimum(braking, 0.0) ** 2)), sizes[1] + float(np.sum(braking**2))]
     return sizes[0] > PUSHED**2 * sizes[1]
 
@@ -205,7 +205,7 @@ def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
     Bristles slide most of the time, and then all of them is Coulomb friction: how they bend is judged by itself.
     """
     j = evidence.rig.joint_index(effect.joint)
-    slide = evidence.whiten([np.sign(part.channels.v[:, j]) for part in evidence.parts], j)
+    slide = evidence.whiten([part.slide[:, j] for part in evidence.parts], j)
     apart = own.copy()
     apart[:, 0] -= slide
     power, whole = float(np.sum(apart**2)), float(np.sum(own**2))

@@ -10,14 +10,16 @@ import numpy as np
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.audit import audit
+from gimbal_pin.diagnosis.beyond import surprising
 from gimbal_pin.diagnosis.confirmed import confirmed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.finding import Diagnosis
 from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt
 from gimbal_pin.diagnosis.searched import searched
-from gimbal_pin.diagnosis.state import Problem
+from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.diagnosis.trusted import compared
+from gimbal_pin.diagnosis.turns import opened, reopened
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import moved, split, within
@@ -79,11 +81,16 @@ def diagnose(
     each = alone(rig, [one.log for one in audits], filtering)
     apart = outright(rig, each)
     if apart is None:
-        found = searched(Problem.of(evidence, reduce(rig, base=moved(rig, train))), causes, rng)
+        problem = Problem.of(evidence, reduce(rig, base=moved(rig, train)))
+        gliding = solved(problem, ())
+        evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
+        found = searched(reopened(problem, evidence), causes, rng)
         apart = agreement(rig, each, found.final.causes)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     found = confirmed(found, held, rng)
+    if test:
+        found = found._replace(residual=surprising(found.residual, found.final, held))
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     moving = ridden(found.first, held, train, test, filtering)
     return compared(said if moving is None else beside(said, moving), found.final, causes)

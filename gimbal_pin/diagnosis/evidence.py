@@ -32,6 +32,7 @@ from gimbal_pin.rows import (
     carrying,
     mask,
     settling,
+    sliding,
     smoothed,
     standstill,
     stretches,
@@ -93,6 +94,11 @@ class Part(NamedTuple):
         return np.asarray(np.abs(self.channels.v) < STANDSTILL * self.channels.rate_std)
 
     @property
+    def slide(self) -> Array:
+        """Mean direction of each joint over each sample, in [-1, 1], (m, n)."""
+        return sliding(self.channels.v, self.channels.a, self.dt)
+
+    @property
     def time(self) -> Array:
         """Time since the log began, s, (m,)."""
         return self.channels.t - self.origin
@@ -115,11 +121,12 @@ class Part(NamedTuple):
     def sample(self, joint: int) -> Sample:
         """Return the joint's channels as effects read them, with the measured torque; each side by side in memory."""
         c = self.channels
-        q, v, a, tau, warm = (np.ascontiguousarray(x[:, joint]) for x in (c.q, c.v, c.a, c.tau, self.temperature))
+        every = (c.q, c.v, c.a, self.slide, c.tau, self.temperature)
+        q, v, a, slide, tau, warm = (np.ascontiguousarray(x[:, joint]) for x in every)
         turns = [np.exp(1j * q)]
         for _ in range(1, OCTAVES):
             turns.append(turns[-1] ** 2)
-        return Sample(self.time, q, v, a, np.sign(v), tau, warm, turns=np.stack(turns))
+        return Sample(self.time, q, v, a, slide, tau, warm, turns=np.stack(turns))
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,9 +40,7 @@ class Extended:
         terms = [term for term in self.model.by_joint[joint] if brakes(term.effect)]
         brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
         others = np.arange(c.a.shape[1]) != joint
-        asked = self.model.inverse(
-            c.q, c.v, c.a * others, t=part.time, temperature=part.temperature, platform=c.platform
-        )
+        asked = self.model.inverse(c.q, c.v, c.a * others, part.slide, part.time, part.temperature, c.platform)
         return Borne.along(brake, asked[:, joint] - brake, c.tau[:, joint], part.still[:, joint])
 
 

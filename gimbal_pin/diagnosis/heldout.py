@@ -69,7 +69,7 @@ def filtered(part: Part, torque: Array, band: float) -> Array:
 def torque_error(part: Part, model: Extended) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
     c = part.channels
-    wanted = model.model.inverse(c.q, c.v, c.a, t=part.time, temperature=part.temperature, platform=c.platform)
+    wanted = model.model.inverse(c.q, c.v, c.a, part.slide, part.time, part.temperature, c.platform)
     return model.acting(part) - wanted
 
 

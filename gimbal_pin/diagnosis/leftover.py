@@ -7,6 +7,7 @@ whether the rest is like noise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,7 +153,7 @@ def patterns(evidence: Evidence, torque: list[Array], joint: int) -> list[Patter
         },
     }
     out = [made(evidence, f, joint, columns) for f, x in named.items() for columns in hats(x)]
-    way = [np.sign(part.channels.v[:, joint]) for part in evidence.parts]
+    way = [part.slide[:, joint] for part in evidence.parts]
     turned = [[hat * s for hat, s in zip(columns, way)] for columns in hats(named["over its angle"])]
     out += [made(evidence, "over its angle, with its direction", joint, columns) for columns in turned]
     for frequency in RESONANCES:
@@ -161,7 +162,7 @@ def patterns(evidence: Evidence, torque: list[Array], joint: int) -> list[Patter
     return out
 
 
-def made(evidence: Evidence, where: str, joint: int, columns: list[Array]) -> Pattern:
+def made(evidence: Evidence, where: str, joint: int, columns: Sequence[Array]) -> Pattern:
     """Whiten one pattern's columns, one array (m,) or (m, c) per part."""
     white = evidence.whiten(columns, joint)
     white = white[:, None] if white.ndim == 1 else white

@@ -13,6 +13,7 @@ from scipy.stats import norm
 from gimbal_pin.diagnosis import verdict
 from gimbal_pin.diagnosis.alternatives import widened
 from gimbal_pin.diagnosis.audit import Audit
+from gimbal_pin.diagnosis.beyond import ONLY
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable
@@ -52,7 +53,9 @@ def reported(
     mends = mended(found.final, found.shelf)
     rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
     each, twice = once(combined([finding(found, *row, held, baseline, hidden, rng) for row in rows]))
+    late = [j for j, one in zip(joints, found.residual) if one.where == ONLY]
     said = [*map(denial, found.denied), *starmap(mending, mends.items()), *starmap(doubled, twice)]
+    said += [lateness(joint, found.best["torque_rmse"][joint]) for joint in late]
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
@@ -104,6 +107,12 @@ def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Fi
 def denial(cause: Cause) -> str:
     """Say that the held-out part did not confirm a cause."""
     return f"{cause.place}: {cause.name} fits the part that was trained on and the held-out part does not confirm it"
+
+
+def lateness(joint: str, error: float) -> str:
+    """Say that something acts only where nothing was fitted; `error`: the torque's there, N m rms."""
+    mend = "record a log in which it acts throughout, or hold out another part"
+    return f"{joint}: noise where the model was fitted, {error:.3g} N m off in the held-out part: {mend}"
 
 
 def mending(cause: Cause, other: Cause) -> str:

@@ -8,7 +8,7 @@ from gimbal_pin.rows.carrier import base_motion, carrying
 from gimbal_pin.rows.channels import Channels, Flags, smoothed
 from gimbal_pin.rows.filtering import Filtering, settling
 from gimbal_pin.rows.grid import Stretch, stretches
-from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, standstill
+from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, memory, sliding, slow, standstill
 from gimbal_pin.rows.places import camera_body, columns_of, over_phi
 from gimbal_pin.rows.regression import Regression, kept, standing_for
 
@@ -31,8 +31,11 @@ __all__ = [
     "dilated",
     "kept",
     "mask",
+    "memory",
     "over_phi",
     "settling",
+    "sliding",
+    "slow",
     "smoothed",
     "standing_for",
     "standstill",

@@ -23,12 +23,29 @@ def standstill(channels: Channels, filtering: Filtering) -> Flags:
     It is under a few of its own standard deviations, or changes its sign, or is within the smoother's memory of such
     a place: smoothing rounds the corners of a joint that sticks, and carries what fills a hole to its neighbours.
     """
+    return dilated(slow(channels), memory(channels, filtering))
+
+
+def slow(channels: Channels) -> Flags:
+    """Whether the rate does not tell its sign, or changes it, or nobody measured it, (m, n)."""
     still = np.abs(channels.v) < STANDSTILL * channels.rate_std
     still[1:] |= channels.v[1:] * channels.v[:-1] < 0
     if channels.lost is not None:
         still |= channels.lost[:, None]
-    reach = int(np.ceil(MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
-    return dilated(still, reach)
+    return np.asarray(still)
+
+
+def memory(channels: Channels, filtering: Filtering) -> int:
+    """Samples that the smoother reaches to either side."""
+    return int(np.ceil(MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
+
+
+def sliding(v: Array, a: Array, dt: float) -> Array:
+    """``∫ sign(v + a s) ds / dt`` over a sample, s in ±dt/2: the mean direction while it lasts, (m, n), in [-1, 1].
+
+    The sign itself would put every turn on a sample: up to half an interval of twice the dry friction too much.
+    """
+    return np.clip(2 * v / np.maximum(np.abs(a) * dt, 1e-300), -1.0, 1.0)
 
 
 def mask(still: Flags, taper: int) -> Array:

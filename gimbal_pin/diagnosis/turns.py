@@ -1,0 +1,92 @@
+"""Turns swift enough to count: where a joint reverses under torques far beyond its dry friction, drives show limits.
+
+Near standstill the direction of dry friction is unknown, and the gate is closed. How wrong a turn can be is known once
+the friction is: it changes by 2 F_c at a moment that is off by Δt, which no row sees if that is under its noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
+from gimbal_pin.diagnosis.state import Problem, State
+from gimbal_pin.log import Array
+from gimbal_pin.regressor import rnea
+from gimbal_pin.rows import STANDSTILL, Filtering, Flags, dilated, mask, memory, settling, slow
+
+SMEAR = 2.0 / 3.0
+"""``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners."""
+QUIET = 0.5
+"""Error that a turn may add to a row, in deviations of its noise."""
+
+
+def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
+    """Return logs with the gate open at their swift turns; `state`: what was fitted away from them."""
+    floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
+    friction = dry_friction(state)
+    parts = tuple(regated(part, swift(part, state, friction, floors, filtering), filtering) for part in evidence.parts)
+    return replace(evidence, parts=parts)
+
+
+def reopened(problem: Problem, evidence: Evidence) -> Problem:
+    """The same columns, whitened behind another gate."""
+    joints = range(evidence.rig.n)
+    rigid = [evidence.whiten([x[:, j] for x in problem.rigid_full], j) for j in joints]
+    return Problem(evidence, problem.reduction, np.stack(rigid, axis=1), problem.rigid_full)
+
+
+def dry_friction(state: State) -> Array:
+    """Fitted Coulomb friction of each joint, N m, (n,)."""
+    problem, at = state.problem, len(state.problem.reduction.independent)
+    out = np.zeros(problem.evidence.rig.n)
+    for effect, value in zip(problem.friction, state.fit.theta[at:].tolist()):
+        if effect.dry:
+            out[problem.evidence.rig.joint_index(effect.joint)] = abs(value)
+    return out
+
+
+def swift(part: Part, state: State, friction: Array, floors: list[float], filtering: Filtering) -> Flags:
+    """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
+
+    ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR F_c/(2π f_c T) + σ_v/|a|``: the smoother shifts the moment at
+    which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that accelerates the
+    joint; the rate's noise shifts it by the rest.
+    """
+    c, reach = part.channels, memory(part.channels, filtering)
+    out = np.zeros(c.v.shape, dtype=bool)
+    at, joint = np.nonzero(slow(c)[reach:-reach])
+    at += reach
+    before, after = c.v[at - reach, joint], c.v[at + reach, joint]
+    least = STANDSTILL * c.rate_std[joint]
+    turning = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
+    at, joint = at[turning], joint[turning]
+    speeding = np.abs(c.a[at, joint])
+    torque = np.abs(accelerating(state, c.q[at], c.a[at, joint], joint))
+    smear = SMEAR / (2 * np.pi * filtering.cutoff * filtering.smoothing)
+    with np.errstate(divide="ignore"):
+        late = smear * friction[joint] / torque + c.rate_std[joint] / speeding
+    error = 2 * friction[joint] * late * 2 * filtering.cutoff
+    out[at, joint] = error <= QUIET * np.array(floors)[joint]
+    if c.lost is not None:
+        out &= ~dilated(c.lost[:, None], reach)
+    return out
+
+
+def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> Array:
+    """Torque of one joint's own inertia at samples (k,), N m, (k,): q (k, n), that joint's acceleration (k,)."""
+    rows, alone = np.arange(len(q)), np.zeros_like(q)
+    alone[rows, joint] = a
+    still = np.zeros_like(q)
+    return np.asarray((rnea(state.rig, q, still, alone) - rnea(state.rig, q, still, still))[rows, joint])
+
+
+def regated(part: Part, turns: Flags, filtering: Filtering) -> Part:
+    """Open the gate at some turns; nowhere is it closed further."""
+    c = part.channels
+    still = dilated(slow(c) & ~turns, memory(c, filtering))
+    gate = mask(still, round(TAPER / filtering.cutoff / part.dt))
+    gate *= fade(len(gate), int(np.ceil(settling(filtering) / part.dt)))[:, None]
+    return part._replace(gate=np.asfortranarray(np.maximum(part.gate, gate)))

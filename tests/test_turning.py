@@ -1,0 +1,120 @@
+"""Laws of where a log counts: at swift turns it does; and of what acts where nothing was fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import gaussian_filter1d
+
+from gimbal_pin.diagnosis import BAND, diagnose
+from gimbal_pin.diagnosis.beyond import ONLY
+from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.turns import opened
+from gimbal_pin.log import Array, Log, Motion
+from gimbal_pin.model import nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import sliding
+from tests.bench_logs import prescribed
+
+SECONDS = 20.0
+DT = 0.004
+EXACT = replace(BAND, alignment=0.0)
+"""Torque that acts at the moment of its sample."""
+LATE = 14.0
+"""When the held-out part of 20 s has begun, s."""
+
+
+@given(v=st.floats(-1.0, 1.0), a=st.floats(-50.0, 50.0), dt=st.floats(1e-4, 1e-2), seed=st.integers(0, 2**32 - 1))
+def test_sliding_is_the_mean_sign_over_a_sample(v: float, a: float, dt: float, seed: int) -> None:
+    draws = 20_000
+    s = dt * (np.arange(draws) + np.random.default_rng(seed).uniform(size=draws)) / draws - dt / 2
+    told = float(sliding(np.array([[v]]), np.array([[a]]), dt)[0, 0])
+    assert told == pytest.approx(float(np.mean(np.sign(v + a * s))), abs=2e-3)
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+def turning(rig: Rig, ramp: float) -> Motion:
+    """Constant rates and turns of `ramp` s: almost all torque goes into the turns."""
+    t = DT * np.arange(round(SECONDS / DT) + 1)
+    v = np.empty((len(t), rig.n))
+    for j in range(rig.n):
+        period, top = 1.9 + 0.5 * j, 0.7 + 0.3 * np.sin(0.7 * t + j)
+        # A triangle of slope 2 / ramp about its zeros, cut at the top.
+        triangle = 1 - 4 * np.abs((t / period + 0.25 * j) % 1.0 - 0.5)
+        v[:, j] = np.clip(triangle * period / (2 * ramp), -top, top)
+    v = gaussian_filter1d(v, 4, axis=0, mode="nearest")
+    q = cumulative_trapezoid(v, dx=DT, axis=0, initial=0.0)
+    return Motion(t, q - q.mean(axis=0), v, np.gradient(v, DT, axis=0))
+
+
+def logged(rig: Rig, motion: Motion, commanded: Array) -> Log:
+    """A log of a motion under these torques, with the noise of encoders, gyros and torque sensors."""
+    rng = np.random.default_rng(3)
+    q, v, tau = (
+        x + s * rng.standard_normal(x.shape) for x, s in ((motion.q, 1e-5), (motion.v, 1e-3), (commanded, 1e-2))
+    )
+    return Log("turning", rig.joints, motion.t, q, v, tau)
+
+
+@pytest.fixture(scope="module")
+def motion(rig: Rig) -> Motion:
+    return turning(rig, 0.12)
+
+
+def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
+    """Away from turns it is as before; at slow turns, and with more friction than acceleration, it stays shut."""
+    for moving, friction, opens in ((motion, 0.002, True), (motion, 5.0, False), (turning(rig, 1.9), 0.05, False)):
+        tau = nominal(rig).inverse(moving.q, moving.v, moving.a) + friction * np.sign(moving.v)
+        log = logged(rig, moving, tau)
+        before = gather(rig, [log], BAND, {log.name: 0.0})
+        after = opened(before, solved(Problem.of(before, reduce(rig)), ()), BAND)
+        assert np.all(after.parts[0].gate >= before.parts[0].gate)
+        assert bool(np.any(after.used() > before.used() + 0.02)) == opens
+
+
+def test_a_drive_that_saturates_only_where_joints_turn_is_found(rig: Rig, motion: Motion) -> None:
+    """Whenever the motor is at its limit, the drive asks for half as much again."""
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a)
+    limit = float(np.abs(tau[:, 0]).max())
+    commanded = tau.copy()
+    commanded[:, 0] += np.where(np.abs(tau[:, 0]) > 0.95 * limit, 0.5 * limit * np.sign(tau[:, 0]), 0.0)
+    found = diagnose(rig, [logged(rig, motion, commanded)], rng=np.random.default_rng(1), filtering=EXACT)
+    assert [(one.cause, one.joint) for one in found.findings] == [("saturation", rig.joints[0])]
+    told = next(p.value for p in found.findings[0].parameters if p.name == "limit")
+    assert told == pytest.approx(limit, rel=0.03)
+
+
+def test_what_acts_only_where_nothing_was_fitted_is_unknown(rig: Rig) -> None:
+    """It has no name, as no choice may rest on that part; and that nothing is wrong would be untrue."""
+    log = prescribed(nominal(rig), seconds=20.0, torque_noise=0.01)
+    tau = np.asarray(log.tau).copy()
+    tau[log.t > LATE, 0] += 0.1 * np.sin(14 * log.q[log.t > LATE, 0])
+    found = diagnose(rig, [replace(log, tau=tau)], rng=np.random.default_rng(1))
+    assert found.verdict == "unknown" and not found.findings
+    assert found.residual[rig.joints[0]].where == ONLY
+    assert any("held-out" in note for note in found.notes)
+
+
+def test_a_livelier_held_out_part_is_no_surprise(rig: Rig) -> None:
+    """Coefficients that slow motion hardly shows are known as badly as the fit says; a fast part is off by as much."""
+    log, model = prescribed(nominal(rig), seconds=40.0, dt=DT), nominal(rig)
+    pace = 0.08 + 0.92 / (1.0 + np.exp(-2.0 * (log.t - 2 * LATE)))
+    clock = np.cumsum(pace) * DT
+    accelerations = np.gradient(np.asarray(log.v), DT, axis=0)
+    q, v, a = (np.stack([np.interp(clock, log.t, x) for x in y.T], axis=1) for y in (log.q, log.v, accelerations))
+    a = a * pace[:, None] ** 2 + v * np.gradient(pace, DT)[:, None]
+    v = v * pace[:, None]
+    tau = model.inverse(q, v, a) + 0.01 * np.random.default_rng(4).standard_normal(q.shape)
+    found = diagnose(rig, [replace(log, q=q, v=v, tau=tau)], rng=np.random.default_rng(1))
+    assert found.verdict == "nothing"
