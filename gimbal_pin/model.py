@@ -99,6 +99,12 @@ class Model:
         """Whether a term depends on the total torque."""
         return any(term.effect.loaded for term in self.terms)
 
+    def carried(self, t: Array, platform: Platform | None = None) -> Platform | None:
+        """Motion of the base at the times t, s, (N,), where what it stands on moves as `platform`; None: it stands."""
+        for change in self.changes:
+            platform = change.carried(t, platform)
+        return platform
+
     def inverse(
         self,
         q: Array,
@@ -121,7 +127,7 @@ class Model:
             platform: Motion of the base at the same samples; None: it stands upright.
         """
         direction = np.sign(v) if slide is None else slide
-        rigid = rnea(self.rig, q, v, a, platform)
+        rigid = rnea(self.rig, q, v, a, platform if t is None else self.carried(t, platform))
 
         def total(tau: Array) -> Array:
             return rigid + self.passive(q, v, a, direction, tau, t, temperature)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.errors import UsageError
-from gimbal_pin.model import Model
+from gimbal_pin.model import Model, friction_effects
 
 Planted = Term | Signal | RigEffect
 
@@ -25,19 +25,23 @@ class Altered(NamedTuple):
 def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     """Return the plant that a model becomes with some causes on top: more terms, signals in its drive, its rig changed.
 
-    Signals stand in the order in which the command passes them.
+    Signals stand in the order in which the command passes them. Bristles are a joint's dry friction: they take the
+    place of its Coulomb friction.
 
     Raises:
         UsageError: A joint that the rig does not have, or dry friction that would push somewhere.
     """
-    rig = model.rig
+    rig, changes = model.rig, tuple(cause for cause in causes if isinstance(cause, RigEffect))
     for cause in causes:
         if isinstance(cause, RigEffect):
             rig = cause.apply(rig)
         else:
             rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
-    terms = model.terms + tuple(cause for cause in causes if isinstance(cause, Term))
-    plant = replace(model, rig=rig, terms=terms, estimated=None)
+    added = tuple(cause for cause in causes if isinstance(cause, Term))
+    bristled = {term.effect.joint for term in added if term.effect.bristly and any(term.values)}
+    bent = {effect for effect in friction_effects(sorted(bristled)) if effect.dry}
+    terms = (*(replace(term, values=(0.0,)) if term.effect in bent else term for term in model.terms), *added)
+    plant = replace(model, rig=rig, terms=terms, estimated=None, changes=(*model.changes, *changes))
     check_dry(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
 

@@ -127,6 +127,18 @@ class Platform:
         swing = np.cross(self.dw, point) + np.cross(self.w, np.cross(self.w, point))
         return Platform(self.t, self.f - swing, self.w, self.dw, self.quat)
 
+    def turned(self, angles: Array, rates: Array) -> Platform:
+        """Return the motion of what turns evenly on this platform: ``f' = Rᵀf``, ``w' = Rᵀw + E ė``, ``R = Rz Ry Rx``.
+
+        Args:
+            angles: e, roll, pitch and yaw against this platform, rad, (N, 3).
+            rates: ė, constant, rad/s, (N, 3).
+        """
+        R = rotations(angles)
+        f, w, dw = (np.einsum("nji,nj->ni", R, x) for x in (self.f, self.w, self.dw))
+        own, change = body_rates(angles, rates, np.zeros_like(rates))
+        return Platform(self.t, f, w + own, dw + change - np.cross(own, w))
+
     @property
     def slow(self) -> Array:
         """The rate's means over consecutive stretches of `SWAY`, (M, 3)."""

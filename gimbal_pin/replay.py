@@ -115,7 +115,8 @@ def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None, calm: b
     impulse = np.zeros_like(tau)
     impulse[1:] = np.cumsum((tau[1:] + tau[:-1]) / 2, axis=0)
     mean = np.diff(impulse[knots], axis=0) / step
-    states = held(Plant(model, whole.platform), whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
+    plant = Plant(model, model.carried(whole.t, whole.platform))
+    states = held(plant, whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
     measured = signals.resample(stretch.log.t[stretch.rows], stretch.log.q[stretch.rows], whole.t[knots])
     platform = None if whole.platform is None else whole.platform.part(slice(None, None, step))
     return Run(whole.t[knots], states[0], states[1], measured - states[0], platform)

@@ -93,7 +93,8 @@ def simulate(
     torque_noise = sense.torque_std * rng.standard_normal(reference.q.shape)
     carried = None if platform is None else halved(platform, t)
     motors = Drive((*plant.drive, *drive), plant.rig, dt, plant)
-    loop = Loop(Plant(plant, carried), motors, controller, sense, rate_noise, delay, name)
+    sinking = plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried)
+    loop = Loop(Plant(plant, sinking), motors, controller, sense, rate_noise, delay, name)
     seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
     base = None if carried is None else carried.part(slice(0, None, 2))
     return Log(

@@ -10,7 +10,8 @@ import pytest
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.confirmed import familiar
 from gimbal_pin.diagnosis.evidence import Evidence, gather
-from gimbal_pin.diagnosis.extended import settled
+from gimbal_pin.diagnosis.extended import Extended, settled
+from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
@@ -100,6 +101,33 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
         assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
     assert np.all(state.fit.dispersion < 1.2) and np.all(linear.fit.dispersion > 100)
     assert not Library(state.problem, trials).columns(state)
+
+
+def test_a_base_that_sinks_is_found_with_its_rate() -> None:
+    sinking = BaseTilt(pitch_rate=-0.02)
+    model = replace(nominal(RIG), changes=(sinking,))
+    log = prescribed(nominal(RIG), seconds=14.0, torque_noise=1e-3, dt=2e-3)
+    more = [m.inverse(log.q, log.v, 0.0 * log.q, t=log.t) for m in (model, nominal(RIG))]
+    log = replace(log, tau=log.tau + more[0] - more[1])
+    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
+    linear = solved(problem, (BaseTilt(pitch_rate=1e-3),), solved(problem, ()))
+    state = consistent(linear)
+    (found,) = settled(state)
+    assert found.to_dict()["pitch_rate"] == pytest.approx(-0.02, abs=1e-4)
+    assert np.all(state.fit.dispersion < 1.2) and np.any(linear.fit.dispersion > 3)
+    errors = [np.std(torque_error(part, Extended(model))) for part in problem.evidence.parts]
+    assert max(errors) < 0.2 * np.std(torque_error(problem.evidence.parts[0], Extended(nominal(RIG))))
+
+
+def test_of_a_base_that_leans_by_much_the_other_axis_is_asked_for_again() -> None:
+    """Roll alone is nearly a payload elsewhere; beside a known pitch less of it need show, at the angles that stand."""
+    rolled = BaseTilt(roll=1e-3)
+    state = consistent(fitted(nominal(BaseTilt(0.3, -0.3).apply(RIG)), BaseTilt(pitch=1e-3)))
+    shelf, first = Library(state.problem, (rolled, BaseTilt(pitch=1e-3))), without(state, state.causes[0])
+    before, after = (shelf.of(rolled, one) for one in (first, state))
+    assert after.bulk > 1.0 == before.bulk
+    np.testing.assert_array_equal(after.own, state.columns(rolled).own)
+    assert np.abs(after.own - before.own).max() > 0.05 * np.abs(before.own).max()
 
 
 @pytest.mark.parametrize(("sharpness", "other"), [(24.0, 96.0), (96.0, 40.0)])

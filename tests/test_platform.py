@@ -140,6 +140,23 @@ def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: s
     np.testing.assert_allclose(rnea(leaning, *at, Platform.still(t)), rnea(leaning, *at), atol=1e-12)
 
 
+def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
+    """About one axis the angles add up; a base that sinks leans by its rate's time."""
+    t, pushed = np.linspace(0.0, 2.0, 30), np.tile([0.4, 0.5, 0.6], (30, 1))
+    pitch = np.stack([0 * t, 0.3 * np.sin(3 * t), 0 * t], axis=1)
+    rate, more = np.gradient(pitch, t, axis=0), np.tile([0.0, 0.05, 0.0], (30, 1))
+    own = Platform.turning(t, pitch, rate, 0.2 * rate, pushed)
+    both = Platform.turning(t, pitch + more * t[:, None], rate + more, 0.2 * rate, pushed)
+    sunk = BaseTilt(pitch_rate=0.05).carried(t, own)
+    assert sunk is not None and BaseTilt(0.1, 0.2).carried(t, own) is own
+    for name in ("f", "w", "dw"):
+        np.testing.assert_allclose(getattr(sunk, name), getattr(both, name), atol=1e-12)
+    alone = BaseTilt(roll_rate=0.02, pitch_rate=-0.03).carried(t, None)
+    assert alone is not None
+    lean = BaseTilt(roll=0.02 * t[7], pitch=-0.03 * t[7]).apply(Rig.load("turret")).model.gravity.linear
+    np.testing.assert_allclose(alone.f[7], -lean, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
     rig, platform = bundled(name), shaken(5)[0]

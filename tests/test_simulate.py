@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from gimbal_pin.control import ComputedTorque, JointPid, Pid
 from gimbal_pin.drive import borne
 from gimbal_pin.effects import CAUSES, Effect, Signal, Term
+from gimbal_pin.effects.base_tilt import BaseTilt
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.resistance import Resistance
@@ -133,6 +134,20 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     acting[:, j] = signal.along(command, DT, known)[1:]
     np.testing.assert_allclose(replayed(nominal(rig()), log, acting), log.q, atol=1e-12)
     assert np.abs(replayed(nominal(rig()), log, np.array(log.tau)) - log.q).max() > 1e-5
+
+
+def test_under_a_base_that_sinks_the_plant_leans_by_its_rates_time() -> None:
+    """A rig held still: what the same controller gives at the end is what holds it on a base that leans so."""
+    smooth = Model(rig(), ())
+    sinking, still = (plant_with(smooth, [BaseTilt(**x)]).plant for x in ({"pitch_rate": 0.1}, {"pitch": 0.1}))
+    t = DT * np.arange(round(1.0 / DT) + 1)
+    q = np.tile([0.2, 0.1], (len(t), 1))
+    stand = Motion(t, q, 0 * q, 0 * q)
+    sense, known = Sensors.exact(2), law(smooth)
+    ends = [simulate(one, known, stand, rng=np.random.default_rng(0), sensors=sense) for one in (sinking, still)]
+    assert not ends[0].imus
+    np.testing.assert_allclose(ends[0].tau[-1], ends[1].tau[-1], atol=0.02 * np.abs(ends[1].tau[-1]).max())
+    assert np.abs(ends[0].tau[0] - ends[1].tau[-1]).max() > 0.1 * np.abs(ends[1].tau[-1]).max()
 
 
 def test_several_causes_at_once_and_in_order() -> None:

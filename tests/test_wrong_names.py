@@ -251,6 +251,11 @@ def test_a_cause_found_twice_is_told_once() -> None:
     spring, ripple = one("cable-spring", "pan", 0.9, "cogging"), one("torque-ripple", "pan", 0.2, "cable-spring")
     less, elsewhere = one("cogging", "pan", 0.1), one("cogging", "tilt", 0.1)
     assert once([less, ripple, elsewhere, spring]) == ([spring, ripple, elsewhere], [(less, spring)])
+    teeth = one("cogging", "pan", 0.5, "torque-ripple")
+    pull = one("cable-spring", "pan", 0.4, "cogging", "torque-ripple")
+    both = one("cogging", "pan", 0.5, "torque-ripple", "cable-spring")
+    assert once([pull, teeth]) == ([both], [(pull, teeth)])
+    assert once([one("cogging", "pan", 0.5), pull])[1] == []
 
 
 def test_a_held_out_part_without_a_difference_denies_it() -> None:

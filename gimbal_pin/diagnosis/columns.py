@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
@@ -22,6 +23,9 @@ ALIKE = (0.3, 3.0)
 
 BENT = 1e-5
 """Share of a friction's power under which how it bends shows on no log: three thousandths of its size."""
+KNOWN = 100.0
+"""Power of a turn over that of what sets it apart from other masses, where the rig is known to be turned so: a base
+that leans by much leans about any axis, and the refitted masses take most of one axis up."""
 PUSHED = 0.2
 """Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
 MOST_TAKEN = 0.9
@@ -129,20 +133,36 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     return np.zeros_like(white) if capped or taken > MOST_TAKEN**2 * most else white
 
 
-def turned(evidence: Evidence, cause: RigEffect, rig: Rig, size: float) -> Array:
-    """``(rnea(apply(rig)) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
-    other = cause.apply(rig)
-    change = [
-        (rnea(other, c.q, c.v, c.a, c.platform) - rnea(rig, c.q, c.v, c.a, c.platform)) / size
-        for c in (part.channels for part in evidence.parts)
-    ]
+class Stand(NamedTuple):
+    """A rig with the large changes that were found in it.
+
+    Attributes:
+        rig: The rig.
+        changes: What its bodies and its base's motion are changed by, in order.
+    """
+
+    rig: Rig
+    changes: tuple[RigEffect, ...] = ()
+
+    def torque(self, part: Part) -> Array:
+        """Torque that it asks for along a part, N m, (m, n)."""
+        rig, platform, c = self.rig, part.platform, part.channels
+        for change in self.changes:
+            rig, platform = change.apply(rig), change.carried(part.time, platform)
+        return rnea(rig, c.q, c.v, c.a, platform)
+
+
+def turned(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> Array:
+    """``(rnea(changed rig) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
+    other = Stand(stand.rig, (*stand.changes, cause))
+    change = [(other.torque(part) - stand.torque(part)) / size for part in evidence.parts]
     return np.stack([evidence.whiten([x[:, j] for x in change], j) for j in range(evidence.rig.n)], axis=1)
 
 
 def build(
     evidence: Evidence,
     cause: Cause,
-    rig: Rig,
+    stand: Stand,
     torque: list[Array],
     acting: list[Array],
     bearing: Bearing | None = None,
@@ -152,7 +172,7 @@ def build(
     Args:
         evidence: The logs.
         cause: The cause.
-        rig: The rig with the inertias fitted so far.
+        stand: The rig with the inertias fitted so far, and what it was found to be changed by.
         torque: Best estimate of the torque that acts, N m, (m, n) per part: what load-dependent causes read.
         acting: The measured torque after the drives' signals found so far, N m, (m, n) per part: what a further
             signal changes. Its noise is in the column, too, and by itself lets no signal gain: what a filter takes off
@@ -169,11 +189,13 @@ def build(
         own, bounds = lost(evidence, cause, acting, bearing)[:, None], [ALIKE]
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
-        own, bounds = turned(evidence, cause, rig, magnitude(cause))[:, :, None], [(-np.inf, np.inf)]
+        own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [(-np.inf, np.inf)]
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
     bulk = bulk_of(evidence, cause, own) if isinstance(cause, Effect) and cause.bristly else 1.0
+    if any((one.name, one.place) == (cause.name, cause.place) for one in stand.changes):
+        bulk = KNOWN
     return Columns(cause, evidence.rig.n, joint, own, lower, upper, bulk)
 
 

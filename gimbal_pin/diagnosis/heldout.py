@@ -84,7 +84,7 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     if not all(massive(model.model.rig, part.channels.q) for part in evidence.parts):
         return np.full(evidence.rig.n, np.nan)
     for part in evidence.parts:
-        plant = Plant(model.model, part.platform)
+        plant = Plant(model.model, model.model.carried(part.time, part.platform))
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part)
         memory = plant.friction.remembered(part.channels.q)

@@ -13,6 +13,7 @@ from gimbal_pin.diagnosis.finding import Slight
 from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.relatives import related
 from gimbal_pin.diagnosis.search import forward, polished, pruned, swapped
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -69,17 +70,22 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     state = polished(state, step=FINE)
     final = believed(first, state)
     lost = [cause for cause in state.causes if cause not in final.causes]
-    doubtful = tuple(c for c in lost if verdict.doubtful(first, state, c) or not verdict.minor(state, c))
+    doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
     residual = left_over(state, doubtful, rng)
     return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
 
 
 def believed(first: State, state: State) -> State:
     """Leave out what deserves no trust, and then what deserves none without it, until all that is told does."""
-    trusted = [c for c in state.causes if not (verdict.doubtful(first, state, c) or verdict.minor(state, c))]
+    trusted = [c for c in state.causes if not (untrusted(first, state, c) or verdict.minor(state, c))]
     if len(trusted) == len(state.causes):
         return state
     return believed(first, solved(state.problem, trusted, state))
+
+
+def untrusted(first: State, state: State, cause: Cause) -> bool:
+    """Whether too much is left for a name, or the name is that of a relative."""
+    return verdict.doubtful(first, state, cause) or related(state, cause)
 
 
 def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:

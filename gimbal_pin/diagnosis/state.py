@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Bearing, Columns, build, magnitude, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import Bearing, Columns, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -114,8 +114,8 @@ class State:
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
-        rig = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else self.rig
-        return build(self.problem.evidence, cause, rig, self.torque, self.acting, self.bearing_for(cause))
+        stand = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else Stand(self.rig)
+        return build(self.problem.evidence, cause, stand, self.torque, self.acting, self.bearing_for(cause))
 
     def bearing_for(self, cause: Cause) -> Bearing | None:
         """What the joints bear, where a cause asks."""
@@ -158,7 +158,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
             acting = acted(evidence, cause, acting, before.bearing_for(cause) if before else None)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else rig for c in effects]
+    stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else Stand(rig) for c in effects]
     built = (build(evidence, c, stand, model, acting) for c, stand in zip(effects, stands))
     A = np.concatenate([problem.rigid, *(one.values for one in built)], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
@@ -228,30 +228,27 @@ def consistent(state: State) -> State:
 def reads(cause: Cause) -> bool:
     """Whether what a cause is built from changes with what is fitted: a torque, or inertias that are turned by much."""
     if isinstance(cause, RigEffect):
-        return abs(magnitude(cause)) >= BENT
+        return cause.angle >= BENT
     return (isinstance(cause, Effect) and cause.loaded) or (isinstance(cause, Signal) and cause.geared)
 
 
-def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Rig:
+def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Stand:
     """Return the rig with the causes' large turns, or with those of them that come `before` one: pitch before roll."""
     turns = [cause for cause in causes if isinstance(cause, RigEffect)]
     turns.sort(key=lambda cause: [getattr(cause, s.name) != 0 for s in cause.shapes])
-    for cause in turns:
-        if cause is before:
-            break
-        if abs(magnitude(cause)) >= BENT:
-            rig = cause.apply(rig)
-    return rig
+    first = turns[: next((k for k, cause in enumerate(turns) if cause is before), len(turns))]
+    return Stand(rig, tuple(cause for cause in first if cause.angle >= BENT))
 
 
 def aimed(state: State, cause: Cause) -> Cause:
     """Return a change of the rig at the size that was fitted, where its torque is no more in proportion to it."""
     if not isinstance(cause, RigEffect):
         return cause
-    value, size = float(state.coefficients(cause)[0]), magnitude(cause)
-    if abs(value - size) < AIMED * abs(value) or max(abs(value), abs(size)) < BENT:
+    value = float(state.coefficients(cause)[0])
+    other = sized(cause, value)
+    if abs(value - magnitude(cause)) < AIMED * abs(value) or max(cause.angle, other.angle) < BENT:
         return cause
-    return sized(cause, value)
+    return other
 
 
 def sized(cause: RigEffect, value: float) -> RigEffect:

@@ -25,17 +25,24 @@ def combined(found: Sequence[Finding]) -> list[Finding]:
 def once(found: Sequence[Finding]) -> tuple[list[Finding], list[tuple[Finding, Finding]]]:
     """Findings, and those of them taken out, each with a stronger one at its joint that cannot be told from its cause.
 
-    What a form that the library lacks leaves over is taken up by its nearest look-alike: one cause, found twice.
+    What a form that the library lacks leaves over is taken up by its nearest look-alike: one cause, found twice. Which
+    of the two the cause is may not be the one that took more of it: the finding that is told holds both.
     """
     kept: list[Finding] = []
     twice: list[tuple[Finding, Finding]] = []
     for one in sorted(found, key=lambda f: -f.explained_share):
-        other = next((f for f in kept if f.joint is not None and f.joint == one.joint and one.cause in f.alike), None)
+        other = next((f for f in kept if f.joint is not None and f.joint == one.joint and alike(one, f)), None)
         if other is None:
             kept.append(one)
         else:
+            kept[kept.index(other)] = replace(other, alike=tuple(dict.fromkeys((*other.alike, one.cause))))
             twice.append((one, other))
     return kept, twice
+
+
+def alike(less: Finding, more: Finding) -> bool:
+    """Whether a finding may be a stronger one's cause, or whatever that may be, if it has no one name, this one's."""
+    return less.cause in more.alike or (len(more.alike) > 1 and set(more.alike) <= set(less.alike))
 
 
 def doubled(less: Finding, more: Finding) -> str:

@@ -12,6 +12,7 @@ import pinocchio as pin
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
+from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
 
 
@@ -22,6 +23,15 @@ class RigEffect(Cause):
     @abstractmethod
     def apply(self, rig: Rig) -> Rig:
         """Return the rig with this cause in its Pinocchio model; the URDF text stays as it is."""
+
+    def carried(self, t: Array, platform: Platform | None) -> Platform | None:
+        """Return how the base moves with this cause at the times t, s, (N,), from how it moves without; None: not."""
+        return platform
+
+    @property
+    def angle(self) -> float:
+        """How far it turns something, rad: from some hundredths on its torque is no more in proportion to its size."""
+        return max(abs(float(getattr(self, shape.name))) for shape in self.shapes)
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from math import inf, nan
 from typing import ClassVar
 
+import numpy as np
+
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Static
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 
@@ -36,6 +39,10 @@ class Saturation(Static):
     def largest(self) -> float:
         """The limit."""
         return self.limit
+
+    def sagging(self, command: Array, rate: Array) -> Array:
+        """The rate where the limit bites: ``±limit (1 ∓ v/v₀)`` is a supply that gives out."""
+        return np.where(self.passed(command) != command, rate, 0.0)
 
     def passed(self, x: Value) -> Value:
         """Cut the command."""

@@ -57,6 +57,15 @@ class Signal(Cause):
     """True if it acts behind the motor's friction, on the command and what `beside` adds to it."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
+    def sagging(self, command: Array, rate: Array) -> Array:
+        """Torque, N m s/rad, (N,), that acts more for each rad/s if what bounds it falls with the rate; zero for most.
+
+        Args:
+            command: N m, (N,).
+            rate: Of the joint, rad/s, (N,).
+        """
+        return np.zeros_like(command)
+
     @abstractmethod
     def start(self, level: float = 0.0) -> Memory:
         """Return the memory of a drive that has been given `level` N m for ever."""

@@ -1,0 +1,59 @@
+"""Is a named cause what its formula says, or its nearest relative outside the library?
+
+A relative has one parameter more, which the formula says is zero. Where the log shows that it is not, the formula fits
+for want of a better one, and its name deserves no trust.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin.diagnosis.fit import fit
+from gimbal_pin.diagnosis.state import State
+from gimbal_pin.effects import Cause, Effect, Signal
+
+ASIDE = 0.15
+"""Share of a joint's dry friction that may be none of its bristles': they are the friction of its bearing, and what
+bends beside friction that does not, as a cable does, is another thing."""
+SLID = 20.0
+"""Power of bristles over that of what sets them apart from Coulomb friction, from which they slide nearly all the time:
+of bristles of many lengths the shortest are then Coulomb friction to such a log."""
+TAKEN = 0.25
+"""Share of what is left at a joint that a relative's parameter explains, from which the relative it is."""
+MUCH = 4.0
+"""Dispersion from which so much is left that the question arises."""
+
+
+def related(state: State, cause: Cause) -> bool:
+    """Whether a chosen cause stands for a relative of its own."""
+    return stands_aside(state, cause) or sags(state, cause)
+
+
+def stands_aside(state: State, cause: Cause) -> bool:
+    """Whether bristles that bend for long do so beside dry friction that does not."""
+    if not isinstance(cause, Effect) or not cause.bristly:
+        return False
+    at = len(state.problem.reduction.independent)
+    here = [at + k for k, one in enumerate(state.problem.friction) if one.joint == cause.joint and one.dry]
+    rest, bent = float(np.sum(state.fit.theta[here])), float(state.coefficients(cause)[0])
+    return rest > ASIDE * (rest + bent) and state.columns(cause).bulk < SLID
+
+
+def sags(state: State, cause: Cause) -> bool:
+    """Whether what a drive's limit leaves goes away once the limit may depend on the rate, as a supply's voltage."""
+    if not isinstance(cause, Signal):
+        return False
+    evidence, now = state.problem.evidence, state.fit
+    j, n = evidence.rig.joint_index(cause.place), evidence.rig.n
+    if now.dispersion[j] < MUCH:
+        return False
+    rows = [(part.channels.tau[:, j], part.channels.v[:, j]) for part in evidence.parts]
+    columns = [cause.sagging(tau, rate) for tau, rate in rows]
+    if not any(np.any(column) for column in columns):
+        return False
+    beside = np.zeros((evidence.rows, n, 1))
+    beside[:, j, 0] = evidence.whiten(columns, j)
+    stack, target = (x.reshape(len(x) // n, n, -1) / now.scale[:, None] for x in (now.stack, now.target))
+    A = np.concatenate([stack, beside], axis=2)
+    after = fit(A, target[:, :, 0], evidence.used(), now.block[::n], now.scale).residual[j::n]
+    return float(after @ after) < (1 - TAKEN) * float(np.sum(now.residual[j::n] ** 2))
