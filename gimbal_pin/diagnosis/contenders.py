@@ -13,6 +13,7 @@ from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
@@ -114,11 +115,24 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
     ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
     always = len(state.problem.friction)
     brakes = [
-        (effect, theta[begin:end])
+        slid(effect, theta[begin:end])
         for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
-        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or effect.dry)
+        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or resists(effect))
     ]
     return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
+
+
+def resists(effect: Effect) -> bool:
+    """Whether an effect is friction of any kind."""
+    return effect.dry or effect.bristly or effect.rising
+
+
+def slid(effect: Effect, values: Array) -> tuple[Effect, Array]:
+    """An effect with its coefficients; of bristles what they hold once they slide, which is Coulomb's friction.
+
+    While they unbend they push, as they may.
+    """
+    return (Coulomb(effect.joint), values[:1]) if effect.bristly else (effect, values)
 
 
 def refitted_beside(state: State, found: Score, cause: Cause) -> Array:
