@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import PUSHED, Columns, plain_columns, pushes
-from gimbal_pin.diagnosis.fit import LUCK
+from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
@@ -76,7 +76,7 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, drives, outbends, falls)
+    tests = (hushes, drives, outbends, falls, strays)
     return not any(test(state, found, cause) for test in tests)
 
 
@@ -133,6 +133,16 @@ def slid(effect: Effect, values: Array) -> tuple[Effect, Array]:
     While they unbend they push, as they may.
     """
     return (Coulomb(effect.joint), values[:1]) if effect.bristly else (effect, values)
+
+
+def strays(state: State, found: Score, cause: Cause) -> bool:
+    """Whether what changes with time does not tell whole stretches of time from the others.
+
+    What changes with the motion may have looked like it, where the motion was another early than late.
+    """
+    if not isinstance(cause, Effect) or not cause.lasting or not len(found.beta):
+        return False
+    return not improves(state.fit, state.columns(cause), False, whole=True)
 
 
 def refitted_beside(state: State, found: Score, cause: Cause) -> Array:

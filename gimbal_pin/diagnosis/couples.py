@@ -14,7 +14,6 @@ from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, fitting, visibility
 from gimbal_pin.diagnosis.shapes import free, measure
 from gimbal_pin.diagnosis.state import State, solved, without
-from gimbal_pin.effects import Cause
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
