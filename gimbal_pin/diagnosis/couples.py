@@ -3,74 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations_with_replacement
-from typing import NamedTuple
+from itertools import combinations
 
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.contenders import PENALTY, possible, ranked
+from gimbal_pin.diagnosis.contenders import PENALTY, ranked
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, fitting, visibility
-from gimbal_pin.diagnosis.shapes import free, measure
-from gimbal_pin.diagnosis.state import State, solved, without
+from gimbal_pin.diagnosis.shapes import form, free
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
 HARMONICS = 12
 """Most harmonics that are tried with others: those that gain most by themselves."""
-TRIED = 4
-"""Couples of which the model is refitted: the best of each two names."""
+TRIED = 6
+"""Most couples that are tried."""
+Couple = tuple[Columns, Columns]
 
 
-class Couple(NamedTuple):
-    """Two candidates and what they gain together, less what as many parameters gain by luck."""
-
-    gain: float
-    one: Columns
-    other: Columns
-
-
-def coupled(base: State, joint: str, shelf: Library) -> State | None:
-    """The state with the two causes at a joint that together leave least, or None if there are none that may be.
+def tried(base: State, joint: str, shelf: Library) -> list[Couple]:
+    """Return the couples at a joint that gain most on the coarse grid, each two forms once, the best first.
 
     Args:
-        base: The state without any cause at this joint.
+        base: The state without any cause there.
         joint: The joint.
         shelf: The library.
     """
-    best = foremost(couples(base, candidates(base, joint, shelf)))[:TRIED]
-    states = [solved(base.problem, (*base.causes, one.cause, other.cause), base) for _, one, other in best]
-    return min((state for state in states if stands(state, joint)), key=lambda state: state.fit.cost, default=None)
-
-
-def stands(state: State, joint: str) -> bool:
-    """Whether each cause at a joint gains beside the others, and does what such a cause can do."""
-    here = [(without(state, cause), cause) for cause in state.causes if cause.place == joint and cause.of_joint]
-    found = [(base, measure(base, cause), cause) for base, cause in here]
-    return all(score.gain > PENALTY * free(cause) and possible(base, score, cause) for base, score, cause in found)
+    best: dict[tuple[object, ...], tuple[float, Couple]] = {}
+    for gain, couple in couples(base, candidates(base, joint, shelf)):
+        key = tuple((one.cause.name, form(one.cause)) for one in couple)
+        if gain > best.get(key, (0.0,))[0]:
+            best[key] = gain, couple
+    return [couple for _, couple in sorted(best.values(), key=lambda row: -row[0])[:TRIED]]
 
 
 def candidates(base: State, joint: str, shelf: Library) -> list[Columns]:
     """What can be seen of the library at a joint; of harmonics, which are many, those that gain most."""
-    columns = [one for one in shelf.columns(base, joint) if one.cause.of_joint]
+    columns = [one for one in shelf.columns(base, joint) if one.joint is not None and one.cause.of_joint]
     shown = [one for one, seen in zip(columns, visibility(base.fit, columns)) if seen > HIDDEN]
     harmonics = [one for _, one in ranked(base, [one for one in shown if isinstance(one.cause, Harmonic)])]
     return [*(one for one in shown if not isinstance(one.cause, Harmonic)), *harmonics[:HARMONICS]]
 
 
-def foremost(found: Iterator[Couple]) -> list[Couple]:
-    """The best couple of each two names, the best first."""
-    best: dict[tuple[str, str], Couple] = {}
-    for couple in found:
-        key = (couple.one.cause.name, couple.other.cause.name)
-        if couple.gain > best.get(key, (0.0,))[0]:
-            best[key] = couple
-    return sorted(best.values(), key=lambda couple: -couple.gain)
-
-
-def couples(base: State, columns: Sequence[Columns]) -> Iterator[Couple]:
-    """Yield every two of some candidates of one joint with the gain of both, where it is within their bounds.
+def couples(base: State, columns: Sequence[Columns]) -> Iterator[tuple[float, Couple]]:
+    """Yield every two of some candidates of one joint and what both gain, less what as many parameters gain by luck.
 
     As in `score.gained_alike` the products ``RᵀR`` and ``Rᵀr`` of what the fitted columns leave are all it takes.
     """
@@ -82,7 +60,7 @@ def couples(base: State, columns: Sequence[Columns]) -> Iterator[Couple]:
     gram, s = S.T @ S - along.T @ along, base.fit.residual[rows] @ S
     ends = np.cumsum([one.width for one in columns])
     groups: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for i, k in combinations_with_replacement(range(len(columns)), 2):
+    for i, k in combinations(range(len(columns)), 2):
         if columns[i].cause.name != columns[k].cause.name:
             groups.setdefault((columns[i].width, columns[k].width), []).append((i, k))
     for (c, d), pairs in groups.items():
@@ -91,7 +69,9 @@ def couples(base: State, columns: Sequence[Columns]) -> Iterator[Couple]:
         yield from judged(columns, pairs, gram[at[:, :, None], at[:, None]], s[at])
 
 
-def judged(columns: Sequence[Columns], pairs: Sequence[tuple[int, int]], gram: Array, s: Array) -> Iterator[Couple]:
+def judged(
+    columns: Sequence[Columns], pairs: Sequence[tuple[int, int]], gram: Array, s: Array
+) -> Iterator[tuple[float, Couple]]:
     """Yield those of some pairs that are within bounds, from their ``RᵀR``, (k, c, c), and ``Rᵀr``, (k, c)."""
     own = fitting(gram, s)
     lower, upper = (np.array([[*x(columns[i]), *x(columns[k])] for i, k in pairs]) for x in (low, high))
@@ -99,7 +79,7 @@ def judged(columns: Sequence[Columns], pairs: Sequence[tuple[int, int]], gram: A
     within = np.all((own >= lower) & (own <= upper), axis=1)
     for place in np.flatnonzero(within & (gain > 0)).tolist():
         one, other = (columns[i] for i in pairs[place])
-        yield Couple(float(gain[place]) - PENALTY * (free(one.cause) + free(other.cause)), one, other)
+        yield float(gain[place]) - PENALTY * (free(one.cause) + free(other.cause)), (one, other)
 
 
 def low(columns: Columns) -> list[float]:

@@ -8,7 +8,6 @@ from itertools import combinations
 import numpy as np
 
 from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hushes, net, possible, ranked
-from gimbal_pin.diagnosis.couples import coupled
 from gimbal_pin.diagnosis.fit import improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score
@@ -23,10 +22,6 @@ WORSE = 0.1
 """Rise of what is left by which a step is none: what was there before stood on what a joint bears, and that moved."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
-MUCH = 4.0
-"""Dispersion from which much is left at a joint."""
-CLEARER = float(np.log(2.0))
-"""Fall of what is left from which another start of the search led to something better: by half for each cause more."""
 SWAPS = 4
 """Most rounds of swapping."""
 
@@ -48,23 +43,6 @@ def forward(state: State, shelf: Library) -> State:
 def left(state: State) -> float:
     """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
     return float(np.sum(np.log(state.fit.dispersion)))
-
-
-def composed(first: State, shelf: Library) -> State:
-    """Search forward and swap; where much is left of a joint, start once more from the best two causes there.
-
-    What enters first may be between two others, so that beside it neither is seen.
-    """
-    state = swapped(forward(first, shelf), shelf)
-    for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
-        joint = state.problem.evidence.rig.joints[j]
-        others = [cause for cause in state.causes if cause.place != joint or not cause.of_joint]
-        start = coupled(solved(state.problem, others, state), joint, shelf)
-        other = swapped(forward(polished(start), shelf), shelf) if start is not None else state
-        more = max(len(other.causes) - len(state.causes), 1)
-        if left(other) < left(state) - CLEARER * more:
-            state = other
-    return state
 
 
 def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:

@@ -13,7 +13,8 @@ from gimbal_pin.diagnosis.finding import Slight
 from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
-from gimbal_pin.diagnosis.search import composed, polished, pruned
+from gimbal_pin.diagnosis.restart import composed
+from gimbal_pin.diagnosis.search import polished, pruned
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause
