@@ -19,15 +19,15 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.friction_drift import FrictionDrift
-from gimbal_pin.effects.load_dependent_friction import LoadDependentFriction
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.stribeck import Stribeck
-from gimbal_pin.log import Array
+from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from tests.test_forms import ALIGNED, gather, prescribed
+from tests.bench_logs import fourier
+from tests.test_forms import ALIGNED, gather
 
 RIG = Rig.load("turret")
 AT = RIG.joints[1]
@@ -44,7 +44,10 @@ FRICTION = (
 
 def first(*terms: Term) -> State:
     """The refitted model without any cause, on a log of these terms."""
-    log = prescribed(Model(RIG, (*nominal(RIG).terms, *terms)), 3, seconds=14.0, torque_noise=1e-4, dt=2e-3)
+    motion = fourier(RIG, 3, 14.0, 2e-3)
+    tau = Model(RIG, (*nominal(RIG).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
+    log = Log("two", RIG.joints, motion.t, motion.q, motion.v, tau)
     problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
     return solved(problem, (), solved(problem, ()))
 
@@ -63,7 +66,7 @@ def names(state: State) -> set[str]:
     "terms",
     [
         (Term(Stribeck(AT, 0.25), (0.1,)), Term(QuadraticDrag(AT, 1.75), (0.06,))),
-        (Term(LoadDependentFriction(AT), (0.2,)), Term(Presliding(AT, 0.05), (0.08,))),
+        (Term(Stribeck(AT, 0.25), (0.03,)), Term(Presliding(AT, 0.05), (0.08,))),
         (Term(Stribeck(AT, 0.2, 1), (0.1,)), Term(Cogging(AT, (9.0,)), (0.02, 0.0))),
     ],
     ids=lambda terms: " and ".join(term.effect.name for term in terms),

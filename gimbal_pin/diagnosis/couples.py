@@ -8,23 +8,25 @@ from itertools import combinations
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.contenders import PENALTY, ranked
+from gimbal_pin.diagnosis.contenders import PENALTY
+from gimbal_pin.diagnosis.contenders import ranked as alone
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, fitting, visibility
-from gimbal_pin.diagnosis.shapes import form, free
+from gimbal_pin.diagnosis.shapes import form, free, moved, shape_names
 from gimbal_pin.diagnosis.state import State
+from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
 HARMONICS = 12
 """Most harmonics that are tried with others: those that gain most by themselves."""
-TRIED = 6
-"""Most couples that are tried."""
+BETWEEN = 1.5
+"""Factor from a shape parameter on the coarse grid to one about half way to the next."""
 Couple = tuple[Columns, Columns]
 
 
-def tried(base: State, joint: str, shelf: Library) -> list[Couple]:
-    """Return the couples at a joint that gain most on the coarse grid, each two forms once, the best first.
+def ranked(base: State, joint: str, shelf: Library) -> list[Couple]:
+    """Return the couples at a joint, each two causes in each of their forms once, those that gain most first.
 
     Args:
         base: The state without any cause there.
@@ -36,15 +38,27 @@ def tried(base: State, joint: str, shelf: Library) -> list[Couple]:
         key = tuple((one.cause.name, form(one.cause)) for one in couple)
         if gain > best.get(key, (0.0,))[0]:
             best[key] = gain, couple
-    return [couple for _, couple in sorted(best.values(), key=lambda row: -row[0])[:TRIED]]
+    return [couple for _, couple in sorted(best.values(), key=lambda row: -row[0])]
 
 
 def candidates(base: State, joint: str, shelf: Library) -> list[Columns]:
-    """What can be seen of the library at a joint; of harmonics, which are many, those that gain most."""
-    columns = [one for one in shelf.columns(base, joint) if one.joint is not None and one.cause.of_joint]
-    shown = [one for one, seen in zip(columns, visibility(base.fit, columns)) if seen > HIDDEN]
-    harmonics = [one for _, one in ranked(base, [one for one in shown if isinstance(one.cause, Harmonic)])]
-    return [*(one for one in shown if not isinstance(one.cause, Harmonic)), *harmonics[:HARMONICS]]
+    """What can be seen of the library at a joint; of harmonics, which are many, those that gain most.
+
+    Two causes that make up for each other are told by their shapes: those with one are tried twice as closely.
+    """
+    every = [one for one in shelf.columns(base, joint) if one.joint is not None and one.cause.of_joint]
+    plain = [one for one in every if not isinstance(one.cause, Harmonic)]
+    plain += [base.columns(cause) for one in plain for cause in between(one.cause)]
+    shown = [one for one, seen in zip(plain, visibility(base.fit, plain)) if seen > HIDDEN]
+    harmonics = alone(base, [one for one in every if isinstance(one.cause, Harmonic)])
+    return [*shown, *(one for _, one in harmonics[:HARMONICS])]
+
+
+def between(cause: Cause) -> list[Cause]:
+    """Return the torque half way to the next on the grid of its one shape; none where it has more of them."""
+    names = shape_names(cause) if isinstance(cause, Effect) else []
+    other = moved(cause, names[0], BETWEEN) if len(names) == 1 else None
+    return [] if other is None else [other]
 
 
 def couples(base: State, columns: Sequence[Columns]) -> Iterator[tuple[float, Couple]]:

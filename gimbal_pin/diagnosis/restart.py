@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gimbal_pin.diagnosis.contenders import PENALTY, possible
-from gimbal_pin.diagnosis.couples import tried
+from gimbal_pin.diagnosis.couples import ranked
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import forward, left, polished, swapped
 from gimbal_pin.diagnosis.shapes import free, measure
@@ -15,6 +15,10 @@ MUCH = 4.0
 """Dispersion from which much is left at a joint."""
 CLEARER = float(np.log(2.0))
 """Fall of what is left from which another start of the search led to something better: by half for each cause more."""
+LOOKED = 24
+"""Couples that are looked at."""
+TRIED = 4
+"""Most of them that are refined."""
 
 
 def composed(first: State, shelf: Library) -> State:
@@ -46,10 +50,20 @@ def coupled(state: State, joint: str, shelf: Library) -> State | None:
     """
     others = [cause for cause in state.causes if cause.place != joint or not cause.of_joint]
     base = solved(state.problem, others, state)
-    starts = (solved(base.problem, (*others, one.cause, other.cause), base) for one, other in tried(base, joint, shelf))
-    found = [polished(start) for start in starts if stands(start, joint)]
+    found = [polished(start) for start in starts(base, joint, shelf)]
     better = [one for one in found if clearer(one, state) and stands(one, joint)]
     return min(better, key=left, default=None)
+
+
+def starts(base: State, joint: str, shelf: Library) -> list[State]:
+    """States with the couples at a joint that gain most, one of each two names, of those that may be."""
+    found: dict[frozenset[str], State] = {}
+    for couple in ranked(base, joint, shelf)[:LOOKED]:
+        causes = tuple(one.cause for one in couple)
+        names = frozenset(cause.name for cause in causes)
+        if names not in found and stands(start := solved(base.problem, (*base.causes, *causes), base), joint):
+            found[names] = start
+    return list(found.values())[:TRIED]
 
 
 def stands(state: State, joint: str) -> bool:
