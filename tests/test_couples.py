@@ -111,7 +111,7 @@ def test_a_rig_is_changed_within_its_bounds(cause: EncoderOffset | BaseTilt) -> 
 def straight(columns: Array, target: Array) -> Fit:
     """A fit of some columns, (rows, c), to a target, (rows,), in forty blocks."""
     rows = len(target)
-    return fit(columns[:, None], target[:, None], np.ones(1), np.arange(rows) * 40 // rows)
+    return fit(columns[:, None], target[:, None], np.ones(1), np.floor(np.arange(rows) * 40.0 / rows))
 
 
 class Lone:
@@ -123,14 +123,16 @@ class Lone:
 
 
 @pytest.mark.parametrize("lasting", [True, False])
-def test_what_changes_with_time_tells_whole_stretches_of_it(lasting: bool) -> None:
+@pytest.mark.parametrize("sizes", [(1.0, 0.2, 0.2, 0.2), (1.0, 1.0, 0.3, 0.3), (1.0, 1.0, 1.0, 0.3)])
+def test_what_changes_with_time_tells_whole_stretches_of_it(sizes: tuple[float, ...], lasting: bool) -> None:
     rng, t = np.random.default_rng(0), np.linspace(0.0, 1.0, 1600)
-    rate = np.where(t < 0.25, 1.0, 0.2) * np.sin(300 * t)
-    torque = t * rate if lasting else rate * np.exp(-np.abs(rate))
-    now = straight(rate[:, None], rate + 3 * torque + 0.02 * rng.standard_normal(len(t)))
-    column = Lone((t * rate)[:, None])
-    assert improves(now, column, False), "interleaved parts of time tell the two hardly apart"
-    assert improves(now, column, False, whole=True) == lasting
+    rate = np.repeat(sizes, 400) * np.sin(300 * t)
+    torque = t * rate if lasting else np.exp(-((rate / 0.3) ** 2)) * np.sign(rate)
+    friction = np.stack([rate, np.sign(rate)], axis=1)
+    now = straight(friction, rate + 0.3 * torque + 0.02 * rng.standard_normal(len(t)))
+    drift = Lone(t[:, None] * friction)
+    assert improves(now, drift, False), "by interleaved parts of time friction at another speed is a drift"
+    assert improves(now, drift, False, whole=True) == lasting
 
 
 def test_friction_that_warms_up_strays_not() -> None:

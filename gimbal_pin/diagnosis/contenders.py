@@ -13,7 +13,6 @@ from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
-from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
@@ -114,8 +113,9 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
     effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
     ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
     always = len(state.problem.friction)
+    dry = next(one for one in state.problem.friction if one.dry and one.joint == cause.joint)
     brakes = [
-        slid(effect, theta[begin:end])
+        slid(effect, theta[begin:end], dry)
         for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
         if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or resists(effect))
     ]
@@ -127,12 +127,12 @@ def resists(effect: Effect) -> bool:
     return effect.dry or effect.bristly or effect.rising
 
 
-def slid(effect: Effect, values: Array) -> tuple[Effect, Array]:
-    """An effect with its coefficients; of bristles what they hold once they slide, which is Coulomb's friction.
+def slid(effect: Effect, values: Array, dry: Effect) -> tuple[Effect, Array]:
+    """An effect with its coefficients; of bristles what they hold once they slide, which is `dry` friction.
 
     While they unbend they push, as they may.
     """
-    return (Coulomb(effect.joint), values[:1]) if effect.bristly else (effect, values)
+    return (dry, values[:1]) if effect.bristly else (effect, values)
 
 
 def strays(state: State, found: Score, cause: Cause) -> bool:
