@@ -85,7 +85,7 @@ def diagnose(
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     found = confirmed(found, held, rng)
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
-    moving = ridden(found.first, held, train, test, filtering)
+    moving = ridden(found.final, held, train, test, filtering)
     return compared(said if moving is None else beside(said, moving), found.final, causes)
 
 
