@@ -9,9 +9,9 @@ from gimbal_pin.diagnosis.contenders import drives, strays
 from gimbal_pin.diagnosis.fit import Fit, fit, improves
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.restart import composed, coupled, stands
-from gimbal_pin.diagnosis.search import left
-from gimbal_pin.diagnosis.shapes import measure
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.search import forward, left, undone
+from gimbal_pin.diagnosis.shapes import measure, worth
+from gimbal_pin.diagnosis.state import Problem, State, solved, without
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.base_tilt import BaseTilt
@@ -28,6 +28,7 @@ from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.test_forms import ALIGNED, gather
+from tests.test_gates import Winding
 
 RIG = Rig.load("turret")
 AT = RIG.joints[1]
@@ -140,3 +141,15 @@ def test_friction_that_warms_up_strays_not() -> None:
     state = first(Term(drift, (0.05, 0.02)))
     assert not strays(state, measure(state, drift), drift)
     assert not strays(state, measure(state, Stribeck(AT, 0.2)), Stribeck(AT, 0.2))
+
+
+def test_harmonics_that_undo_each_other_stay_apart_and_end_no_search() -> None:
+    elsewhere = Stribeck(RIG.joints[0], 0.2)
+    state = first(Term(Winding(AT), (0.1,)), Term(elsewhere, (0.004,)))
+    three = Cogging(AT, (2.0, 3.0, 4.0))
+    assert worth(state, three) <= 0 < worth(state, Cogging(AT, (2.0,)))
+    assert undone(solved(state.problem, (three,), state), Cogging(AT, (4.0,)))
+    shelf = Library(state.problem, [Cogging(AT, (k,)) for k in (2.0, 3.0, 4.0)] + [elsewhere])
+    found = forward(state, shelf)
+    assert {cause.name for cause in found.causes} == {"cogging", "stribeck"}
+    assert all(worth(without(found, cause), cause) > 0 for cause in found.causes)
