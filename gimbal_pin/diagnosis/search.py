@@ -29,18 +29,18 @@ SWAPS = 4
 def forward(state: State, shelf: Library) -> State:
     """Add the cause that gains most, refit, and again, until nothing enters.
 
-    A step that is none bars its cause, not what else there is.
+    A step that is none ends the search at its joint: what is left there is none of these. Others go on.
     """
-    barred: list[Cause] = []
+    closed: set[str] = set()
     for _ in range(STEPS):
         rows = contenders(state, shelf) if len(state.causes) < MOST else []
-        rows = [row for row in rows if not any(same(row[1], cause) for cause in barred)]
+        rows = [row for row in rows if row[1].place not in closed]
         if not rows:
             break
         new = foremost(state, rows)
         after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
         if left(after) > left(state) + WORSE or undone(after, new):
-            barred.append(new)
+            closed.add(new.place)
         else:
             state = after
     return state
