@@ -9,6 +9,7 @@ from gimbal_pin.diagnosis.contenders import drives, strays
 from gimbal_pin.diagnosis.fit import Fit, fit, improves
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.restart import composed, coupled, stands
+from gimbal_pin.diagnosis.score import silences
 from gimbal_pin.diagnosis.search import forward, left, undone
 from gimbal_pin.diagnosis.shapes import measure, worth
 from gimbal_pin.diagnosis.state import Problem, State, solved, without
@@ -153,3 +154,17 @@ def test_harmonics_that_undo_each_other_stay_apart_and_end_no_search() -> None:
     found = forward(state, shelf)
     assert {cause.name for cause in found.causes} == {"cogging", "stribeck"}
     assert all(worth(without(found, cause), cause) > 0 for cause in found.causes)
+
+
+@pytest.mark.parametrize("passed", [0.05, 0.3, 0.8])
+def test_a_limit_far_under_the_command_is_more_than_less_torque(passed: float) -> None:
+    rng = np.random.default_rng(1)
+    command = rng.uniform(1.0, 1.1, 500)
+    taken = (1.0 - passed) * command
+    told, noise = taken + 0.01 * passed * rng.standard_normal(500), 0.2 * rng.standard_normal(500)
+    for unexplained, is_one in ((told, True), (noise, False)):
+        gain = float(np.sum(unexplained**2) - np.sum((unexplained - taken) ** 2))
+        assert silences(command, unexplained, taken, gain) != is_one
+    part = taken + np.sqrt(passed) * np.where(np.arange(500) % 2, 1.0, -1.0) * taken
+    gain = float(np.sum(part**2) - np.sum((part - taken) ** 2))
+    assert silences(command, part, taken, gain), "as much of the unexplained is left as of the torque"
