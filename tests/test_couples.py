@@ -156,7 +156,7 @@ def test_harmonics_that_undo_each_other_stay_apart_and_end_no_search() -> None:
     assert all(worth(without(found, cause), cause) > 0 for cause in found.causes)
 
 
-@pytest.mark.parametrize("passed", [0.05, 0.3, 0.8])
+@pytest.mark.parametrize("passed", [0.05, 0.15, 0.3])
 def test_a_limit_far_under_the_command_is_more_than_less_torque(passed: float) -> None:
     rng = np.random.default_rng(1)
     command = rng.uniform(1.0, 1.1, 500)
