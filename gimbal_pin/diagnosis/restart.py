@@ -63,7 +63,9 @@ def starts(base: State, joint: str, shelf: Library) -> list[State]:
         names = frozenset(cause.name for cause in causes)
         if names not in found and stands(start := solved(base.problem, (*base.causes, *causes), base), joint):
             found[names] = start
-    return list(found.values())[:TRIED]
+        if len(found) == TRIED:
+            break
+    return list(found.values())
 
 
 def stands(state: State, joint: str) -> bool:
