@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.restart import composed, coupled, stands
 from gimbal_pin.diagnosis.score import silences
 from gimbal_pin.diagnosis.search import forward, left, undone
 from gimbal_pin.diagnosis.shapes import measure, worth
-from gimbal_pin.diagnosis.state import Problem, State, solved, without
+from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.base_tilt import BaseTilt
