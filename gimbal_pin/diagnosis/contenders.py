@@ -9,7 +9,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import PUSHED, Columns, plain_columns, pushes
 from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.score import CLEARED, Score, all_gained, score
+from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -31,6 +31,8 @@ HUSHED = 1.5
 
 OUTBENT = 0.5
 """Share of a joint's dry friction by which more of it may bend: bristles of another form than these take so much."""
+CLEARED = 0.25
+"""What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
 
 
 def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:

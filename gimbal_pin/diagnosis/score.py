@@ -22,8 +22,6 @@ OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
 SILENCED = 1.5
 """Gain of a drive's signal over what as much less torque leaves unexplained less, under which it does only that."""
-CLEARED = 0.25
-"""What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
 SMOOTH = 25
 """Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
@@ -186,14 +184,11 @@ def inverse(gram: Array, share: float) -> Array:
 
 
 def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
-    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained.
-
-    What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
-    """
+    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained."""
     rows = taken != 0
-    whole, unexplained = (float(np.sum(x[rows] ** 2)) for x in (target, residual))
+    whole = float(np.sum(target[rows] ** 2))
     less = 1.0 - float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
-    return gain < SILENCED * less * unexplained and unexplained - gain > CLEARED * (1.0 - less) * unexplained
+    return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
 
 
 def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
