@@ -189,7 +189,7 @@ def build(
         own, bounds = lost(evidence, cause, acting, bearing)[:, None], [ALIKE]
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
-        own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [(-np.inf, np.inf)]
+        own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [limits(cause)]
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
@@ -210,6 +210,11 @@ def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
     apart[:, 0] -= slide
     power, whole = float(np.sum(apart**2)), float(np.sum(own**2))
     return whole / power if power > BENT * whole else 1.0
+
+
+def limits(cause: RigEffect) -> tuple[float, float]:
+    """Bounds of how far a rig may be changed: of its one shape parameter that is not zero."""
+    return next((shape.lower, shape.upper) for shape in cause.shapes if getattr(cause, shape.name))
 
 
 def magnitude(cause: Cause) -> float:

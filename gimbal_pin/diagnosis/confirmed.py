@@ -11,6 +11,7 @@ from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.searched import Searched, left_over
+from gimbal_pin.diagnosis.shapes import worth
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.effects import Cause
 from gimbal_pin.rows import Flags
@@ -88,8 +89,9 @@ def spared(part: Part, strange: Flags) -> Part:
 
 
 def confirmations(best: Figures, lacking: Sequence[Figures], held: Evidence, state: State) -> list[float]:
-    """Return `confirmation` for each cause of a state."""
-    return [confirmation(best, one, held, cause) for one, cause in zip(lacking, state.causes, strict=True)]
+    """Return `confirmation` for each cause of a state; zero for one that gains no more, now that others are out."""
+    rows = zip(lacking, state.causes, strict=True)
+    return [confirmation(best, one, held, c) if worth(without(state, c), c) > 0 else 0.0 for one, c in rows]
 
 
 def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:

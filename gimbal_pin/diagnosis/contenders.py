@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import PUSHED, Columns, plain_columns, pushes
-from gimbal_pin.diagnosis.fit import LUCK
+from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
@@ -75,7 +75,7 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, drives, outbends, falls)
+    tests = (hushes, drives, outbends, falls, strays)
     return not any(test(state, found, cause) for test in tests)
 
 
@@ -113,12 +113,36 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
     effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
     ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
     always = len(state.problem.friction)
+    dry = next(one for one in state.problem.friction if one.dry and one.joint == cause.joint)
     brakes = [
-        (effect, theta[begin:end])
+        slid(effect, theta[begin:end], dry)
         for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
-        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or effect.dry)
+        if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or resists(effect))
     ]
     return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
+
+
+def resists(effect: Effect) -> bool:
+    """Whether an effect is friction of any kind."""
+    return effect.dry or effect.bristly or effect.rising
+
+
+def slid(effect: Effect, values: Array, dry: Effect) -> tuple[Effect, Array]:
+    """An effect with its coefficients; of bristles what they hold once they slide, which is `dry` friction.
+
+    While they unbend they push, as they may.
+    """
+    return (dry, values[:1]) if effect.bristly else (effect, values)
+
+
+def strays(state: State, found: Score, cause: Cause) -> bool:
+    """Whether what changes with time does not tell whole stretches of time from the others.
+
+    What changes with the motion may have looked like it, where the motion was another early than late.
+    """
+    if not isinstance(cause, Effect) or not cause.lasting or not len(found.beta):
+        return False
+    return not improves(state.fit, state.columns(cause), False, whole=True)
 
 
 def refitted_beside(state: State, found: Score, cause: Cause) -> Array:

@@ -95,7 +95,7 @@ def diagnose(
     if test:
         found = found._replace(residual=surprising(found.residual, found.final, held))
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
-    moving = ridden(found.first, held, train, test, filtering)
+    moving = ridden(found.final, held, train, test, filtering)
     return compared(said if moving is None else beside(said, moving), found.final, causes)
 
 

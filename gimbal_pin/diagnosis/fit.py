@@ -158,15 +158,16 @@ def project(now: Fit, columns: Placed) -> Array:
     return rest
 
 
-def improves(now: Fit, columns: Placed, fixed: bool) -> bool:
+def improves(now: Fit, columns: Placed, fixed: bool, whole: bool = False) -> bool:
     """Whether a candidate predicts better, in sum and in most of `FOLDS` parts of time that its fit has not seen.
 
-    Each part is every `FOLDS`-th block, less the rows of which the rest says nothing.
+    Each part is every `FOLDS`-th block, or where it is `whole` one stretch of time, less the rows of which the rest
+    says nothing.
     """
     weighted = now.weighted(columns)
     extra = np.zeros((len(now.target), weighted.shape[1]))
     extra[now.rows(columns.joint)] = weighted
-    fold = now.block % FOLDS
+    fold = now.block * FOLDS // now.blocks if whole else now.block % FOLDS
     target = now.target - extra[:, 0] if fixed else now.target
     stack = now.stack if fixed else np.hstack([now.stack, extra])
     gains = []

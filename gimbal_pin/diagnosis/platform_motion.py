@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.platform import LEANS, Platform
@@ -45,7 +45,7 @@ def ridden(
     """Refit the rig as if its base stood, and compare; None where no IMU says that it moves, or where that is nothing.
 
     Args:
-        carried: The refitted model without causes on the base's measured motion.
+        carried: The refitted model on the base's measured motion with what was found, beside which it is compared.
         held: The held-out evidence, with that motion.
         train: The logs that were trained on.
         test: The held-out ones; none where the training logs stand for them.
@@ -57,7 +57,8 @@ def ridden(
     origins = {log.name: float(log.t[0]) for log in (*train, *test)}
     evidence = gather(rig, [standing(rig, log) for log in train], filtering, origins)
     problem = Problem.of(evidence, reduce(rig))
-    ignoring = solved(problem, (), solved(problem, ()))
+    plain = solved(problem, (), solved(problem, ()))
+    ignoring = consistent(solved(problem, carried.causes, plain)) if carried.causes else plain
     there = judged(rig, [standing(rig, log) for log in test], filtering, origins) if test else evidence
     before, after = measured(there, extended(ignoring)), measured(held, extended(carried))
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
@@ -65,7 +66,8 @@ def ridden(
     clear = clarity(ignoring, carried, j)
     if ratios[j] < CONFIRMED or clear < CLEAR:
         return None
-    return Ridden(told(rig, rig.joints[j], (before, after), motion(rig, train), clear), before)
+    baseline = measured(there, extended(plain)) if carried.causes else before
+    return Ridden(told(rig, rig.joints[j], (baseline, before, after), motion(rig, train), clear), baseline)
 
 
 def standing(rig: Rig, log: Log) -> Log:
@@ -96,10 +98,14 @@ def motion(rig: Rig, logs: Sequence[Log]) -> tuple[float, float]:
     return rate, force
 
 
-def told(rig: Rig, joint: str, figures: tuple[Figures, Figures], moved: tuple[float, float], clear: float) -> Finding:
-    """Describe the platform's motion by the joint at which it matters most."""
+def told(
+    rig: Rig, joint: str, figures: tuple[Figures, Figures, Figures], moved: tuple[float, float], clear: float
+) -> Finding:
+    """Describe the platform's motion by the joint at which it matters most; figures of nothing, without it, with it."""
     rate, force = moved
-    torque, rolled = ([each[name][joint] for each in figures] for name in ("torque_rmse", "rollout_rmse"))
+    baseline, *each = figures
+    torque, rolled = ([one[name][joint] for one in each] for name in ("torque_rmse", "rollout_rmse"))
+    whole = max(baseline["torque_rmse"][joint], 1e-300)
     felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
     change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
     return Finding(
@@ -116,7 +122,7 @@ def told(rig: Rig, joint: str, figures: tuple[Figures, Figures], moved: tuple[fl
         },
         p_value=float(norm.sf(clear)),
         selection_frequency=1.0,
-        explained_share=1 - (torque[1] / max(torque[0], 1e-300)) ** 2,
+        explained_share=(torque[0] ** 2 - torque[1] ** 2) / whole**2,
         visible_fraction=1.0,
         rivals=(),
         sentence=f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU), "

@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hu
 from gimbal_pin.diagnosis.fit import improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score
-from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, refined, same, shape_names
+from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, consistent, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -27,17 +27,32 @@ SWAPS = 4
 
 
 def forward(state: State, shelf: Library) -> State:
-    """Add the cause that gains most, refit, and again, until nothing enters."""
+    """Add the cause that gains most, refit, and again, until nothing enters.
+
+    A step that is none ends the search at its joint: what is left there is none of these. Others go on.
+    """
+    closed: set[str] = set()
     for _ in range(STEPS):
         rows = contenders(state, shelf) if len(state.causes) < MOST else []
+        rows = [row for row in rows if row[1].place not in closed]
         if not rows:
             break
         new = foremost(state, rows)
         after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
-        if left(after) > left(state) + WORSE:
-            break
-        state = after
+        if left(after) > left(state) + WORSE or undone(after, new):
+            closed.add(new.place)
+        else:
+            state = after
     return state
+
+
+def undone(state: State, new: Cause) -> bool:
+    """Whether harmonics of one kind at one joint gain nothing any more once a further one is among them.
+
+    Over part of a turn two of them may work against each other and the model, with torques far beyond what there is.
+    """
+    merged = next(cause for cause in state.causes if same(cause, new))
+    return isinstance(merged, Harmonic) and len(merged.harmonic) > 1 and worth(without(state, merged), merged) <= 0
 
 
 def left(state: State) -> float:

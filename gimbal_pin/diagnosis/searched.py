@@ -14,7 +14,8 @@ from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.relatives import related
-from gimbal_pin.diagnosis.search import forward, polished, pruned, swapped
+from gimbal_pin.diagnosis.restart import composed
+from gimbal_pin.diagnosis.search import polished, pruned
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause
@@ -63,7 +64,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     first = solved(problem, (), solved(problem, ()))
     check_driven(first)
     shelf = Library(problem, library(problem, comparable(causes)))
-    state = polished(swapped(forward(first, shelf), shelf))
+    state = polished(composed(first, shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)

@@ -82,6 +82,8 @@ class Effect(Cause):
     """True if its basis reads `tau`: the model's total torque then depends on itself, and is iterated."""
     rising: ClassVar[bool] = False
     """True if it is friction that grows faster than the rate, beside viscous friction."""
+    lasting: ClassVar[bool] = False
+    """True if it changes with time or temperature, whatever the motion."""
     compensation: ClassVar[str] = "its torque at the reference is added to the controller's feed-forward"
 
     @property

@@ -40,6 +40,7 @@ class FrictionDrift(Effect):
         Parameter("viscous", 0.0, "N m s/rad", -inf, inf),
     )
     dry: ClassVar[bool] = True
+    lasting: ClassVar[bool] = True
     experiment: ClassVar[str] = "a long run from cold, its first minute repeated as the last"
     compensation: ClassVar[str] = "friction feed-forward by the time since the start; identify again once warm"
 
