@@ -84,9 +84,9 @@ def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> A
 
 
 def regated(part: Part, turns: Flags, filtering: Filtering) -> Part:
-    """Open the gate at some turns; nowhere is it closed further."""
-    c = part.channels
-    still = dilated(slow(c) & ~turns, memory(c, filtering))
-    gate = mask(still, round(TAPER / filtering.cutoff / part.dt))
-    gate *= fade(len(gate), int(np.ceil(settling(filtering) / part.dt)))[:, None]
-    return part._replace(gate=np.asfortranarray(np.maximum(part.gate, gate)))
+    """Open the gate at some turns; elsewhere, and where it was shut for what lies between these samples, it stays."""
+    c, still = part.channels, slow(part.channels)
+    reach, taper = memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)
+    shut, open_ = (mask(dilated(where, reach), taper) for where in (still, still & ~turns))
+    edges = fade(len(still), int(np.ceil(settling(filtering) / part.dt)))[:, None]
+    return part._replace(gate=np.asfortranarray(np.minimum(part.gate + (open_ - shut) * edges, 1.0)))
