@@ -11,6 +11,8 @@ import pytest
 
 from gimbal_pin.base import base
 from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.diagnosis.audit.samples import taken
+from gimbal_pin.diagnosis.audit.stuck_channel import denied_torque
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.experiment import perturbed
 from gimbal_pin.identification import given_beta, identify, moved
@@ -22,6 +24,7 @@ from gimbal_pin.platform import MOTIONS, BaseMotion, Platform, rotations
 from gimbal_pin.profile import profile_s
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import GRAVITY, bundled_rigs
+from gimbal_pin.rows import base_motion
 from gimbal_pin.simulation import Sensors, simulate
 from gimbal_pin.tuning import tune
 from tests.bench_logs import EXACT, fourier, rows_of, true_theta
@@ -245,6 +248,19 @@ def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: 
     np.testing.assert_allclose(copied.w[200:800], seen.w[200:800], atol=2e-2)
     both = run("simulate", "turret", "--platform", "S", "--platform-log", one, "-o", along)
     refused(both, 2, "--platform: is given beside --platform-log")
+
+
+def test_a_torque_that_sticks_while_the_base_moves_is_told_by_what_the_rest_of_the_log_says() -> None:
+    """The base moves only while the torque is stuck: the rest of the log, taken alone, would have other columns."""
+    t, rig = times(12.0), bundled("turret")
+    moving = swaying(t)
+    still = (t < 5.0) | (t > 8.0)
+    platform = replace(moving, f=np.where(still[:, None], [0.0, 0.0, GRAVITY], moving.f), w=moving.w * ~still[:, None])
+    log = carried(nominal(rig), None, 12.0)
+    log = replace(log, imus={rig.base: Imu(platform.w, platform.f)})
+    rest = taken(log, np.flatnonzero(still))
+    assert base_motion(rig, rest) == "fixed" != base_motion(rig, log)
+    assert 0.0 <= denied_torque(rig, log, 0, ~still, EXACT) < np.inf
 
 
 def test_a_platform_log_without_an_accelerometer_is_refused(run: Run, tmp_path: Path) -> None:

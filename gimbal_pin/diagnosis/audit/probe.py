@@ -15,6 +15,7 @@ from gimbal_pin import signals
 from gimbal_pin.identification import units_of
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
+from gimbal_pin.platform import BaseMotion
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import (
@@ -73,7 +74,14 @@ class Probe(NamedTuple):
     pieces: tuple[Piece, ...]
 
 
-def probe(rig: Rig, log: Log, filtering: Filtering, like: Probe | None = None, twin: int | None = None) -> Probe:
+def probe(
+    rig: Rig,
+    log: Log,
+    filtering: Filtering,
+    like: Probe | None = None,
+    twin: int | None = None,
+    base: BaseMotion | None = None,
+) -> Probe:
     """Build the columns of a log.
 
     Args:
@@ -83,8 +91,9 @@ def probe(rig: Rig, log: Log, filtering: Filtering, like: Probe | None = None, t
         like: Take times, masks and torques from this probe of the same log.
         twin: 0 or 1: from the even or the odd samples of angle and rate only; two readings of one motion whose white
             noise is independent.
+        base: How the base moves; None: what this log says, of which a part may say less than the whole.
     """
-    rows = Rows(rig, reduce(rig, base=base_motion(rig, log)), friction_effects(rig.joints), (log,), filtering)
+    rows = Rows(rig, reduce(rig, base=base or base_motion(rig, log)), friction_effects(rig.joints), (log,), filtering)
     pieces: list[Piece] = []
     for stretch in stretches(log, filtering.cutoff):
         pad = int(np.ceil(signals.settling(filtering.cutoff * filtering.smoothing) / stretch.dt))

@@ -17,7 +17,7 @@ from gimbal_pin.estimators.weighted import weighted
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering, Flags, dilated
+from gimbal_pin.rows import Filtering, Flags, base_motion, dilated
 
 NAME = "stuck-channel"
 SAMPLES, SECONDS = 8, 0.02
@@ -174,8 +174,8 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     """
     if rows.all():
         return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
-    logs = log, taken(log, np.flatnonzero(~rows))
-    every, fitted = (rows_at(probe(rig, one, filtering), filtering.cutoff) for one in logs)
+    logs, base = (log, taken(log, np.flatnonzero(~rows))), base_motion(rig, log)
+    every, fitted = (rows_at(probe(rig, one, filtering, base=base), filtering.cutoff) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return 0.0
     found = weighted(fitted)
