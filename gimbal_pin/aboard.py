@@ -29,6 +29,8 @@ WEIGHT = (5.0, 20.0)
 """Mean specific force of what is carried, m/s²: outside of that it is another unit, or lacks gravity."""
 FAST = 6.0
 """A platform that turns faster, rad/s rms, is most likely given in degrees."""
+BIASED = 0.1
+"""A rate that never changes and is more than this, rad/s, is no gyro's bias on a platform that stands."""
 WORDS = {"gyro": "gyro", "accel": "accelerometer"}
 
 
@@ -84,7 +86,8 @@ def frozen(t: Array, imu: Imu, name: str) -> tuple[Flags, list[str]]:
     """
     stuck, told, dt = np.zeros(len(t), dtype=bool), list[str](), float(np.median(np.diff(t)))
     resting = {sensor: x for sensor in WORDS if (x := getattr(imu, sensor)) is not None and not np.ptp(x, axis=0).any()}
-    if len(resting) == 2:
+    turning = "gyro" in resting and float(np.linalg.norm(resting["gyro"][0])) > BIASED
+    if len(resting) == 2 and not turning:
         return stuck, ["nothing in it ever changes: the platform stands"]
     if resting:
         what = f"its {WORDS[next(iter(resting))]} never changes, though the platform moves"

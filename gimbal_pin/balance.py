@@ -39,7 +39,7 @@ class Balance:
     Attributes:
         way: How far to slide the payload forward, left and up, m, (3,); zero along what gravity does not show.
         std: Standard deviations, m, (3,).
-        mass: Mass of the payload that the way stands on, as its URDF states it, kg.
+        mass: Mass of the payload that the way stands on, kg: the identified one, or else its URDF's.
         named: Whether that payload is still the mounted one: if not, only mass times way is known.
         before: Joint → largest gravity torque over its poses as it is, N m.
         after: The same once the payload has been slid.
@@ -110,11 +110,15 @@ class Balance:
         }
 
 
-def balance(found: Identified) -> Balance | None:
+def balance(found: Identified, mass: float | None = None) -> Balance | None:
     """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
 
     G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, W one over the
     motors' torque. The payload's mass is the stated one: joint torques show no more than mass times way.
+
+    Args:
+        found: The gimbal with the payload.
+        mass: The payload's mass where it was identified, kg, as that of one camera beside others is.
     """
     rig = found.model.rig
     try:
@@ -126,7 +130,8 @@ def balance(found: Identified) -> Balance | None:
     full = regressor(rig, q, still, still)
     gravity = full[:, :, columns_of(rig, found.reduction)]
     moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
-    per_way = inertia.mass * full[:, :, moments] @ facing(rig)
+    weighs = float(inertia.mass) if mass is None else mass
+    per_way = weighs * full[:, :, moments] @ facing(rig)
     limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
     inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
     width = gravity.shape[2]
@@ -136,12 +141,10 @@ def balance(found: Identified) -> Balance | None:
     loads = gravity @ beta, gravity @ beta + per_way @ way
     before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
     std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0))
-    return Balance(
-        way, std, float(inertia.mass), not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist()))
-    )
+    return Balance(way, std, weighs, not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist())))
 
 
-def reported(found: Identified) -> dict[str, Any]:
-    """Return what JSON holds of an identification, the balance with it."""
-    balanced = balance(found)
+def reported(found: Identified, mass: float | None = None) -> dict[str, Any]:
+    """Return what JSON holds of an identification, the balance with it; `mass`: see `balance`."""
+    balanced = balance(found, mass)
     return {**found.to_dict(), "balance": None if balanced is None else balanced.to_dict()}

@@ -83,6 +83,8 @@ def test_what_nobody_can_be_carried_along_is_refused_with_the_mend() -> None:
     keep = np.arange(N) % 150 < 100  # 0.8 s, then 0.4 s of nothing
     with pytest.raises(LogError, match=f"no {SHORTEST:g} s in a row"):
         sound(t[keep], Imu(gyro[keep], accel[keep]), "a")
+    with pytest.raises(LogError, match="gyro never changes"):  # and never did: no platform turns so evenly
+        sound(t, Imu(np.full_like(gyro, 0.25), np.full_like(accel, 5.66)), "a")
     assert "the platform stands" in sound(t, Imu(0 * gyro, np.full_like(accel, 5.66)), "a")[2][0]
     assert "pi/180" in sound(t, Imu(gyro * 57.3, accel), "a")[2][0]
     assert "sampled at 25 Hz" in sound(t[::5], Imu(gyro[::5], accel[::5]), "a")[2][0]

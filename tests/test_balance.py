@@ -109,3 +109,12 @@ def test_no_way_that_brute_force_tries_is_better(name: str) -> None:
     for way in (*grid[:: 2 if name == "turret" else 5], *(0.05 * rng.standard_normal((30, 3)))):
         assert total(fitted, said.way + way) >= best * (1 - 1e-9) - 1e-15
     assert best < total(fitted, np.zeros(3))
+
+
+@pytest.mark.parametrize("mass", [0.4, 3.0])
+def test_twice_the_mass_is_slid_half_as_far(mass: float) -> None:
+    """Joint torques show mass times way: with a mass that was identified beside the URDF's the way alone changes."""
+    stated, weighed = told("turret"), balance(found("turret"), mass)
+    assert weighed is not None and weighed.mass == mass
+    np.testing.assert_allclose(mass * weighed.way, stated.mass * stated.way, rtol=1e-9, atol=1e-12)
+    assert weighed.after == pytest.approx(stated.after)

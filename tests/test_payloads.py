@@ -115,6 +115,17 @@ def share(away: Array, truth: Array, units: Sequence[str], unit: str) -> float:
     return float(np.abs(away[these]).max() / np.abs(truth[these]).max())
 
 
+def test_a_camera_whose_urdf_is_wrong_is_balanced_by_the_mass_that_was_found() -> None:
+    known, right = several("handheld", ("mirrorless", "cinema")).first, Rig.load("handheld", "zoom-lens")
+    found = identify_new(Rig.load("handheld", "mirrorless"), [log_of(right, 9, 10.0)], known.model, filtering=ALIGNED)
+    told = found.to_dict()["balance"]
+    true = (
+        right.phi[10 * Carried.of(right, known.reduction).body]
+        - Rig.load("handheld", "none").phi[10 * Carried.of(right, known.reduction).body]
+    )
+    assert told["stated_mass"] == pytest.approx(1e3 * true, rel=0.02)
+
+
 def test_ten_seconds_do_in_closed_loop_too() -> None:
     """A simulated rig with its own encoders and gyros, stick friction and 1 % torque noise."""
 

@@ -39,6 +39,12 @@ class Camera:
         """Standard deviations, (r,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def mass(self) -> float | None:
+        """The identified mass, kg; None where it was not estimated, shows only in sums, or is that of nothing."""
+        rows = zip(self.names, self.value.tolist(), self.std.tolist())
+        return next((x for name, x, std in rows if name.endswith(".m") and " " not in name and std and x > 0), None)
+
     def to_dict(self) -> list[dict[str, Any]]:
         """Return rows of name, value, std, unit and the URDF's value."""
         rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units, self.urdf.tolist())
@@ -83,7 +89,10 @@ class Several:
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `identify`): the reference's, and every payload's under `payloads`."""
         cameras = {name: one.to_dict() for name, one in self.cameras.items()}
-        each = {name: {**reported(one), "camera": cameras[name]} for name, one in self.identified.items()}
+        each = {
+            name: {**reported(one, self.cameras[name].mass), "camera": cameras[name]}
+            for name, one in self.identified.items()
+        }
         first = each.get(self.reference, next(iter(each.values())))
         logs = [log for one in self.identified.values() for log in one.logs]
         return {**first, "logs": logs, "reference": self.reference, "note": self.sentence, "payloads": each}

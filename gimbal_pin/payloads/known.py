@@ -17,6 +17,7 @@ from gimbal_pin.payloads.parts import Carried, camera, change, chosen, mapped, p
 from gimbal_pin.reduction import Reduction, reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Rows, kept
+from gimbal_pin.wiring import check_wiring
 
 
 def identify_new(
@@ -43,6 +44,7 @@ def identify_new(
     Raises:
         UsageError: The known model was not identified, or holds effects on top of friction.
         DataError: The logs are too short, or do not show the camera.
+        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
     """
     filters, reduction = filtering or Filtering(), reduce(rig)
     own, rows, (tested, how) = fresh(rig, logs, known, holdout or "none", filters, reduction)
@@ -56,6 +58,7 @@ def identify_new(
     covariance = np.block([[spread, spread @ G.T], [G @ spread, found.covariance + G @ spread @ G.T]])
     joint = replace(found, theta=both, covariance=covariance)
     identified = assembled(rows, blocks, mapped(joint, chosen(own, 1, 2, len(theta))), tested, how)
+    check_wiring(blocks, identified.estimate)
     name = rig.payload or "camera"
     size = own.columns.shape[1]
     one = camera(own, known.rig, rig, joint.theta, joint.covariance, change(size, 1, len(theta), len(both)))

@@ -15,6 +15,7 @@ from gimbal_pin.payloads.parts import Carried, camera, change, chosen, mapped, p
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, kept
+from gimbal_pin.wiring import check_wiring
 
 
 def identify_several(
@@ -37,6 +38,7 @@ def identify_several(
     Raises:
         UsageError: Another way of holding out.
         DataError: The logs are too short, or some parameters leave no trace in them.
+        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
     """
     filters = filtering or Filtering()
     reference = BARE if BARE in rigs else next(iter(rigs))
@@ -58,6 +60,8 @@ def identify_several(
         name: assembled(rows, blocks[name], mapped(estimate, maps[name]), tested, how)
         for name, (rows, tested, how) in parts.items()
     }
+    for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
+        check_wiring(part, weighted(part))
     size = own.columns.shape[1]
     width, total = len(first.names), len(estimate.theta)
     pick = {name: change(size, k, width, total) for k, name in enumerate(order)}

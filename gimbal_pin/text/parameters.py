@@ -20,6 +20,13 @@ def identified(found: Identified) -> str:
     """Parameters with uncertainty, accuracy, and how to balance the payload."""
     from gimbal_pin.balance import balance
 
+    # Advice from the parameters of neither rig would lead astray.
+    balanced = None if found.torn else balance(found)
+    return "\n".join([*described(found), *(() if balanced is None else balanced.sentences)])
+
+
+def described(found: Identified) -> list[str]:
+    """Parameters with uncertainty, and accuracy."""
     heads = HEADS if found.bound is None else (*HEADS, "± at best")
     rows = [line for k in range(len(found.names)) for line in folded(parameter(found, k))]
     parts = [estimated(found), table(*heads, rows=rows), *at_best(found)]
@@ -31,13 +38,7 @@ def identified(found: Identified) -> str:
     change = max(found.torque_change.values())
     parts.append(f"nearest physical parameters: {number(change, 2)} N m rms away in predicted torque, at most")
     parts += physique(found)
-    if found.torn:  # advice from the parameters of neither rig would lead astray
-        return "\n".join(parts)
-    if found.bias is not None:
-        parts.append(found.bias.sentence)
-    balanced = balance(found)
-    parts += [] if balanced is None else balanced.sentences
-    return "\n".join(parts)
+    return parts if found.torn or found.bias is None else [*parts, found.bias.sentence]
 
 
 NAME = 48
@@ -117,7 +118,8 @@ def several(found: Several) -> str:
 
     parts = []
     for name, one in found.identified.items():
-        camera, balanced = found.cameras[name], balance(one)
+        camera = found.cameras[name]
+        balanced = balance(one, camera.mass)
         rows = [
             (symbol, number(value), number(1.96 * s, 2) if s else "–", unit, number(given))
             for symbol, value, s, unit, given in zip(
@@ -128,7 +130,7 @@ def several(found: Several) -> str:
         parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
         parts += [accuracy(part) for part in (one.train, one.held_out) if part is not None]
         parts += ["" if balanced is None else "\n".join(balanced.sentences), ""]
-    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", identified(found.first)])
+    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", *described(found.first)])
 
 
 def mounting(log: str, link: str, found: Mounting) -> str:
