@@ -126,6 +126,14 @@ def test_a_camera_whose_urdf_is_wrong_is_balanced_by_the_mass_that_was_found() -
     assert told["stated_mass"] == pytest.approx(1e3 * true, rel=0.02)
 
 
+def test_the_known_camera_itself_is_found_as_it_was() -> None:
+    """Slid, or put back: nothing, or next to nothing, is then left of the torque for it to differ by."""
+    known = several("handheld", ("mirrorless", "cinema")).first
+    rig = Rig.load("handheld", "mirrorless")
+    camera = identify_new(rig, [log_of(rig, 9, 10.0)], known.model, filtering=ALIGNED).cameras["mirrorless"]
+    assert np.abs((camera.value - camera.urdf) / camera.std).max() < 4
+
+
 def test_ten_seconds_do_in_closed_loop_too() -> None:
     """A simulated rig with its own encoders and gyros, stick friction and 1 % torque noise."""
 

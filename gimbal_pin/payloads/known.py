@@ -52,7 +52,9 @@ def identify_new(
     blocks = kept(rows)
     mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ theta) for block in blocks]
     found = estimator(mine)
-    check_seen(rows.logs[0].name, own.reduction.base_names, mine, found)
+    # Against the whole torque: a camera that is as the known one leaves none of its own.
+    heard = [part._replace(b=block.b) for part, block in zip(mine, blocks)]
+    check_seen(rows.logs[0].name, own.reduction.base_names, heard, found)
     G = -sensitivity(mine, blocks, found.residual_std)
     both = np.concatenate([theta, found.theta])
     covariance = np.block([[spread, spread @ G.T], [G @ spread, found.covariance + G @ spread @ G.T]])
