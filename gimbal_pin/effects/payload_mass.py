@@ -17,7 +17,7 @@ from gimbal_pin.rig import Rig
 
 WEIGHTS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Weights to start from, as shares of the payload's mass."""
-INSIDE = 0.1
+INSIDE = 0.2
 """Radii of gyration of the payload within which nothing can be bolted on."""
 
 

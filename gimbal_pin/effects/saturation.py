@@ -16,7 +16,6 @@ from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
-
 SOFT = 2.0
 """Knee that a search starts from."""
 NEAREST = 0.999
