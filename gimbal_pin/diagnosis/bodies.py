@@ -190,7 +190,7 @@ class Bodies:
     def fitted(
         self, kinds: Sequence[Kind], start: Sequence[Array] | None = None, plausible: bool = True
     ) -> Fitted | None:
-        """Fit kinds together by Gauss and Newton; None where no body allows what they need, or it is not `plausible`."""
+        """Fit kinds together by Gauss and Newton; None where no body allows what they need, or none is `plausible`."""
         found = self.found
         values = [np.zeros(len(kind.free)) for kind in kinds] if start is None else list(start)
         response = self.made(kinds, values)
