@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies
 from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked
-from gimbal_pin.diagnosis.contenders import falls, hushes
+from gimbal_pin.diagnosis.contenders import falls, holds_fast, hushes
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
@@ -57,6 +57,17 @@ RNG = np.random.default_rng
 def recorded(rig: Rig, *planted: str, seed: int = 0) -> Log:
     model = plant_with(nominal(rig), [parse_effect(one, rig) for one in planted]).plant
     return prescribed(model, seed, seconds=16.0, torque_noise=2e-3, dt=2e-3)
+
+
+@pytest.mark.parametrize(("share", "fast"), [(0.9, False), (1.1, True)])
+def test_no_friction_holds_a_joint_that_moved(share: float, fast: bool) -> None:
+    """As of Stribeck's beyond the largest torque, whose tail alone the gate leaves to be fitted."""
+    rig = Rig.load("thesis")
+    log = recorded(rig)
+    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig))
+    beta = np.array([share * problem.evidence.seen[0].peak])
+    cause = Stribeck(rig.joints[0], 0.03)
+    assert holds_fast(solved(problem, ()), NOTHING._replace(beta=beta), cause) == fast
 
 
 def fitted(rig: Rig, log: Log, *causes: Cause) -> State:

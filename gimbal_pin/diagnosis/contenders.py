@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
-from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
@@ -75,8 +75,18 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, drives, outbends, falls, strays)
+    tests = (hushes, holds_fast, drives, outbends, falls, strays)
     return not any(test(state, found, cause) for test in tests)
+
+
+def holds_fast(state: State, found: Score, cause: Cause) -> bool:
+    """Whether dry friction would hold the joint against more than the largest torque of the logs: it never moved."""
+    if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
+        return False
+    evidence = state.problem.evidence
+    basis = cause.basis(Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0))
+    held = sum(float(x) * float(y) for x, y in zip(found.beta, basis))
+    return abs(held) > evidence.seen[evidence.rig.joint_index(cause.joint)].peak
 
 
 def outbends(state: State, found: Score, cause: Cause) -> bool:
