@@ -21,7 +21,7 @@ CLEAR = 10.0
 """Standard deviations of its size by which an eccentricity must be known before angles are mended by it."""
 LEAST = 5e-4
 """Size, rad, under which it does not matter."""
-PASSES = 4
+PASSES = 8
 """Rounds in which the angles that its sine is taken of are mended themselves."""
 
 
