@@ -18,6 +18,7 @@ import pytest
 from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.holding import Holding
 from gimbal_pin.control.design import Wish
+from gimbal_pin.controllers import HOLDING
 from gimbal_pin.errors import LogError
 from gimbal_pin.io import read_log, write_log
 from gimbal_pin.model import nominal
@@ -53,6 +54,11 @@ def test_help_starts_fast() -> None:
 def test_every_verb_has_help(run: Run, verb: str) -> None:
     code, out, _ = run(verb, "--help")
     assert code == 0 and "usage" in out.lower()
+
+
+def test_track_names_every_controller_that_it_takes(run: Run) -> None:
+    told = " ".join(run("track", "--help")[1].replace("│", " ").split())
+    assert all(f"{name} ({what})" in told for name, what in HOLDING.items())
 
 
 def test_rigs_and_check(run: Run) -> None:

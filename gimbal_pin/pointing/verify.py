@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.loop import Margins, worst
+from gimbal_pin.controllers import BASELINE, TUNED
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.effects.parse import parse_effect
@@ -26,7 +27,7 @@ from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.planted import missed, planted_once
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, NAMES, TUNED
+from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.seen import Fault, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
