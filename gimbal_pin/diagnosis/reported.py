@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.audit import Audit
 from gimbal_pin.diagnosis.beyond import ONLY
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable, overall
 from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
@@ -38,7 +38,7 @@ def beside(said: Diagnosis, moving: Ridden) -> Diagnosis:
     """Put the motion of the platform beside what was found with it in the model."""
     findings = tuple(sorted((*said.findings, moving.finding), key=lambda one: -one.explained_share))
     statuses = [one.status for one in findings]
-    verdict_ = verdict.overall(statuses, tuple(said.residual.values()))
+    verdict_ = overall(statuses, tuple(said.residual.values()))
     return replace(said, findings=findings, verdict=verdict_, baseline=moving.baseline)
 
 
@@ -59,7 +59,7 @@ def reported(
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
-        verdict=verdict.overall([one.status for one in each], found.residual),
+        verdict=overall([one.status for one in each], found.residual),
         faults=tuple(fault for one in audits for fault in one.faults),
         notes=(*(note for one in audits for note in one.notes), *said),
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),

@@ -232,9 +232,9 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[Find
         return asked.known, ()
     found = diagnose(rig, [log], rng=np.random.default_rng(LEARNED))
     after = found.after
-    if after is None or not found.findings:
+    if after is None or not found.lacking:
         return asked.known, ()
-    return after.model, found.findings
+    return after.model, found.lacking
 
 
 def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:

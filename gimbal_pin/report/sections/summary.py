@@ -61,7 +61,7 @@ def summary(
     missing = missed(wrong)
     spoilt = wrong is not None and wrong.verdict == "data"
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
-    if wrong is not None and wrong.findings:
+    if wrong is not None and wrong.lacking:
         fit = min(wrong.extended["fit_percent"].values())  # the controllers are built on what was found
     said = verdict(fit, ratio if fair and not spoilt else {}, missing)
     headline = paragraph(said, f"headline {tone}")
