@@ -179,7 +179,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         planted_once(known, asked.causes)
         plant = drawn(known, np.random.default_rng(LEARNED))
         held = verify(rig, replace(asked, plant=plant, known=known, find=False))
-        return replace(held, causes=sentences(found), missed=missed(known, asked.causes, asked.find, found))
+        return replace(held, causes=sentences(found), missed=missed(known, asked.causes, asked.find, found, True))
     plant, drive = plant_with(
         nominal(unbalanced(rig)) if asked.plant is None else asked.plant,
         [parse_effect(text, rig) for text in asked.causes],
@@ -208,7 +208,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         steps=steps,
         sweep=sweep(courses[0], roster) if asked.sweep else None,
         loops={name: roster.margins(name) for name in names},
-        missed=missed(lesson.model, asked.causes, asked.find, findings),
+        missed=missed(lesson.model, asked.causes, asked.find, findings, asked.log is not None),
     )
 
 
