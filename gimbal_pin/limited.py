@@ -10,6 +10,8 @@ from gimbal_pin.log import Array
 
 SPOKEN = 0.05
 """Share of the time from which on it is spoken of."""
+PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
+"""What follows for who holds a camera."""
 
 
 def at_limit(joints: Sequence[str], tau: Array, tau_max: Array) -> dict[str, float]:

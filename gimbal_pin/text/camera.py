@@ -61,12 +61,11 @@ def remarks(found: Verified) -> list[str]:
 
 def weak(found: Verified) -> list[str]:
     """Which joints are long at their torque limits, under whom: jitter and ratios then tell of motors."""
-    from gimbal_pin.limited import limited
+    from gimbal_pin.limited import PUSHED, limited
 
     rows = [(row.controller + where, limited(row.at_limit)) for where, row in every(found)]
     lines = [f"{who} is at the torque limit, of the time: {shares}" for who, shares in rows if shares]
-    said = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
-    return [*lines, said] if lines else []
+    return [*lines, PUSHED] if lines else []
 
 
 def unstable(found: Verified) -> list[str]:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from gimbal_pin.control import Margins
 from gimbal_pin.controllers import BASELINE, ORACLE, OURS, TUNED
-from gimbal_pin.limited import SPOKEN, limited
+from gimbal_pin.limited import PUSHED, SPOKEN, limited
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.loops import distinct
@@ -58,7 +58,7 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
 def missing(found: Verified) -> str:
     """Say which bounds are missed, if any."""
     names = [target.name for target in found.targets if target.verdict == "missed"]
-    return f"Missed is what it must reach: {listed(names)}." if names else ""
+    return f"A must is missed: {listed(names)}." if names else ""
 
 
 def praise(found: Verified) -> str:
@@ -159,7 +159,9 @@ def controllers(contest: Contest) -> Markup:
         own += [figures(degrees(row.drift)), *(figures(torque) for torque in row.torque_rms.values())]
         own += [limited(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"]
         body.append(own)
-    return table(head, body, label="Controllers on the platform")
+    drawn = table(head, body, label="Controllers on the platform")
+    weak = any(limited(row.at_limit) for row in rows)
+    return join([drawn, paragraph(f"At the torque limit for long: {PUSHED}.", "side")]) if weak else drawn
 
 
 def targets(found: Verified) -> Markup:
