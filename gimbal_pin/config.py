@@ -87,6 +87,9 @@ class Config:
 def load_config(path: Path) -> Config:
     """Read a rig's YAML; `RigError` names the unknown key or the value of the wrong kind."""
     data, place = read_yaml(path, RigError) or {}, str(path)
+    if isinstance(data, dict) and "schema" in data:
+        mend = "rename it: a YAML that is named as the URDF beside it is taken for the rig's own"
+        raise RigError(place, "is a model or a controller that gimbal_pin wrote, not a rig's YAML", mend)
     known(data, Config, place)
     motors = {joint: typed(Motor, entry, f"{place}: motors.{joint}") for joint, entry in table(data, "motors", place)}
     limits = {

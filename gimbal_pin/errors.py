@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+FEW = 6
+"""Most names in a message."""
+
 
 class GimbalPinError(Exception):
     """``place: what is wrong; what mends it``, on one line.
@@ -47,6 +50,7 @@ class DataError(GimbalPinError):
     exit_code = 3
 
     def __init__(self, place: str, what: str, mend: str, unseen: tuple[str, ...] = ()) -> None:
-        """Append the unseen parameters' names to what is wrong."""
+        """Append the unseen parameters' names to what is wrong, the first `FEW` of them."""
         self.unseen = unseen
-        super().__init__(place, f"{what}: {', '.join(unseen)}" if unseen else what, mend)
+        rest = f" and {len(unseen) - FEW} more" if len(unseen) > FEW else ""
+        super().__init__(place, f"{what}: {', '.join(unseen[:FEW])}{rest}" if unseen else what, mend)

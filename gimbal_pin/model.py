@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.effects import Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
+from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.plain import cause_from, term_from
 from gimbal_pin.errors import ModelError
@@ -63,6 +63,14 @@ class Model:
     estimated: Estimated | None = None
     drive: tuple[Signal, ...] = ()
     changes: tuple[RigEffect, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line: whose it is, where its parameters come from, and what it has beside bodies and plain friction."""
+        plain = {kind.name for kind in ALWAYS}
+        causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)
+        beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
+        known = "as stated" if self.estimated is None else f"{len(self.estimated.names)} parameters identified"
+        return ", ".join([f"model of {self.rig.title}: {known}", *beside])
 
     @cached_property
     def tau_max(self) -> Array:

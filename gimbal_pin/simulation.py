@@ -14,6 +14,7 @@ from tqdm import tqdm
 from gimbal_pin.drive import Drive
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
+from gimbal_pin.limited import at_limit, limited
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
@@ -79,7 +80,7 @@ def simulate(
 
     Returns:
         A log of the measured angles and rates, of the torque commanded for each interval, as the drive reports it, and
-        of the IMUs.
+        of the IMUs; its events say which joints were long at their torque limits.
 
     Raises:
         UsageError: The reference is not sampled at the controller's interval, the platform's motion does not last as
@@ -97,6 +98,7 @@ def simulate(
     loop = Loop(Plant(plant, sinking), motors, controller, sense, rate_noise, delay, name)
     seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
     base = None if carried is None else carried.part(slice(0, None, 2))
+    weak = limited(at_limit(plant.rig.joints, seen.tau, plant.rig.tau_max))
     return Log(
         name=name,
         joints=plant.rig.joints,
@@ -107,6 +109,7 @@ def simulate(
         q_ref=reference.q,
         imus=imus(plant.rig, sense, t, seen.exact, base, rng),
         payload=plant.rig.payload,
+        events=(f"at the torque limit, where a joint follows no reference: {weak} of the time",) if weak else (),
     )
 
 

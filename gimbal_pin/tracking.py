@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.control.uncertainty import home
 from gimbal_pin.errors import UsageError
+from gimbal_pin.limited import at_limit
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
 from gimbal_pin.rig import Rig
@@ -211,8 +212,8 @@ class Stand:
 
 def measured(rig: Rig, reference: Motion, q: Array, log: Log, goal: Array) -> list[StepMetrics]:
     """Return every joint's metrics."""
-    at_limit = np.mean(np.abs(np.asarray(log.tau)) >= rig.tau_max * (1 - 1e-9), axis=0)
-    columns = zip(reference.q.T, q.T, goal.tolist(), at_limit.tolist())
+    shares = at_limit(rig.joints, np.asarray(log.tau), rig.tau_max).values()
+    columns = zip(reference.q.T, q.T, goal.tolist(), shares)
     return [metrics(reference.t, wanted, angle, distance, share) for wanted, angle, distance, share in columns]
 
 

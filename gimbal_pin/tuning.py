@@ -71,7 +71,7 @@ class Tuning:
         rig = self.model.rig
         rows = zip(rig.joints, self.gains, self.bandwidth_hz, self.margins)
         each = (
-            f"{joint}: kp {pid.kp:.4g}, ki {pid.ki:.4g}, kd {pid.kd:.4g}; {hz:.3g} Hz, margins: phase "
+            f"{joint}: kp {pid.kp:.4g}, ki {pid.ki:.4g}, kd {pid.kd:.4g}; bandwidth {hz:.3g} Hz, margins: phase "
             f"{found.phase_margin_deg:.3g}°, gain {found.gain_margin_db:.3g} dB, disk {found.disk_margin:.3g}"
             for joint, pid, hz, found in rows
         )

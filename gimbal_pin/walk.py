@@ -129,7 +129,7 @@ def auto(
     """
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
     wrong = examined(rig, logs, rng, holdout)
-    extended = wrong is not None and bool(wrong.findings)
+    extended = wrong is not None and bool(wrong.lacking)
     model = wrong.after.model if wrong is not None and extended else identified.model
     asked = wish or Wish()
     tunings, late = tuned(model, asked), asked.samples

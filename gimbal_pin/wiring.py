@@ -45,7 +45,7 @@ class Trial(NamedTuple):
     mend: str
 
 
-def check_wiring(blocks: Regression, estimate: Estimate) -> None:
+def check_wiring(blocks: Regression, estimate: Estimate, name: str = "") -> None:
     """Raise `LogError` if bodies that can exist explain the torque far better with other signs or columns exchanged.
 
     Asked only where the estimate is impossible: it makes inertia or friction drive the joints, or misses the torque of
@@ -53,15 +53,16 @@ def check_wiring(blocks: Regression, estimate: Estimate) -> None:
     masses, while bodies that can exist are left with the error.
 
     Args:
-        blocks: The rows that were fitted.
+        blocks: The rows that were fitted. Whose logs are gone, as while one is followed, are asked for signs alone.
         estimate: Their weighted or any other least squares.
+        name: What to call their logs; nothing: as the first of them.
     """
     if not impossible(blocks, estimate):
         return
     given, best = missed(blocks), min(tried(blocks), key=lambda one: one.missed)
     if best.missed < BETTER * given:
         gain = f"bodies that can exist then miss {100 * best.missed:.2g} % of the torque instead of {100 * given:.2g} %"
-        raise LogError(blocks.rows.logs[0].name, f"{best.words}: {gain}", best.mend)
+        raise LogError(name or blocks.rows.logs[0].name, f"{best.words}: {gain}", best.mend)
 
 
 def check_columns(rig: Rig, logs: Sequence[Log], base: BaseMotion, filtering: Filtering) -> None:
@@ -96,7 +97,7 @@ def mass_matrices(rows: Rows, beta: Array) -> Array:
 
 
 def tried(blocks: Regression) -> Iterator[Trial]:
-    """Yield every pattern of signs, and every two joints' columns exchanged."""
+    """Yield every pattern of signs, and every two joints' columns exchanged where there are logs to do it in."""
     rows = blocks.rows
     joints, n = rows.rig.joints, rows.rig.n
     for signs in patterns(n):
@@ -104,7 +105,7 @@ def tried(blocks: Regression) -> Iterator[Trial]:
         turned = Regression(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
         yield Trial(missed(turned), words, "turn it: " + " ".join(f"--map {name}=COLUMN*-1" for name in wrong))
-    for pair in combinations(range(n), 2):
+    for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
         mend = f"exchange them: --map {first}=COLUMN with the column that is {second} now, and the other way round"

@@ -18,6 +18,7 @@ import pytest
 from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.holding import Holding
 from gimbal_pin.control.design import Wish
+from gimbal_pin.controllers import HOLDING
 from gimbal_pin.errors import LogError
 from gimbal_pin.io import read_log, write_log
 from gimbal_pin.model import nominal
@@ -53,6 +54,11 @@ def test_help_starts_fast() -> None:
 def test_every_verb_has_help(run: Run, verb: str) -> None:
     code, out, _ = run(verb, "--help")
     assert code == 0 and "usage" in out.lower()
+
+
+def test_track_names_every_controller_that_it_takes(run: Run) -> None:
+    told = " ".join(run("track", "--help")[1].replace("│", " ").split())
+    assert all(f"{name} ({what})" in told for name, what in HOLDING.items())
 
 
 def test_rigs_and_check(run: Run) -> None:
@@ -252,15 +258,15 @@ def test_missing_file_and_bad_yaml(run: Run, tmp_path: Path) -> None:
 
 
 def test_data_that_cannot_answer(run: Run, log_file: Path, tmp_path: Path) -> None:
-    """Ten samples, and a rig that stood still: exit code 3 and the parameters that do not show."""
+    """Ten samples, and a rig that stood still: exit code 3 and some of the parameters that do not show."""
     rig = Rig.load("turret")
     log = read_log(log_file, rig)
     write_log(log.part(slice(0, 10)), tmp_path / "short.csv")
-    refused(run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"), 3, "pan.Fs", "tilt.Fv")
+    refused(run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"), 3, "head_mount.Iyy", "more;")
     still = prescribed(nominal(rig), seconds=15.0)
     frozen = type(still)("still", still.joints, still.t, np.zeros_like(still.q), None, np.zeros_like(still.q))
     write_log(frozen, tmp_path / "still.csv")
-    refused(run("identify", "turret", tmp_path / "still.csv"), 3, "pan.Fs")
+    refused(run("identify", "turret", tmp_path / "still.csv"), 3, "head_mount.Iyy", " more; ")
     assert not (tmp_path / "m.yaml").exists()
 
 

@@ -174,6 +174,10 @@ def test_what_was_planted_and_not_found_is_told() -> None:
     (told,) = missed(known, texts, True, (stand_in,))
     assert "did not find it" in told and "it told torque-ripple" in told
     assert "torque-ripple" not in missed(known, texts, True, (replace(stand_in, joint="tilt"),))[0]
+    # A log that was given need not be of the plant: then no search finds there what was planted here.
+    for sought in (False, True):
+        given, own = (missed(known, texts, sought, (), recorded)[0] for recorded in (True, False))
+        assert "if it was recorded with it" in given.replace("the log", "it") and "recorded" not in own
 
 
 def test_the_budget_names_what_is_compensated_beside_friction() -> None:

@@ -14,8 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gimbal_pin import text
 from gimbal_pin.control.equal import Equal
 from gimbal_pin.errors import UsageError
+from gimbal_pin.limited import PUSHED
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, learned
@@ -26,12 +28,14 @@ from gimbal_pin.pointing.outlook import liveliest, outlook
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.sweep import Sweep
+from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.verify import Asked, Verified, verify
 from gimbal_pin.report import pointing, render
 from gimbal_pin.report.numbers import figures
 from gimbal_pin.report.sections.gaze import gazes
 from gimbal_pin.report.sections.pointing import asked_for, headline, numbers
 from gimbal_pin.rig import Rig
+from gimbal_pin.text.camera import asking
 from gimbal_pin.view import afar, gaze
 from gimbal_pin.view.motion import poses
 from gimbal_pin.view.onboard import onboard
@@ -156,6 +160,54 @@ def test_a_motion_that_asks_for_more_than_a_motor_has_is_told_beside_that_motion
     said = asked_for(replace(verified(), contest=replace(contest(), rows=rows), demand=demand))
     assert "4.60 N m of yaw, which has 3.60:" in said and "of roll" not in said
     assert asked_for(replace(verified(), demand=demand)) == asked_for(verified()) == ""
+
+
+def test_where_motors_are_too_weak_throughout_nothing_is_left_apart_from_that() -> None:
+    joints, limit = bundled("thesis").joints, bundled("thesis").tau_max
+    demand = Demand(joints, 0.5 * np.arange(9.0), np.full((9, 3), 9.0), limit, np.ones((9, 3)))
+    said = "\n".join(asking(replace(verified(), demand=demand)))
+    assert "nan" not in said and "at 0.0 to 4.0 s" in said and "none is left" in said
+
+
+def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
+    """Of every controller by itself, from a share on that is worth a word; text and page say the same."""
+    pid, *rest = contest().rows
+    limit = bundled("thesis").tau_max
+    shares = np.array([0.6, 0.2, 0.02])
+    run = pid.runs[0]
+    counted = np.linspace(0.0, 1.0, len(run.t) - run.counted.start)
+    tau = run.tau.copy()
+    tau[run.counted] = np.where(counted[:, None] < shares, limit, 0.1 * limit)
+    pushed = replace(verified(), contest=replace(contest(), rows=(replace(pid, runs=(replace(run, tau=tau),)), *rest)))
+    said = text.verified(pushed)
+    assert "pid-world is at the torque limit, of the time: yaw 60 %, roll 20 %\n" in said
+    assert "switch is at" not in said and "torque limit" not in text.verified(verified())
+    page = parsed(render("", [pointing(pushed)])).text_content()
+    assert PUSHED in said and PUSHED in page and "yaw 60 %, roll 20 %" in page
+
+
+@pytest.mark.parametrize(("value", "tone"), [(12.0, "good"), (7.0, "good"), (3.0, "poor")])
+def test_a_headline_praises_nothing_that_misses_a_bound(value: float, tone: str) -> None:
+    judged = replace(verified(), targets=(Target("stiller", value, 5.0, 10.0, True, "a note"),))
+    (head,) = parsed(render("", [pointing(judged)])).xpath("//p[contains(@class, 'headline')]")
+    assert head.get("class") == f"headline {tone}"
+    assert ("A must is missed: stiller." in head.text_content()) == (tone == "poor")
+    assert "stiller: a note." in pointing(judged).html and "stiller: a note" in text.verified(judged)
+
+
+@pytest.mark.parametrize(("share", "tone"), [(0.0, ""), (0.01, "fair"), (0.2, "poor")])
+def test_the_torque_card_says_for_how_long_the_limit_is_reached(share: float, tone: str) -> None:
+    ours = next(row for row in contest().rows if row.controller == "switch")
+    run, limit = ours.runs[0], bundled("thesis").tau_max
+    counted = np.linspace(0.0, 1.0, len(run.t) - run.counted.start, endpoint=False)
+    tau = np.tile(0.5 * limit, (len(run.t), 1))
+    tau[run.counted, 0] = np.where(counted < share, limit[0], 0.6 * limit[0])
+    row = replace(ours, runs=(replace(run, tau=tau),))
+    card = numbers(replace(verified(), contest=replace(contest(), rows=(contest().rows[0], row))))[2]
+    assert (card.value, card.tone) == ("100 %" if share else "60 %", tone)
+    assert card.note.endswith(f", and at it {figures(100 * share, 2)} % of the time" if share else "at most: yaw"), (
+        card.note
+    )
 
 
 def test_a_contest_without_the_usual_names_is_shown_too() -> None:

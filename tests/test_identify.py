@@ -212,6 +212,10 @@ def test_too_few_samples_are_refused(turret: Rig, clean: Log, samples: int) -> N
     with pytest.raises(DataError) as caught:
         identify(turret, [clean.part(slice(0, samples))])
     assert caught.value.unseen and caught.value.exit_code == 3
+    names = caught.value.unseen
+    assert ", ".join(names[:6]) in str(caught.value) and (f"and {len(names) - 6} more" in str(caught.value)) == (
+        len(names) > 6
+    )
 
 
 def test_a_log_without_torque_is_refused(turret: Rig, clean: Log) -> None:

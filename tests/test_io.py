@@ -326,6 +326,14 @@ BAD_CALLS = {
         "mapped already by mapping 'q_yaw=a'",
         "keep one",
     ),
+    "one column for two joints": (
+        "log.csv",
+        ["q_yaw=q_tilt*-1"],
+        UsageError,
+        "mapping 'q_yaw=q_tilt*-1'",
+        "column 'q_tilt' is both q_yaw and q_tilt",
+        "of its own",
+    ),
     "no yaml": ("log.csv", ["no.yaml"], UsageError, "no.yaml", "does not exist", "path"),
     "broken yaml": ("log.csv", ["broken.yaml"], UsageError, "broken.yaml:2", "is not YAML", "mend that line"),
     "twice in yaml": ("log.csv", ["twice.yaml"], UsageError, "twice.yaml:3", "'t' stands twice", "mend that line"),
@@ -509,15 +517,15 @@ def test_yaml_maps_like_entries(tmp_path: Path) -> None:
     assert over["t"] == Source("clock", 1.0, "mapping 't=clock'") and over["tau_yaw"].factor == -0.5
 
 
-@given(scale=st.floats(1e-3, 1e3), data=hnp.arrays(np.float64, (4, 3), elements=st.floats(-100, 100)))
+@given(scale=st.floats(1e-3, 1e3), data=hnp.arrays(np.float64, (4, 4), elements=st.floats(-100, 100)))
 @settings(max_examples=25)
 def test_mapping_scales_columns(scale: float, data: np.ndarray, rig: Rig, tmp_path: Path) -> None:
-    columns = dict(zip(("us", "a", "b", "c"), np.vstack([np.arange(4) * 2000.0, data.T])))
+    columns = dict(zip(("us", "a", "b", "c", "d"), np.vstack([np.arange(4) * 2000.0, data.T])))
     csv.write_csv(columns, tmp_path / "x.csv")
-    mapping = ["t=us*1e-6", "q_yaw=a", f"q_tilt=a*{scale!r}", f"tau_yaw=b/{scale!r}", "tau_tilt=-c"]
+    mapping = ["t=us*1e-6", "q_yaw=a", f"q_tilt=d*{scale!r}", f"tau_yaw=b/{scale!r}", "tau_tilt=-c"]
     log = io.read_log(tmp_path / "x.csv", rig, mapping)
     np.testing.assert_array_equal(log.t, columns["us"] * 1e-6)
-    np.testing.assert_array_equal(log.q, np.column_stack([columns["a"], columns["a"] * scale]))
+    np.testing.assert_array_equal(log.q, np.column_stack([columns["a"], columns["d"] * scale]))
     np.testing.assert_allclose(
         held(log.tau), np.column_stack([columns["b"] / scale, -columns["c"]]), rtol=1e-14, atol=0
     )

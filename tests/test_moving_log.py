@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from gimbal_pin import text
 from gimbal_pin.base import base
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.audit.samples import taken
@@ -21,8 +23,11 @@ from gimbal_pin.io import read_log, write_motion
 from gimbal_pin.log import Array, Imu, Log
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.platform import MOTIONS, BaseMotion, Platform, rotations
+from gimbal_pin.pointing.verify import Asked, modelled
 from gimbal_pin.profile import profile_s
 from gimbal_pin.reduction import reduce
+from gimbal_pin.report.sections.diagnosis import diagnosis as page
+from gimbal_pin.report.sections.headline import about_gain, extended_card, missed
 from gimbal_pin.rig import GRAVITY, bundled_rigs
 from gimbal_pin.rows import base_motion
 from gimbal_pin.simulation import Sensors, simulate
@@ -166,7 +171,7 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
 
 
 @pytest.mark.parametrize("size", [0.0, 0.02])
-def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float) -> None:
+def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against a model that stands; a base at rest is none, though its IMU is in the log."""
     rig, rng = bundled("turret"), np.random.default_rng(2)
     clean = carried(nominal(rig), swaying(times(12.0), size), 12.0)
@@ -179,6 +184,13 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float) -
         assert one.gain["rollout_rmse_after"] < one.gain["rollout_rmse_before"]
         rate = np.sqrt(np.mean(np.sum(swaying(times(12.0), size).w[:8_000] ** 2, axis=1)))
         assert one.parameters[0].value == pytest.approx(rate, rel=0.05)
+    # The model has it from the IMU: nobody is told that it is missing, and nothing is compensated for it.
+    assert (found.verdict, found.lacking, found.beside) == ("named" if size else "nothing", (), "nothing")
+    assert ("by the platform's motion alone" in text.diagnosis(found, {})) == (size > 0)
+    assert missed(found) == "" and about_gain(found) == extended_card(found) == []
+    assert "nothing more can be found" in page(found).html and "missing" not in page(found).html
+    monkeypatch.setattr(import_module(modelled.__module__), "diagnose", lambda *_, **__: found)
+    assert modelled(rig, log, Asked(find=True)) == (None, ())
 
 
 def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_deviations() -> None:

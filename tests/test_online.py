@@ -390,6 +390,7 @@ def test_a_growing_file_is_followed(tmp_path: Path) -> None:
     with path.open("a") as file:
         file.write(lines[100][9:] + "".join(lines[101:200]) + "1.0,x" + lines[200])
     assert len(first) == 99
+    np.testing.assert_array_equal(next(logs).q, noisy().q[99:199])
     with pytest.raises(LogError, match=r"log\.csv:201"):
         next(logs)
     path.write_text("".join(lines))
@@ -397,6 +398,37 @@ def test_a_growing_file_is_followed(tmp_path: Path) -> None:
     path.write_text("")
     with pytest.raises(LogError, match="empty"):
         list(follow(str(path), rig, idle=0.0))
+
+
+@pytest.mark.parametrize("row", [1, 500, 799])
+def test_all_samples_before_a_flaw_are_used(row: int, tmp_path: Path) -> None:
+    rig, path, log = Rig.load("turret"), tmp_path / "log.csv", noisy().part(slice(0, 800))
+    write_log(log, path)
+    lines = path.read_text().splitlines(keepends=True)
+    for flaw, words in (
+        ("-1.0" + lines[1 + row][lines[1 + row].index(",") :], "goes back"),
+        ("x" + lines[1 + row], ""),
+    ):
+        path.write_text("".join([*lines[: 1 + row], flaw, *lines[2 + row :]]))
+        logs = follow(str(path), rig, idle=0.0)
+        np.testing.assert_array_equal(next(logs).q, log.q[:row])
+        with pytest.raises(LogError, match=rf"log\.csv:{2 + row} column 't'.*{words}"):
+            next(logs)
+
+
+def test_a_clock_that_goes_back_ends_the_log_and_loses_nothing_of_it(run: Run, tmp_path: Path) -> None:
+    log, path = noisy().part(slice(0, 12_001)), tmp_path / "log.csv"
+    write_log(log, path)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:11_001], *lines[8_000:]]))
+    code, out, err = run("identify", "turret", path, "--follow", "--idle", "0", "--alignment", "0", "--json", "-")
+    result = json.loads(out.splitlines()[-1])
+    assert code == 0, err
+    assert any("learned up to 11.0 s" in note and "goes back" in note for note in result["notes"])
+    online = Online.of(Rig.load("turret"), filtering=Filtering(alignment=0.0))
+    before = online.identified(online.advance(online.start(), log.part(slice(0, 11_000))))
+    told = {row["name"]: row["value"] for row in result["base_parameters"]}
+    assert told == pytest.approx(dict(zip(before.names, before.estimate.theta.tolist())), rel=1e-9)
 
 
 def test_steps_come_once_a_second() -> None:

@@ -28,11 +28,12 @@ from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.bench import WANTED, Shaken, unbalanced
 from gimbal_pin.pointing.budget import Budget
-from gimbal_pin.pointing.contest import Course, compete
+from gimbal_pin.pointing.contest import Contest, Course, Row, compete
 from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing, parse_fault
 from gimbal_pin.pointing.forecast import TAPS, Forecast
 from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
+from gimbal_pin.pointing.loops import Loops
 from gimbal_pin.pointing.measures import cumulative, jitter
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.planted import planted_once
@@ -43,7 +44,7 @@ from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Seen, Station, rotatio
 from gimbal_pin.pointing.sight import STEEP, Sight, gyros_between, inverted
 from gimbal_pin.pointing.singular import lost_turn
 from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.pointing.targets import Target
+from gimbal_pin.pointing.targets import Target, targets
 from gimbal_pin.pointing.trust import holding, trusted
 from gimbal_pin.profile import profile_s
 from gimbal_pin.regressor import rnea
@@ -240,6 +241,19 @@ def test_the_guards_quick_way_passes_nothing_that_sifting_stops(rates: list[floa
         assert after.calm
 
 
+@pytest.mark.parametrize("steep", [False, True])
+@pytest.mark.parametrize("stuck", [1, 3])
+def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(stuck: int, steep: bool) -> None:
+    """There one joint may stand though the damped inverse moves it; encoders that all stand while it moves failed."""
+    guard = Guard(DT, noisy=False)
+    first = Seen(0.0, np.zeros(3), *(np.zeros(3) for _ in range(4)))
+    watch, rates = guard.start(first), np.full(3, 5.0)
+    for k in range(1, 4):
+        moved = np.where(np.arange(3) < stuck, 0.0, k * DT * rates)
+        _, watch = guard.step(first._replace(t=k * DT, q=moved), watch, rates, steep)
+    assert any("encoders failed" in event for event in watch.events) == (stuck == 3 or not steep)
+
+
 # --- Laws and margins ----------------------------------------------------------------------------------------------
 
 
@@ -385,8 +399,8 @@ def test_the_budget_adds_up(sizes: list[float]) -> None:
     single = Budget.of({"pid-world": sizes[0], "oracle": sizes[2]})
     assert single is not None and not single.telling
     assert Budget.of({"pid-world": 1.0, "switch": 0.1}) is None
-    assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "sensor floor"]
-    assert parted.size("sensor floor") == pytest.approx(sizes[2]) == parted.floor
+    assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "the oracle's own"]
+    assert parted.size("the oracle's own") == pytest.approx(sizes[2]) == parted.left
 
 
 def test_a_target_knows_which_way_is_up() -> None:
@@ -394,6 +408,20 @@ def test_a_target_knows_which_way_is_up() -> None:
     assert verdicts == ["aim", "must", "missed"]
     assert [Target("", value, 2.5, 1.3, False).verdict for value in (1.0, 2.0, 3.0)] == verdicts
     assert Target("", None, 5, 10, True).verdict == "–"
+
+
+@pytest.mark.parametrize("late", [0.0, 0.003, 0.005])
+def test_a_known_delay_is_told_beside_the_ratio_that_it_changes(late: float) -> None:
+    """A bound that is another than without it, and a PID that is slower: both only where there is a delay."""
+    rig = rig_of("turret")
+    run = Course(nominal(rig), Shaken(Sight(rig).centre, 0.1), "S", 0.1, Station.of(rig)).run(
+        roster(nominal(rig)), "pid-world", 0
+    )
+    ratio, *_ = targets(Contest("turret", None, (Row("pid-world", (run,)),)), Sight(rig), late)
+    assert ratio.must == (4.0 if late > 0.004 else 5.0) and (f"must is {ratio.must:g}" in ratio.note) == (late > 0.004)
+    assert (f"{1e3 * late:g} ms" in ratio.note) == (late > 0) == bool(ratio.note)
+    slower = Loops(nominal(rig), DT, 1 + round(late / DT)).margins("pid-world")[0].crossover_hz
+    assert (slower < Loops(nominal(rig), DT, 1).margins("pid-world")[0].crossover_hz) == (late > 0)
 
 
 # --- In closed loop --------------------------------------------------------------------------------------------------
@@ -457,6 +485,7 @@ def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torqu
     run = course.run(roster(plant, wanted), "with-gyros", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
     assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
+    assert not any("encoders" in event for event in run.events)
     weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
     run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
     assert any("torque limit" in event for event in run.events) and max(run.at_limit.values()) > 0.2

@@ -363,6 +363,7 @@ def test_numbers_in_a_yaml_arrive_as_written(tmp_path: Path, motor: dict[str, fl
 
 
 BAD_YAML = {
+    "a model beside the URDF": ("kind: gimbal_pin model\nschema: 1", "not a rig's YAML", "rename it"),
     "unknown key": ("motor: {}", "unknown key 'motor'", "motors"),
     "unknown key of a motor": ("motors: {yaw: {tau: 3}}", "motors.yaw", "unknown key 'tau'", "tau_max"),
     "unknown key of a limit": ("limits: {yaw: {top: 3}}", "limits.yaw", "unknown key 'top'", "upper"),

@@ -219,6 +219,19 @@ def test_the_torque_arrives_after_the_delay_and_no_sooner() -> None:
         assert not np.any(log.tau[:delay]) and np.allclose(log.tau[delay], 3.0)
 
 
+@pytest.mark.parametrize("limit", [0.3, 30.0])
+def test_a_log_says_which_motors_were_too_weak_and_for_how_long(limit: float) -> None:
+    """The share is that of the torque that was commanded, whatever the drive's report of it has of noise."""
+    weak = replace(rig(), motors=tuple(replace(motor, tau_max=limit) for motor in rig().motors))
+    noisy = replace(Sensors.exact(weak.n), torque_std=np.full(weak.n, 0.05))
+    exact, log = (run(nominal(weak), sensors=sensors) for sensors in (None, noisy))
+    share = dict(zip(weak.joints, np.mean(np.abs(exact.tau) >= limit, axis=0)))
+    assert (max(share.values()) > 0.05) == (limit < 1.0) and log.events == exact.events
+    assert [f"{joint} {100 * x:.0f} %" in "".join(log.events) for joint, x in share.items()] == [
+        x >= 0.05 for x in share.values()
+    ]
+
+
 def test_noise_is_drawn_from_the_generator_alone_and_encoders_round() -> None:
     sensors = Sensors(np.array([0.01, 0.0]), np.full(2, 1e-3), np.full(2, 1e-2))
     one, again, other = (run(nominal(rig()), sensors=sensors, seed=seed) for seed in (1, 1, 2))

@@ -19,13 +19,14 @@ from gimbal_pin.config import Limits, Motor
 from gimbal_pin.control import ComputedTorque, JointPid, Pid, margins
 from gimbal_pin.control.uncertainty import inertia, poses
 from gimbal_pin.effects import Coulomb, Term, Viscous
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.plant import State
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.simulation import Reference, Sensors, simulate
+from gimbal_pin.simulation import Reference, Sensors, plant_with, simulate
 from gimbal_pin.tuning import Tuning, controller_from, tune
 
 KEYS = {"kp", "ki", "kd", "phase_margin_deg", "gain_margin_db", "disk_margin", "bandwidth_hz"}
@@ -129,6 +130,17 @@ def test_the_simulated_loop_has_the_gain_margin_that_is_stated() -> None:
 
 
 # --- Wishes ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["computed-torque", "pid"])
+def test_a_model_and_a_controller_are_a_few_lines_at_a_prompt(thesis: Model, kind: str) -> None:
+    """However much is in them; what a model has beside bodies and plain friction stands in its line."""
+    cogging = parse_effect("cogging:yaw:amplitude=0.1,harmonic=42", thesis.rig)
+    known = plant_with(replace(thesis, drive=(parse_effect("delay:roll:time=0.005", thesis.rig),)), [cogging]).plant
+    said = repr(known)
+    assert "\n" not in said and len(said) < 150 and "cogging at yaw, delay at roll" in said
+    assert known.rig.title in said and "coulomb" not in said
+    assert len(str(tune(known, kind=kind, robust=kind != "pid").controller)) < 1000
 
 
 def test_three_lines_at_a_prompt(thesis: Model) -> None:

@@ -17,6 +17,7 @@ from gimbal_pin.identification import identify
 from gimbal_pin.io import write_log
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.online import Online
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, Regression, Rows, kept
@@ -109,6 +110,18 @@ def test_torques_that_were_mixed_up_are_told(kind: str) -> None:
     identify(rig, [log], holdout="none")
     with pytest.raises(LogError, match=words):
         identify(rig, [replace(log, tau=mix(np.asarray(log.tau)))], holdout="none")
+
+
+@pytest.mark.parametrize("kind", ["a sign", "all signs"])
+def test_a_wrong_sign_is_told_of_a_log_that_was_followed_too(kind: str) -> None:
+    """Its rows are gone, and the moments that are left of them tell."""
+    name, mix, words = MIXED[kind]
+    log, online = recorded(Rig.load(name), 1), Online.of(Rig.load(name))
+    mixed = replace(log, tau=mix(np.asarray(log.tau)))
+    right, wrong = (online.advance(online.start("it"), one) for one in (log, mixed))
+    assert online.identified(right).names == online.rows.names
+    with pytest.raises(LogError, match=f"it: {words}"):
+        online.identified(wrong)
 
 
 def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:

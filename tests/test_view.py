@@ -425,6 +425,14 @@ def pixels(uri: str) -> np.ndarray:
 
 
 @needs_browser
+def test_a_browser_without_webgl_says_so(tmp_path: Path) -> None:
+    blind, path = "<head><script>HTMLCanvasElement.prototype.getContext = () => null</script>", tmp_path / "out.html"
+    rig = Rig.load("turret")
+    path.write_text(view.record(rig, sweep(rig)).replace("<head>", blind, 1), encoding="utf-8")
+    assert "it has no WebGL" in visit(path.as_uri(), "document.getElementById('meshcat-pane').textContent").values[0]
+
+
+@needs_browser
 def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path) -> None:
     rig = Rig.load("thesis")
     log = sweep(rig)

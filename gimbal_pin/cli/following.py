@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -17,7 +16,7 @@ from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
 from gimbal_pin.cli.options import optional
 from gimbal_pin.cli.present import present
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import LogError, UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.identification import Identified
@@ -73,7 +72,7 @@ WHOLE = Following()
 
 
 def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, lines: bool) -> Identified:
-    """Learn from a growing log until it ends or Ctrl-C is pressed, a line a second.
+    """Learn from a growing log until it ends, cannot be used any longer or Ctrl-C is pressed, a line a second.
 
     With `lines` as JSON, else as text; `wish` says how long to wait for more, and where the way is drawn in the end.
     """
@@ -82,8 +81,8 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
     from gimbal_pin.online import progress, steps
     from gimbal_pin.online.chart import chart
 
-    history, told, spoken, memory = [], 0, 0, online.start(log)
-    with contextlib.suppress(KeyboardInterrupt):
+    history, told, spoken, memory, broken = [], 0, 0, online.start(log), list[str]()
+    try:
         come = noted(follow(log, online.rows.rig, mapping, idle=inf if wish.idle is None else wish.idle))
         for memory in steps(online, come, log):
             second = int(memory.t + 1e-6) if memory.samples else 0
@@ -93,7 +92,14 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
             history += [now] if wish.plot is not None else []
             print(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told), flush=True)
             told, spoken = len(memory.events), second
+    except KeyboardInterrupt:
+        pass
+    except LogError as error:
+        if not online.ready(memory):
+            raise
+        broken = [f"learned up to {memory.t:.1f} s; from there on the log cannot be used: {error}"]
     found = online.identified(memory)
+    found = replace(found, notes=(*found.notes, *broken))
     if wish.plot is not None:
         with replacing(wish.plot) as temporary:
             chart(history).savefig(temporary)

@@ -11,6 +11,7 @@ from tyro.conf import UseAppendAction, arg
 
 from gimbal_pin.cli.inputs import carried, load_logs, noted, positive
 from gimbal_pin.cli.options import Effects, PlatformSize, optional
+from gimbal_pin.controllers import HOLDING, TUNED
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from gimbal_pin.tuning import Law
 
 MOTIONS = "--platform S, --platform-log FILE"
+THERE = f"{'; '.join(f'{name} ({what})' for name, what in HOLDING.items())}; {TUNED} (the gains of CONTROLLER)"
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Holding:
     steps: Annotated[
         bool, arg(help="step the thesis's angles beside that, with every law that a base at rest tells apart")
     ] = False
-    controllers: Annotated[str | None, optional("NAME,…", "which controllers meet the platform", "all")] = None
+    controllers: Annotated[str | None, optional("NAME,…", f"who meets the platform: {THERE}", "all")] = None
     learn: Annotated[
         str | None,
         optional(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from gimbal_pin.cli.inputs import carried, load_rig, mounted, plant_of, play, read_controller, shown_somewhere
+from gimbal_pin.cli.inputs import carried, load_rig, mounted, noted, plant_of, play, read_controller, shown_somewhere
 from gimbal_pin.cli.options import Effects, Map, MaybeOutput, ModelFile, Payload, PlatformSize, RigName, Seed, optional
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ def simulate(
     asked = seconds if motion is None else float(motion.t[-1] - motion.t[0])
     carrier = carrying.carrier(loaded, asked, law.dt, seed)
     log = run_of(known, law, effect, motion, asked, delay_samples, carrier, recording, seed)
+    noted(log.events)
     if output is not None:
         write_log(log, output)
         print(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import hypot
 
@@ -31,7 +31,7 @@ class Robust:
         gain: ρ/ε; z is in rad/s², as w is.
     """
 
-    P: Array
+    P: Array = field(repr=False)
     bounds: Bounds
     gain: float
 

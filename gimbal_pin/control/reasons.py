@@ -40,18 +40,18 @@ def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, d
     """Say what was granted, and what it leaves; `drive`: what stands between command and torque."""
     margins = (
         f"phase margin {found.phase_margin_deg:.0f}°, gain margin {found.gain_margin_db:.1f} dB, "
-        f"disk margin {found.disk_margin:.2f}, {1e3 * found.delay_margin:.1f} ms of further delay"
+        f"disk margin {found.disk_margin:.2f}, delay margin {1e3 * found.delay_margin:.1f} ms"
     )
     if granted == wanted:
-        return f"{granted:.3g} Hz, damping {wish.damping:g}; {margins}"
+        return f"bandwidth {granted:.3g} Hz, damping {wish.damping:g}; {margins}"
     late = f"with {1e3 * (wish.delay + wish.dt / 2):.3g} ms of delay and hold"
     late += "".join(f", and the drive's {signal.name}" for signal in drive if signal.linear)
     if not isfinite(wanted):
         share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
         why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
-        return f"{granted:.3g} Hz, damping {wish.damping:g}, {why}; {margins}"
+        return f"bandwidth {granted:.3g} Hz, damping {wish.damping:g}, {why}; {margins}"
     why = f"{wanted:.3g} Hz would leave a disk margin under {wish.disk:g} {late}"
-    return f"lowered to {granted:.3g} Hz, as {why}; {margins}"
+    return f"bandwidth lowered to {granted:.3g} Hz, as {why}; {margins}"
 
 
 def about_gains(wish: Wish) -> str:

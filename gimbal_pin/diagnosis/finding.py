@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
@@ -17,6 +17,9 @@ from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Motion
 from gimbal_pin.parameter import Parameter
+
+MEASURED = "platform-motion"
+"""The cause that a sensor measures, so that every model has it that is made of such a log."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,17 @@ class Diagnosis:
         return tuple(fault for fault in self.faults if fault.makes_physics_unreliable)
 
     @property
+    def lacking(self) -> tuple[Finding, ...]:
+        """Findings that `identify`'s model lacks: all but the motion that it has from the platform's IMU."""
+        return tuple(finding for finding in self.findings if finding.cause != MEASURED)
+
+    @property
+    def beside(self) -> str:
+        """The verdict without what that model has."""
+        statuses = [finding.status for finding in self.lacking]
+        return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
+
+    @property
     def next_motion(self) -> Motion | None:
         """The motion of the next experiment, where one was planned and there is one."""
         return None if self.planned is None else self.planned.motion
@@ -207,3 +221,11 @@ class Diagnosis:
             },
             "look_alikes": [each.to_dict() for each in self.likeness],
         }
+
+
+def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
+    """The verdict on the physics (CONTRACT): named before ambiguous, unknown before nothing."""
+    for verdict in ("named", "ambiguous"):
+        if verdict in statuses:
+            return verdict
+    return "unknown" if any(left.state == "structured" for left in residual) else "nothing"

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
-from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.finding import MEASURED, Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, otherwise
 from gimbal_pin.diagnosis.state import State
@@ -21,7 +21,6 @@ from gimbal_pin.platform import LEANS, Platform
 from gimbal_pin.rig import GRAVITY, Rig
 from gimbal_pin.rows import Filtering
 
-NAME = "platform-motion"
 COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
 
 
@@ -89,10 +88,10 @@ def told(
     felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
     change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
     return Finding(
-        cause=NAME,
+        cause=MEASURED,
         joint=None,
         status="named",
-        alike=(NAME,),
+        alike=(MEASURED,),
         parameters=(Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2")),
         gain={
             "torque_rmse_before": torque[0],
@@ -106,7 +105,7 @@ def told(
         visible_fraction=1.0,
         rivals=(),
         sentence=f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU), "
-        "which a model that stands ignores; "
-        f"held-out torque error of {joint} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %)",
+        "and the model has that; "
+        f"held-out torque error of {joint} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %) by it",
         next_experiment=None,
     )

@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.audit import Audit
 from gimbal_pin.diagnosis.beyond import ONLY
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Untestable, overall
 from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
@@ -38,7 +38,7 @@ from gimbal_pin.rows import Filtering
 def beside(said: Diagnosis, more: Sequence[Finding]) -> Diagnosis:
     """Put further findings beside what was found with them in the model."""
     findings = tuple(sorted(joined(said.findings, more), key=lambda one: -one.explained_share))
-    verdict_ = verdict.overall([one.status for one in findings], tuple(said.residual.values()))
+    verdict_ = overall([one.status for one in findings], tuple(said.residual.values()))
     return replace(said, findings=findings, verdict=verdict_)
 
 
@@ -64,7 +64,7 @@ def reported(
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in audits),
-        verdict=verdict.overall([one.status for one in each], found.residual),
+        verdict=overall([one.status for one in each], found.residual),
         faults=tuple(fault for one in audits for fault in one.faults),
         notes=(*(note for one in audits for note in one.notes), *said),
         findings=tuple(sorted(each, key=lambda one: -one.explained_share)),

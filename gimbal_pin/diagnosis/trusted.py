@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.composed import chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight, overall
 from gimbal_pin.diagnosis.given import TOLD, given
 from gimbal_pin.diagnosis.heavier import inertias
 from gimbal_pin.diagnosis.heldout import CONFIRMED, rollout_rmse, torque_rmse
@@ -58,7 +58,7 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     more = [finding(case, kind, size[kind]) for kind in sure]
     less = [Slight(*named(kind), float(size[kind].max())) for kind in fitted.kinds if kind not in material]
     every = sorted([*found.findings, *more], key=lambda one: -one.explained_share)
-    said = verdict.overall([one.status for one in every], list(found.residual.values()))
+    said = overall([one.status for one in every], list(found.residual.values()))
     notes, small = (*found.notes, *denied), (*found.immaterial, *less)
     return replace(found, findings=tuple(every), verdict=said, immaterial=small, notes=notes)
 

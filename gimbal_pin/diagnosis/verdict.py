@@ -10,7 +10,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns, Stand, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.leftover import NOISY, Residual
+from gimbal_pin.diagnosis.leftover import NOISY
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
 from gimbal_pin.diagnosis.search import rivals_of
@@ -254,11 +254,3 @@ def shown(state: State, causes: Sequence[Cause], shelf: Library) -> dict[tuple[s
         key = (cause.name, cause.place if cause.of_joint else None)
         visible[key] = max(visible.get(key, 0.0), seen)
     return visible
-
-
-def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
-    """The verdict on the physics (CONTRACT): named before ambiguous, unknown before nothing."""
-    for verdict in ("named", "ambiguous"):
-        if verdict in statuses:
-            return verdict
-    return "unknown" if any(left.state == "structured" for left in residual) else "nothing"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
@@ -15,11 +15,11 @@ from typing import BinaryIO
 from gimbal_pin import urdf
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io import check_targets, columns_of, split_payload, to_log
-from gimbal_pin.io.base import log_groups, read_groups
+from gimbal_pin.io.base import Group, log_groups, read_groups
 from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, headed
 from gimbal_pin.io.csv_text import as_utf8
-from gimbal_pin.io.mapping import read_mapping
-from gimbal_pin.log import Log
+from gimbal_pin.io.mapping import Source, read_mapping
+from gimbal_pin.log import Array, Log
 from gimbal_pin.reading import readable
 from gimbal_pin.rig import Rig
 
@@ -40,7 +40,7 @@ def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: flo
         idle: As above, s; a pipe is waited for without end.
 
     Raises:
-        LogError, UsageError: As `read_log`; and where a file becomes shorter.
+        LogError, UsageError: As `read_log`, once the samples before that are yielded; and where a file becomes shorter.
     """
     file, payload = (Path(PIPE), None) if path == PIPE else split_payload(path)
     name = "standard input" if path == PIPE else str(file)
@@ -48,7 +48,33 @@ def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: flo
     groups, sources = log_groups(rig.joints, links, True), read_mapping(mapping)
     check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
     for table in tables(name, whole_lines(chunks(file, idle))):
-        yield to_log(read_groups(table, groups, sources), table.name, rig, links, payload)
+        data, error = usable(table, groups, sources)
+        if data is not None:
+            yield to_log(data, table.name, rig, links, payload)
+        if error is not None:
+            raise error
+
+
+def usable(
+    table: CsvTable, groups: Mapping[str, Group], sources: Mapping[str, Source]
+) -> tuple[dict[str, Array] | None, LogError | None]:
+    """Return what a table holds up to the first line that cannot be used, and what is wrong with that one, if any.
+
+    A flaw stays one however much follows it, so the lines before it are found by halving.
+    """
+    try:
+        return read_groups(table, groups, sources), None
+    except LogError as error:
+        lines, found, flaw = table.body.splitlines(keepends=True), None, error
+    fine, end = 0, len(lines)
+    while end - fine > 1:
+        middle = (fine + end) // 2
+        try:
+            found = read_groups(replace(table, body=b"".join(lines[:middle])), groups, sources)
+            fine = middle
+        except LogError:
+            end = middle
+    return found, flaw
 
 
 def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:

@@ -124,8 +124,17 @@ def product(text: str, start: float = 1.0) -> float:
 
 
 def check_targets(sources: Mapping[str, Source], known: Sequence[str], joints: Sequence[str]) -> None:
-    """Raise `UsageError` if a mapping's target is none of the `known` columns; it lists the joints."""
+    """Raise `UsageError` if a mapping's target is none of the `known` columns, or if two joints share one source."""
     for target, source in sources.items():
         if target not in known:
             mend = f"targets are t, q_<joint>, dq_, tau_, …, with the joints {', '.join(joints)}; links as in the URDF"
             raise UsageError(source.place, f"'{target}' is no column of this rig", mend)
+    for kind in ("q", "dq", "tau", "q_ref"):
+        owners: dict[str, str] = {}
+        for target in (f"{kind}_{joint}" for joint in joints):
+            source = sources.get(target, Source(target))  # a column that bears its name is its own
+            other = owners.setdefault(source.column, target)
+            if other != target:
+                place = source.place or sources[other].place
+                what = f"column '{source.column}' is both {other} and {target}"
+                raise UsageError(place, what, "give each joint a column of its own, or leave one of the two out")

@@ -35,7 +35,8 @@ from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
 from gimbal_pin.payloads import Carried, estimated
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Rows, settling
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, settling
+from gimbal_pin.wiring import check_wiring
 
 
 class Memory(NamedTuple):
@@ -230,11 +231,13 @@ class Online:
 
         Raises:
             DataError: As `estimate`.
+            LogError: A torque has the wrong sign, see `wiring.check_wiring`.
         """
         estimate = self.estimate(memory).estimate
         task = memory.task
         assert task is not None, "an estimate has a task"
         block = gathered(task, memory.known).block()
+        check_wiring(Regression(self.rows, (block,)), estimate, memory.name)
         found = assembled(self.rows, [block], estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
         swapped = any(event.what == "changed" for event in memory.events)

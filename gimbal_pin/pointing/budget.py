@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
-BASELINE = "pid-world"
+from gimbal_pin.controllers import BASELINE
+
 FRICTION = "friction"
 STEPS = (
     ("base motion", "without-hidden"),
@@ -17,7 +18,7 @@ STEPS = (
     ("foreknowledge", "oracle"),
 )
 """What the controller of each name knows that the one before it does not, from the baseline on."""
-FLOOR, LEFT = "sensor floor", "what is left"
+ORACLES, LEFT = "the oracle's own", "what is left"
 """The last part: the oracle's error, or that of the last controller which ran."""
 
 
@@ -28,16 +29,16 @@ class Budget:
     Attributes:
         baseline: Jitter of the world-frame PID, rad rms.
         parts: What → its share of the mean square; negative where knowing it did harm; the last is what is left.
-        floor: Jitter that is left of the last of them, the oracle where it ran, rad rms.
+        left: Jitter of the last of them, the oracle where it ran, rad rms.
     """
 
     baseline: float
     parts: Mapping[str, float]
-    floor: float
+    left: float
 
     @property
     def telling(self) -> bool:
-        """Whether it parts the error at all: of one controller beside the baseline there is one part and the floor."""
+        """Whether it parts the error at all: one controller beside the baseline leaves one part and the rest."""
         return len(self.parts) > 2
 
     @staticmethod
@@ -57,7 +58,7 @@ class Budget:
             if name in jitter:
                 parts[what if since == what else f"{since} to {what}"] = (before**2 - jitter[name] ** 2) / whole**2
                 before, since = jitter[name], ""
-        parts[FLOOR if STEPS[-1][1] in jitter else LEFT] = before**2 / whole**2
+        parts[ORACLES if STEPS[-1][1] in jitter else LEFT] = before**2 / whole**2
         return Budget(whole, parts, before)
 
     def size(self, what: str) -> float:

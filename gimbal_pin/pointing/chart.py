@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gimbal_pin.controllers import BASELINE, ORACLE, OURS, TUNED
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import cumulative, split
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS, TUNED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ COLOURS = {BASELINE: "#8d98a7", OURS: "#1a75f2", TUNED: "#d98200", ORACLE: "#14a
 OTHERS = ("#d98200", "#8a4fd0", "#0b96a8")
 """For controllers that stand in for one of those."""
 PARTS = ("#e23b2f", "#8a4fd0", "#d98200", "#1a75f2", "#0b96a8", "#d23f8d", "#14a05a")
-"""For the budget's parts, the sensor floor last."""
+"""For the budget's parts, what is left last."""
 POINTS = 400
 """Points of a curve."""
 SHORTEST = 4.0
@@ -130,5 +130,5 @@ def budgeted(axes: Axes, parted: Budget) -> None:
 
 
 def shades(count: int) -> tuple[str, ...]:
-    """Return the parts' colours, the floor's last."""
+    """Return the parts' colours, that of what is left last."""
     return (*PARTS[: count - 1], PARTS[-1])

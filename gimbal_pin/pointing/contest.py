@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.controllers import BASELINE, ORACLE, OURS
 from gimbal_pin.effects import Signal
 from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.platform import Platform
@@ -17,7 +18,7 @@ from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.events import summed
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, ORACLE, OURS, Roster
+from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.swinging import Swing, swinging

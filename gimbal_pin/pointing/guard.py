@@ -106,10 +106,18 @@ class Guard:
         good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
         return Watch(seen, good, NONE, NONE, KEPT, still, still)
 
-    def step(self, seen: Seen, watch: Watch, v: Array) -> tuple[Seen, Watch]:
-        """Return the sample as it may be used, and the next memory; `v` are the joint rates so far, rad/s."""
+    def step(self, seen: Seen, watch: Watch, v: Array, steep: bool = False) -> tuple[Seen, Watch]:
+        """Return the sample as it may be used, and the next memory.
+
+        Args:
+            seen: The sample.
+            watch: The memory.
+            v: Joint rates so far, by the gyros, rad/s, (n,).
+            steep: Whether that was near a singular pose: there gyros tell that joints move, and not which.
+        """
         t, watch = self.timed(seen.t, watch)
-        moved = (watch.moved + (t - watch.good.t) * v) * (seen.q == watch.raw.q)
+        same = seen.q == watch.raw.q
+        moved = (watch.moved + (t - watch.good.t) * v) * (same.all() if steep else same)
         if watch.calm and self.sound(seen, watch.raw, moved):
             good = seen if t == seen.t else Seen(t, *seen[1:])
             return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, watch.clock, watch.events)

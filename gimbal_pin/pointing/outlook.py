@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.controllers import BASELINE, OURS, TUNED
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import split
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, OURS, TUNED
 from gimbal_pin.pointing.seen import rotations
 
 SECONDS, RATE = 6.0, 60.0

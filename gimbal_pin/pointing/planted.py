@@ -33,7 +33,9 @@ def planted_once(known: Model, causes: Sequence[str]) -> None:
             raise UsageError(f"--effect {text}", what, "leave it out; plant only what that log does not show")
 
 
-def missed(known: Model, causes: Sequence[str], sought: bool, findings: Sequence[Finding]) -> tuple[str, ...]:
+def missed(
+    known: Model, causes: Sequence[str], sought: bool, findings: Sequence[Finding], recorded: bool = False
+) -> tuple[str, ...]:
     """Return sentences about planted causes that a model does not have; what bodies take up, every fit finds.
 
     Args:
@@ -41,15 +43,21 @@ def missed(known: Model, causes: Sequence[str], sought: bool, findings: Sequence
         causes: What was planted, as text.
         sought: Whether `diagnose` looked for causes.
         findings: What it found.
+        recorded: Whether that log was given, so that it need not be of the plant.
     """
     lost = [cause for cause in (cause_of(text, known) for text in causes) if not cause.of_given_model]
-    return tuple(told(cause, sought, findings) for cause in lost if (cause.name, cause.place) not in there(known))
+    return tuple(
+        told(cause, sought, findings, recorded) for cause in lost if (cause.name, cause.place) not in there(known)
+    )
 
 
-def told(cause: Cause, sought: bool, findings: Sequence[Finding]) -> str:
+def told(cause: Cause, sought: bool, findings: Sequence[Finding], recorded: bool) -> str:
     """Say that a planted cause is not known, and what stands in its stead."""
     if not sought:
-        return f"{cause.place}: {cause.name} was planted, and nobody looked for it (--find does)"
+        within = ", if the log was recorded with it" * recorded
+        return f"{cause.place}: {cause.name} was planted, and nobody looked for it (--find does{within})"
     stead = [one.cause for one in findings if cause.name in one.alike and one.joint in (cause.place, None)]
     said = f"{cause.place}: {cause.name} was planted, and diagnose did not find it in the log"
-    return f"{said}; it told {stead[0]}, which this log cannot tell from it" if stead else said
+    if stead:
+        return f"{said}; it told {stead[0]}, which this log cannot tell from it"
+    return said + ", which shows it only if it was recorded with it" * recorded

@@ -90,7 +90,7 @@ class Pointer:
         watch = memory.watch
         lost = doubtful = NOTHING
         if self.guard is not None and watch is not None:
-            seen, watch = self.guard.step(seen, watch, memory.known.v)
+            seen, watch = self.guard.step(seen, watch, memory.known.v, memory.steep)
             if not watch.calm:
                 lost, doubtful = watch.lost, watch.doubtful
             if "gyro" in lost:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gimbal_pin.limited import at_limit
 from gimbal_pin.log import Array, frozen
 from gimbal_pin.pointing.measures import SETTLING, jitter
 
@@ -77,8 +78,7 @@ class Pointing:
     @property
     def at_limit(self) -> Mapping[str, float]:
         """Joint → share of the samples that count at the motor's limit."""
-        share = np.mean(np.abs(self.tau[self.counted]) >= self.tau_max * (1 - 1e-9), axis=0)
-        return dict(zip(self.joints, share.tolist()))
+        return at_limit(self.joints, self.tau[self.counted], self.tau_max)
 
     @property
     def torque_rms(self) -> Mapping[str, float]:

@@ -13,6 +13,7 @@ from gimbal_pin.control import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.carried import CarriedTorque
 from gimbal_pin.control.uncertainty import inertia
+from gimbal_pin.controllers import HOLDING, ORACLE, OURS, TUNED
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
@@ -27,25 +28,8 @@ from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import columns
 
-NAMES = (
-    "pid-joint",
-    "pid-world",
-    "computed-torque-fixed",
-    "without-hidden",
-    "computed-torque",
-    "with-friction",
-    "with-prediction",
-    "with-gyros",
-    "with-observer",
-    "lyapunov",
-    "switch",
-    "oracle",
-)
-"""All controllers, each from "without-hidden" on with all that the one before it has; those from "with-observer" to
-"switch" stand beside each other, on top of "with-gyros", and the oracle too."""
-OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
-TUNED = "tuned"
-"""The controller with the gains that somebody asked for: it has its own margins, not those of the others."""
+NAMES = tuple(HOLDING)
+"""All controllers."""
 
 
 @dataclass(frozen=True, eq=False)

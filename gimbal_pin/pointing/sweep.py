@@ -11,11 +11,12 @@ from typing import Any
 from tqdm import tqdm
 
 from gimbal_pin.control.carried import CarriedTorque
+from gimbal_pin.controllers import BASELINE, OURS
 from gimbal_pin.errors import UsageError
 from gimbal_pin.model import Model
 from gimbal_pin.pointing.contest import Course
 from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.roster import BASELINE, OURS, Roster
+from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.trust import changed, doubtful
 
 SHARES = (-0.3, -0.15, 0.0, 0.15, 0.3)

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.loop import Margins, worst
+from gimbal_pin.controllers import BASELINE, TUNED
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.effects.parse import parse_effect
@@ -26,7 +27,7 @@ from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.planted import missed, planted_once
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import BASELINE, NAMES, TUNED
+from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.seen import Fault, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
@@ -178,7 +179,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         planted_once(known, asked.causes)
         plant = drawn(known, np.random.default_rng(LEARNED))
         held = verify(rig, replace(asked, plant=plant, known=known, find=False))
-        return replace(held, causes=sentences(found), missed=missed(known, asked.causes, asked.find, found))
+        return replace(held, causes=sentences(found), missed=missed(known, asked.causes, asked.find, found, True))
     plant, drive = plant_with(
         nominal(unbalanced(rig)) if asked.plant is None else asked.plant,
         [parse_effect(text, rig) for text in asked.causes],
@@ -207,7 +208,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         steps=steps,
         sweep=sweep(courses[0], roster) if asked.sweep else None,
         loops={name: roster.margins(name) for name in names},
-        missed=missed(lesson.model, asked.causes, asked.find, findings),
+        missed=missed(lesson.model, asked.causes, asked.find, findings, asked.log is not None),
     )
 
 
@@ -231,9 +232,9 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[Find
         return asked.known, ()
     found = diagnose(rig, [log], rng=np.random.default_rng(LEARNED))
     after = found.after
-    if after is None or not found.findings:
+    if after is None or not found.lacking:
         return asked.known, ()
-    return after.model, found.findings
+    return after.model, found.lacking
 
 
 def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:

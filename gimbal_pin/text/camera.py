@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import degrees, inf, isnan
 from typing import TYPE_CHECKING
 
-from gimbal_pin.text.cells import number, table
+from gimbal_pin.text.cells import number, percent, table
 from gimbal_pin.text.loops import margins
 
 if TYPE_CHECKING:
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 def verified(found: Verified) -> str:
     """Every controller on all that was run, targets, and where the error goes, degrees."""
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
-    parts = [circumstances(found), controllers(found), ""]
+    parts = [circumstances(found), controllers(found), *weak(found), ""]
     parts += [margins(found.loops, found.joints), ""] if found.loops else []
     parts += unstable(found)
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
+    parts += [f"{t.name}: {t.note}" for t in found.targets if t.note and t.value is not None]
     parts += [*asking(found), *swept(found), *budget(found)]
     parts += [f"compensated: {sentence}" for sentence in found.causes]
     parts += [f"NOT compensated: {sentence}" for sentence in found.missed]
@@ -39,11 +40,11 @@ def every(found: Verified) -> list[tuple[str, Row]]:
 
 def remarks(found: Verified) -> list[str]:
     """What `switch` is, and why an observer may cost more than it gains."""
-    from gimbal_pin.pointing.roster import ORACLE, OURS
+    from gimbal_pin.controllers import HOLDING, ORACLE, OURS
 
     still, told = found.contest.jitter, list[str]()
     if OURS in still:
-        told.append(f"{OURS}: all that with-gyros knows; on joints whose model is worth less than its uncertainty, PID")
+        told.append(f"{OURS}: {HOLDING[OURS]}")
     plain, observed = still.get("with-gyros"), still.get("with-observer")
     if plain is not None and observed is not None and observed > 1.02 * plain and found.loops:
         fast, slow = (max(own.crossover_hz for own in found.loops[name]) for name in ("with-gyros", "with-observer"))
@@ -56,6 +57,15 @@ def remarks(found: Verified) -> list[str]:
     if least < 0.97 * still.get(ORACLE, 0.0):
         told.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
     return told
+
+
+def weak(found: Verified) -> list[str]:
+    """Which joints are long at their torque limits, under whom: jitter and ratios then tell of motors."""
+    from gimbal_pin.limited import PUSHED, limited
+
+    rows = [(row.controller + where, limited(row.at_limit)) for where, row in every(found)]
+    lines = [f"{who} is at the torque limit, of the time: {shares}" for who, shares in rows if shares]
+    return [*lines, PUSHED] if lines else []
 
 
 def unstable(found: Verified) -> list[str]:
@@ -71,7 +81,7 @@ def unstable(found: Verified) -> list[str]:
 
 def circumstances(found: Verified) -> str:
     """What was run, with which margins."""
-    from gimbal_pin.pointing.roster import TUNED
+    from gimbal_pin.controllers import TUNED
 
     contest, least = found.contest, found.margins
     ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
@@ -104,7 +114,7 @@ def held_still(row: Row) -> tuple[str, ...]:
     """One controller's figures on one motion."""
     sizes = (row.jitter_rms, row.jitter_max, row.drift)
     torques = (number(torque, 3) for torque in row.torque_rms.values())
-    return (*(f"{degrees(x):.4f}" for x in sizes), *torques, number(100 * max(row.at_limit.values()), 2))
+    return (*(f"{degrees(x):.4f}" for x in sizes), *torques, percent(max(row.at_limit.values())))
 
 
 def followed(steps: Tracking, names: Sequence[str]) -> list[list[str]]:
@@ -127,9 +137,11 @@ def asking(found: Verified) -> list[str]:
         return []
     limits = dict(zip(demand.joints, demand.tau_max.tolist()))
     weak = ", ".join(f"{j} for up to {number(demand.peak[j], 3)} N m of its {limits[j]:g}" for j in demand.weak)
-    when = ", ".join(f"{first:.1f}" for first, _ in demand.moments)
-    rest = ", ".join(f"{name} {degrees(size):.4f}°" for name, size in demand.apart(found.contests[-1]).items())
-    told = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {rest}"]
+    when = ", ".join(f"{first:.1f}" + f" to {last:.1f}" * (last - first > 0.1) for first, last in demand.moments)
+    apart = demand.apart(found.contests[-1])
+    rest = ", ".join(f"{name} {degrees(size):.4f}°" for name, size in apart.items())
+    still = "none is left, they fill the run" if any(map(isnan, apart.values())) else rest
+    told = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {still}"]
     if isnan(demand.least["unforeseen"]):
         return told
     blind, seeing = (f"{degrees(demand.least[name]):.4f}°" for name in ("unforeseen", "foreseen"))
@@ -144,7 +156,8 @@ def swept(found: Verified) -> list[str]:
 
 def budget(found: Verified) -> list[str]:
     """One bar: what each thing that the controllers know takes off the world-frame PID's mean square error."""
-    from gimbal_pin.pointing.budget import BASELINE, STEPS
+    from gimbal_pin.controllers import BASELINE
+    from gimbal_pin.pointing.budget import STEPS
 
     parted = found.contest.budget
     if parted is None or not parted.telling:

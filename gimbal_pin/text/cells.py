@@ -20,6 +20,11 @@ def table(*heads: str, rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def percent(share: float) -> str:
+    """Return a share in per cent: whole ones, two digits of a small one."""
+    return f"{100 * share:.0f}" if abs(share) >= 0.1 else number(100 * share, 2)
+
+
 def is_number(cell: str) -> bool:
     """Whether a cell starts like a number, or stands for one that is missing."""
     return cell[:1] in "-+.0123456789∞–" or cell == ""

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Tuning
 
+MARGINS = ("crossover Hz", "phase margin °", "gain margin dB", "disk margin", "delay margin ms")
+"""Of one loop, see `shown`."""
+
 
 def tuning(found: Tuning) -> str:
     """Gains, margins, and the reasons for them."""
@@ -21,14 +24,12 @@ def tuning(found: Tuning) -> str:
             joint,
             *(number(pid, 3) for pid in gains),
             number(hz, 3),
-            number(margins.phase_margin_deg, 3),
-            number(margins.gain_margin_db, 3),
-            number(margins.disk_margin, 3),
+            *shown(margins),
         )
         for joint, gains, hz, margins in zip(found.model.rig.joints, found.gains, found.bandwidth_hz, found.margins)
     ]
-    heads = ("joint", "kp", "ki", "kd", "Hz", "phase margin °", "gain margin dB", "disk margin")
-    return "\n".join([table(*heads, rows=rows), *drawn(found), *found.reasons])
+    heads = ("joint", "kp", "ki", "kd", "bandwidth Hz")
+    return "\n".join([table(*heads, *MARGINS, rows=rows), *drawn(found), *found.reasons])
 
 
 def drawn(found: Tuning) -> list[str]:
@@ -58,7 +59,17 @@ def tracking(found: Tracking, plant: str) -> str:
         for joint, metrics in experiment.joints.items()
     ]
     head = f"simulated steps; the plant is {plant}\n"
-    return head + table("step", "controller", "joint", "rms error °", "overshoot %", "peak error °", rows=rows)
+    heads = ("step", "controller", "joint", "rms error °", "overshoot %", "peak error °")
+    return "\n".join([head + table(*heads, rows=rows), *weak(found)])
+
+
+def weak(found: Tracking) -> list[str]:
+    """Who is long at the torque limit of which joints in which step."""
+    from gimbal_pin.limited import limited
+
+    every = [(one, {joint: metrics.saturated for joint, metrics in one.joints.items()}) for one in found.experiments]
+    rows = [(f"{one.name}, {one.controller}", limited(shares)) for one, shares in every]
+    return [f"{who}: at the torque limit, of the time: {shares}" for who, shares in rows if shares]
 
 
 def margins(loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]) -> str:
@@ -66,7 +77,7 @@ def margins(loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]) -> 
     from gimbal_pin.pointing.loops import distinct
 
     rows = [(listed(names, loops), ", ".join(places), *shown(own)) for names, places, own in distinct(loops, joints)]
-    return table("loops of", "joint", "Hz", "phase margin °", "gain dB", "disk", "delay ms", rows=rows)
+    return table("loops of", "joint", *MARGINS, rows=rows)
 
 
 def shown(own: Margins) -> tuple[str, ...]:

@@ -51,19 +51,23 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
 def doubted(found: Diagnosis) -> str:
     """Which findings a verdict of named does not speak of: those whose cause the logs leave open."""
     open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
+    if found.findings and not found.lacking:
+        return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
 
 
 def told(finding: Finding) -> list[str]:
     """A finding's sentence, what it could be instead, and its figures."""
+    from gimbal_pin.diagnosis.finding import MEASURED
+
     lines = [finding.sentence]
     if len(finding.alike) > 1:
         lines.append(f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}")
         lines += [f"  {line}" for line in worse(finding)]
     figures = ", ".join(sized(p) for p in finding.parameters if p.std == p.std)
-    loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters)
+    loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters if finding.cause != MEASURED)
     unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
-    return [*lines, f"  {figures or unsized}".rstrip()]
+    return [*lines, *([f"  {figures or unsized}"] if figures or unsized else [])]
 
 
 def sized(figure: Parameter) -> str:

@@ -27,10 +27,12 @@ VERDICTS = {
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
 
+MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
+
 
 def diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    parts = [paragraph(toned(said(found), "good" if found.verdict == "nothing" else "fair"))]
+    parts = [paragraph(toned(said(found), "good" if found.beside == "nothing" else "fair"))]
     parts += (
         [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
     )
@@ -60,7 +62,8 @@ def said(found: Diagnosis) -> str:
     """Return the verdict; a cause that is left open is not said to be named."""
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
-    return f"{VERDICTS[found.verdict]}{more}"
+    moved = "" if found.lacking == found.findings else f" {MOVED}"
+    return f"{VERDICTS[found.beside]}{more}{moved}"
 
 
 HEAD: list[Content] = ["Joint", "What is left is", "Error before", "Error after", "Would have been found"]

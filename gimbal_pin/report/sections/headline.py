@@ -63,12 +63,12 @@ def ratio_card(ratio: Mapping[str, float], fair: bool = True) -> Card:
 
 def missed(wrong: Diagnosis | None) -> str:
     """Return what the rigid model misses, or what is wrong with the logs, as a sentence without its full stop."""
-    if wrong is None or wrong.verdict == "nothing":
+    if wrong is None or wrong.beside == "nothing":
         return ""
     if wrong.verdict == "data":
         faults = listed(dict.fromkeys(fault.cause for fault in wrong.spoiling))
         return f"The log itself is at fault ({faults}): nothing that it seems to say about the rig should be believed"
-    found = listed(named(finding) for finding in wrong.findings) if wrong.findings else ""
+    found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
     rest = [joint for joint, left in wrong.residual.items() if left.state == "structured"]
     foreign = f"something at {listed(rest)} that no known cause explains" if rest else ""
     return f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
@@ -83,7 +83,7 @@ def named(finding: Finding) -> str:
 
 def about_gain(wrong: Diagnosis | None) -> list[str]:
     """Say what knowing it does to the held-out torque error, at the joint where it does most."""
-    if wrong is None or not wrong.findings:
+    if wrong is None or not wrong.lacking:
         return []
     before, after = wrong.baseline["torque_rmse"], wrong.extended["torque_rmse"]
     joint = min(before, key=lambda name: after[name] / max(before[name], 1e-300))
@@ -93,7 +93,7 @@ def about_gain(wrong: Diagnosis | None) -> list[str]:
 
 def extended_card(wrong: Diagnosis | None) -> list[Card]:
     """Return the fit of the extended model, of the worst joint."""
-    if wrong is None or not wrong.findings:
+    if wrong is None or not wrong.lacking:
         return []
     joint, fit = min(wrong.extended["fit_percent"].items(), key=lambda pair: pair[1])
     return [Card("With what was found", f"{percent(fit)} %", f"fit, worst joint: {joint}, held out", grade(fit))]

@@ -8,10 +8,10 @@ from math import degrees, isfinite
 
 from markupsafe import Markup
 
+from gimbal_pin.controllers import BASELINE, ORACLE, OURS
 from gimbal_pin.pointing import chart
-from gimbal_pin.pointing.budget import BASELINE, Budget
+from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Row
-from gimbal_pin.pointing.roster import ORACLE, OURS
 from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.report import plots
 from gimbal_pin.report.html import heading, paragraph
@@ -31,11 +31,11 @@ def diagrams(contest: Contest) -> list[Markup]:
     rows, budget = chart.drawn(contest), contest.budget
     names = listed(controller_name(row.controller) for row in rows)
     seeds = " of the first run" if len(rows[0].runs) > 1 else ""
-    floor = ": the oracle, which knows the motion ahead, is the sensors' floor" if ORACLE in contest.jitter else ""
+    oracle = "; the oracle is the one that knows the motion ahead" if ORACLE in contest.jitter else ""
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
     caption = (
         f"Line of sight{seeds}: the largest distance from its slow part in each {stretch(rows[0])}; the jitter that "
-        f"all frequencies up to one add up to{floor}; torque, rms as a bar and the largest as a line, and its limit."
+        f"all frequencies up to one add up to{oracle}; torque, rms as a bar and the largest as a line, and its limit."
     )
     told = budget is not None and budget.telling
     parts = [heading("Where the error goes"), budget_picture(budget)] if budget is not None and told else []
@@ -84,7 +84,7 @@ def budget_picture(budget: Budget) -> Markup:
     said = ", ".join(f"{what} {100 * share:.1f} %" for what, share in budget.parts.items())
     caption = (
         f"{controller_name(BASELINE)}'s mean square of {angle(budget.baseline)} rms, by what knowing one thing more "
-        f"takes off it, from left to right. What is left at the end, {angle(budget.floor)} rms, none of them undoes."
+        f"takes off it, from left to right. What is left at the end, {angle(budget.left)} rms, none of them undoes."
     )
     return plots.picture(partial(bar, budget), f"Error budget: {said}", caption[:1].upper() + caption[1:])
 

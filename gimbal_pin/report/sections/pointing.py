@@ -8,12 +8,12 @@ import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.control import Margins
+from gimbal_pin.controllers import BASELINE, ORACLE, OURS, TUNED
+from gimbal_pin.limited import PUSHED, SPOKEN, limited
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.budget import BASELINE
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.loops import distinct
 from gimbal_pin.pointing.outlook import outlook, shown
-from gimbal_pin.pointing.roster import ORACLE, OURS, TUNED
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import Card, Content, bullets, cards, heading, join, notice, paragraph, table, toned
@@ -39,7 +39,7 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     """
     contest = found.contest
     parts = [
-        paragraph(headline(contest), "headline good" if (contest.gain or 0.0) > 1 else "headline fair"),
+        paragraph(" ".join(filter(None, [headline(contest), missing(found)])), f"headline {praise(found)}"),
         paragraph(" ".join(filter(None, [circumstances(contest), note, asked_for(found)]))),
         cards(numbers(found)),
         heading("What the camera sees"),
@@ -53,6 +53,17 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
         *told(found),
     ]
     return Section(title, join(parts), "The platform moves; the camera should not.")
+
+
+def missing(found: Verified) -> str:
+    """Say which bounds are missed, if any."""
+    names = [target.name for target in found.targets if target.verdict == "missed"]
+    return f"A must is missed: {listed(names)}." if names else ""
+
+
+def praise(found: Verified) -> str:
+    """Return the headline's tone: nothing is praised that misses a bound."""
+    return "poor" if missing(found) else "good" if (found.contest.gain or 0.0) > 1 else "fair"
 
 
 def headline(contest: Contest) -> str:
@@ -109,15 +120,22 @@ def numbers(found: Verified) -> list[Card]:
     """Return the headline numbers."""
     best, margin = compared(found.contest)[-1], found.margins
     joint, share = hardest(best)
+    long = best.at_limit[joint]
+    touched = f", and at it {figures(100 * long, 2)} % of the time" if long > 0 else ""
     disk = f"every loop's disk margin at least {figures(margin.disk_margin)}"
-    floor, who = found.contest.distance, controller_name(best.controller)
-    beside = "of the line of sight, above 0.2 Hz" if floor is None else f"{figures(floor)} times the oracle's"
+    distance, who = found.contest.distance, controller_name(best.controller)
+    beside = "of the line of sight, above 0.2 Hz" if distance is None else f"{figures(distance)} times the oracle's"
     return [
         Card("Jitter", f"{angle(best.jitter_rms)} rms", f"{who}; at most {angle(best.jitter_max)}; {beside}"),
         Card("Drift", angle(best.drift), "below 0.2 Hz, from where it began"),
-        Card("Torque", f"{figures(100 * share, 2)} %", f"of the limit at most: {joint}", "poor" if share >= 1 else ""),
+        Card("Torque", f"{figures(100 * share, 2)} %", f"of the limit at most: {joint}{touched}", strain(share, long)),
         Card("Delay margin", f"{figures(1e3 * margin.delay_margin, 2)} ms", f"of the PID; {disk}"),
     ]
+
+
+def strain(share: float, long: float) -> str:
+    """Return the tone of a largest share of the torque limit, reached for so much of the time."""
+    return "poor" if long >= SPOKEN else "fair" if share >= 1 else ""
 
 
 def hardest(row: Row) -> tuple[str, float]:
@@ -130,7 +148,7 @@ def controllers(contest: Contest) -> Markup:
     """Return the table of all controllers."""
     rows = contest.rows
     head: list[Content] = ["Controller", "Jitter, ° rms", "Largest, °", "Drift, °"]
-    head += [f"{joint}, N m rms" for joint in rows[0].runs[0].joints] + ["At torque limit"]
+    head += [f"{joint}, N m rms" for joint in rows[0].runs[0].joints] + ["At torque limit, of the time"]
     fair = [row for row in rows if row.controller != ORACLE]  # it cannot be built, and competes with nobody
     body: list[list[Content]] = []
     jitters, largest = [row.jitter_rms for row in fair], [row.jitter_max for row in fair]
@@ -139,9 +157,11 @@ def controllers(contest: Contest) -> Markup:
         for value, every in ((row.jitter_rms, jitters), (row.jitter_max, largest)):
             own.append(marked(figures(degrees(value)), value, every))
         own += [figures(degrees(row.drift)), *(figures(torque) for torque in row.torque_rms.values())]
-        own += [f"{figures(100 * max(row.at_limit.values()), 2)} %"]
+        own += [limited(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"]
         body.append(own)
-    return table(head, body, label="Controllers on the platform")
+    drawn = table(head, body, label="Controllers on the platform")
+    weak = any(limited(row.at_limit) for row in rows)
+    return join([drawn, paragraph(f"At the torque limit for long: {PUSHED}.", "side")]) if weak else drawn
 
 
 def targets(found: Verified) -> Markup:
@@ -156,7 +176,9 @@ def targets(found: Verified) -> Markup:
         ]
         for target in found.targets
     ]
-    return table(["Target", "Reached", "Must", "Aim", "Verdict"], rows, caption="Targets")
+    notes = [f"{target.name}: {target.note}." for target in found.targets if target.note and target.value is not None]
+    judged = table(["Target", "Reached", "Must", "Aim", "Verdict"], rows, caption="Targets")
+    return join([judged, *(paragraph(note, "side") for note in notes)])
 
 
 def margins(found: Verified) -> list[Markup]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified
+from gimbal_pin.limited import SPOKEN
 from gimbal_pin.log import Log
 from gimbal_pin.report.base import Section
 from gimbal_pin.report.html import bullets, cards, join, notice, paragraph
@@ -31,9 +32,6 @@ from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
 from gimbal_pin.view.names import controller_name
 
-SATURATED = 0.05
-"""Share of an experiment at the torque limit from which on it is spoken of."""
-
 
 def summary(
     rig: Rig,
@@ -49,7 +47,7 @@ def summary(
     On what was run; `plant`: what the steps were simulated on, within a sentence.
     """
     ratio = {} if result is None else ratios(result)
-    fair = result is None or at_limit(result, BASELINE)[1] <= SATURATED
+    fair = result is None or at_limit(result, BASELINE)[1] < SPOKEN
     accuracy = found.held_out or found.train
     fit = min(accuracy.fit_percent.values())
     sentences = [about_fit(rig, found, logs), *about_gain(wrong), about_parameters(found)]
@@ -63,7 +61,7 @@ def summary(
     missing = missed(wrong)
     spoilt = wrong is not None and wrong.verdict == "data"
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
-    if wrong is not None and wrong.findings:
+    if wrong is not None and wrong.lacking:
         fit = min(wrong.extended["fit_percent"].values())  # the controllers are built on what was found
     said = verdict(fit, ratio if fair and not spoilt else {}, missing)
     headline = paragraph(said, f"headline {tone}")
@@ -136,8 +134,8 @@ def about_tuning(tuning: Tuning) -> str:
     phase = min(found.phase_margin_deg for found in tuning.margins)
     delay = min(found.delay_margin for found in tuning.margins)
     name, hertz = controller_name(tuning.wish.kind), between(tuning.bandwidth_hz)
-    margin = f"{figures(phase, 2)}° of phase margin and room for {figures(1e3 * delay, 2)} ms of further delay"
-    return f"The {name} controller is tuned to {hertz} Hz, with at least {margin}."
+    margin = f"{figures(phase, 2)}° of phase margin and {figures(1e3 * delay, 2)} ms of delay margin"
+    return f"The {name} controller is tuned to a bandwidth of {hertz} Hz, with at least {margin}."
 
 
 def about_tracking(rig: Rig, result: Tracking, ratio: Mapping[str, float], plant: str) -> str:
@@ -162,7 +160,7 @@ def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:
         return found
     for experiment in chosen(result, TOGETHER):
         joint, share = at_limit(result, experiment.controller)
-        if share > SATURATED:
+        if share >= SPOKEN:
             name = controller_name(experiment.controller)
             unfair = ": no fair rival, so that its errors say little" if experiment.controller == BASELINE else ""
             found.append(f"{name} is at the torque limit of {joint} in {100 * share:.0f} % of the step{unfair}.")
