@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies
 from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked
-from gimbal_pin.diagnosis.contenders import contenders, falls, holds_fast, hushes, stands_out
+from gimbal_pin.diagnosis.contenders import contenders, falls, holds_fast, hushes, lines
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
@@ -304,8 +304,8 @@ def test_beside_harmonics_that_gain_alike_none_is_a_line() -> None:
     rig = Rig.load("thesis")
     log = recorded(rig)
     state = solved(Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig)), ())
-    every = [Cogging(rig.joints[0], (float(k),)) for k in range(1, 101)]
-    alike = [(1.0 + 0.5 * np.cos(k), SimpleNamespace(cause=cause)) for k, cause in enumerate(every)]
-    assert not any(stands_out(state, gain, one.cause, alike) for gain, one in alike[20:80])
-    assert stands_out(state, 10.0, every[50], alike)
-    assert stands_out(state, 1.0, every[50], [])
+    every = [SimpleNamespace(cause=Cogging(rig.joints[0], (float(k),))) for k in range(1, 101)]
+    alike = [(1.0 + 0.5 * np.cos(k), one) for k, one in enumerate(every)]
+    assert not [one for _, one in lines(state, alike) if 20 < one.cause.harmonic[0] < 80]
+    assert [one for _, one in lines(state, [*alike[:49], (10.0, every[49]), *alike[50:]])] == [every[49]]
+    assert lines(state, alike[:3]) == alike[:3]

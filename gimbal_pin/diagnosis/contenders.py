@@ -57,8 +57,7 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     """
     taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
     gains = ranked(state, shelf.columns(state, place))
-    rows = [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken]
-    rows = [(gain, one) for gain, one in rows if stands_out(state, gain, one.cause, gains)]
+    rows = lines(state, [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken])
     first: dict[tuple[str, str], Cause] = {}
     for gain, one in rows:
         key = (one.cause.name, one.cause.place)
@@ -70,29 +69,29 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     return sorted(passed, key=lambda row: -net(*row))
 
 
-def stands_out(state: State, gain: float, cause: Cause, gains: Sequence[tuple[float, Columns]]) -> bool:
-    """Whether a harmonic gains more than those beside it: a line, and not a part of what no harmonic explains.
+def lines(state: State, rows: Sequence[tuple[float, Columns]]) -> list[tuple[float, Columns]]:
+    """Leave out harmonics that gain no more than those beside them: a part of what no harmonic explains, and no line.
 
     What is left of a cause that the library lacks is spread over all harmonics, and some of them gain most. Over whole
     turns it is not: each harmonic is then a function of its own.
     """
-    if not isinstance(cause, Harmonic):
-        return True
     evidence = state.problem.evidence
-    travel = evidence.seen[evidence.rig.joint_index(cause.joint)].travel
-    if travel > 2 * np.pi:
-        return True
-    unparted = 2 * np.pi / max(travel, 1e-9)
-    others = [(g, one.cause) for g, one in gains if same(one.cause, cause)]
-    beside = [
-        g for g, other in others if isinstance(other, Harmonic) and unparted < apart(other, cause) < unparted + BESIDE
-    ]
-    return len(beside) < FEWEST or gain > LINE * float(np.median(beside))
+    travels = dict(zip(evidence.rig.joints, (seen.travel for seen in evidence.seen)))
+    alike: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for gain, one in rows:
+        if isinstance(one.cause, Harmonic):
+            alike.setdefault((one.cause.name, one.cause.place), []).append((one.cause.harmonic[0], gain))
+    combs = {key: np.array(comb).T for key, comb in alike.items()}
 
+    def stands_out(gain: float, cause: Cause) -> bool:
+        if not isinstance(cause, Harmonic) or travels[cause.joint] > 2 * np.pi:
+            return True
+        harmonics, gains = combs[cause.name, cause.place]
+        apart, unparted = np.abs(harmonics - cause.harmonic[0]), 2 * np.pi / travels[cause.joint]
+        beside = gains[(apart > unparted) & (apart < unparted + BESIDE)]
+        return len(beside) < FEWEST or gain > LINE * float(np.median(beside))
 
-def apart(a: Harmonic, b: Harmonic) -> float:
-    """How many per turn two harmonics are apart."""
-    return abs(a.harmonic[0] - b.harmonic[0])
+    return [(gain, one) for gain, one in rows if stands_out(gain, one.cause)]
 
 
 def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
