@@ -157,7 +157,7 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
     Where less is unexplained than the sensors' noise, noise is all that it could take away.
     """
-    if not isinstance(cause, Signal) or not cause.linear:
+    if not isinstance(cause, Signal) or not cause.linear or cause.held is not None:
         return False
     evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
     left = [x[:, j] for x in state.unexplained]

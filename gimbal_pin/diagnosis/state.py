@@ -89,7 +89,7 @@ class State:
     alike: State | None = None
 
     @cached_property
-    def bearing(self) -> Bearing:
+    def bearing(self) -> list[Bearing]:
         """What each joint bears along each part; all that is neither inertia nor friction is the link's."""
         if self.alike is not None:
             return self.alike.bearing
@@ -106,20 +106,51 @@ class State:
         totals = [x - y for x, y in zip(self.acting, self.unexplained)]
         evidence = problem.evidence
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
-        rows = [(x, y, part.channels.tau, part.still) for x, y, part in zip(braked, loads, evidence.parts)]
+        rows = [(*x, part.channels.tau, part.still) for *x, part in zip(braked, loads, inertial, evidence.parts)]
         return [
-            [Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j]) for x, y, tau, still in rows]
+            [Borne.along(*(x[:, j] for x in row[:4]), row[4][:, j]) for row in rows]
             for j in range(evidence.rig.n)
         ]
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
         stand = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else Stand(self.rig)
-        return build(self.problem.evidence, cause, stand, self.torque, self.acting, self.bearing_for(cause))
+        return build(self.problem.evidence, cause, stand, self.torque, self.acting, self.bearing_for(cause, self.acting))
 
-    def bearing_for(self, cause: Cause) -> Bearing | None:
-        """What the joints bear, where a cause asks."""
-        return self.bearing if isinstance(cause, Signal) and cause.geared else None
+    def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
+        """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
+        if not isinstance(cause, Signal) or not cause.geared:
+            return None
+        return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)] if cause.held is None else self.hung(cause, torque)
+
+    def hung(self, cause: Signal, torque: list[Array]) -> Bearing:
+        """What a joint bears whose link swings: base columns passed through the spring and friction, fitted to it."""
+        problem, evidence, n = self.problem, self.problem.evidence, len(self.fit.scale)
+        j, at, link = evidence.rig.joint_index(cause.joint), len(problem.reduction.independent), cause.held
+        own, loads, rows = [], [], []
+        used = np.any(problem.rigid[:, j] != 0, axis=0)
+        for k, (part, full, rest) in enumerate(zip(evidence.parts, problem.rigid_full, problem.resting)):
+            load = rest[:, j][:, used]
+            inertial = full[:, j][:, used] - load
+            passed = link.passed_on(load + (1 - cause.rotor_share) * inertial, part.dt) + cause.rotor_share * inertial
+            ringing = link.ringing(part.dt, len(load))[: len(load)]
+            swings = np.zeros((len(load), 2 * len(evidence.parts)))
+            swings[: len(ringing), 2 * k : 2 * k + 2] = ringing
+            rows.append(part.whiten(np.hstack([passed, swings]), j))
+            own.append(inertial)
+            loads.append(load)
+        beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
+        A = np.hstack([np.concatenate(rows), beside])
+        theta = np.linalg.lstsq(A, evidence.whiten([x[:, j] for x in torque], j), rcond=1e-10)[0]
+        width_ = int(used.sum())
+        friction = [(e, x) for e, x in zip([*problem.friction, ], theta[-beside.shape[1] :]) if e.joint == cause.joint]
+        brake = [np.zeros(len(x)) for x in loads]
+        for effect, value in friction:
+            brake = [x + y @ [value] for x, y in zip(brake, plain_columns(evidence, effect, self.torque))]
+        return [
+            Borne.along(b, x @ theta[:width_], y @ theta[:width_], t[:, j], part.still[:, j])
+            for b, x, y, t, part in zip(brake, loads, own, torque, evidence.parts)
+        ]
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
@@ -155,7 +186,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            acting = acted(evidence, cause, acting, before.bearing_for(cause) if before else None)
+            acting = acted(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else Stand(rig) for c in effects]
@@ -172,7 +203,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
 def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
     """Let a drive's signal act on the torques of its joint."""
     j = evidence.rig.joint_index(signal.joint)
-    borne = [None] * len(torque) if bearing is None else bearing[j]
+    borne = [None] * len(torque) if bearing is None else bearing
     out = []
     for part, x, y in zip(evidence.parts, torque, borne):
         changed = x.copy()

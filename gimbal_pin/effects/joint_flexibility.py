@@ -7,14 +7,21 @@ from dataclasses import dataclass, replace
 from math import cos, exp, nan, pi, sin, sqrt
 from typing import ClassVar
 
+import numpy as np
+
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import cut
+from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Borne, Memory, Signal
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
-LOW = 0.7
-"""Zero over band up to which the resonance itself may show."""
+WITHIN = 1.2
+"""Zero over band up to which the link is seen to swing."""
+SHARE = 0.25
+"""The rotor's share that is tried: as a log tells the zero first, any does."""
+ZETA = 0.1
+"""Damping of the link's swing that is tried: as wide as two of the zeros that are tried are apart."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,41 @@ class JointFlexibility(Signal):
         damping = float(cut(self.damping * factor, *limits["damping"]))
         return replace(self, frequency=value, rotor_share=share, damping=damping)
 
+    @property
+    def geared(self) -> bool:
+        """With the encoder on the rotor, whose friction the spring is behind."""
+        return self.rotor_share > 0
+
+    def beside(self, borne: Borne) -> Value:
+        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
+        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
+
+    @property
+    def held(self) -> JointFlexibility | None:
+        """The link alone on its spring, the rotor held: it swings at F's zero, where the rotor hardly moves."""
+        if not self.rotor_share:
+            return None
+        damping = max(self.damping * sqrt(self.rotor_share), self.shapes[1].lower)
+        return replace(self, frequency=self.frequency * sqrt(self.rotor_share), damping=damping, rotor_share=0.0)
+
+    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
+        """``y = x + L - N L``, ``L = load + (1 - r) inertial``: the spring passes on what the link asks for.
+
+        N is F with the rotor `held`. That is the same as F on what is beside the friction, but asks nothing of the
+        friction, which nobody knows while the rotor sticks and the link swings on. How the link swings when the log
+        begins is what fits the torque best.
+        """
+        link = self.held
+        if borne is None or link is None:
+            return self.acting(command, dt)
+        asked = np.asarray(borne.load + (1 - self.rotor_share) * borne.inertial)
+        passed = link.acting(asked, dt)
+        ringing = link.ringing(dt, len(command))[: len(command)]
+        sure = ~np.asarray(borne.still)[: len(ringing)]
+        left = (command - borne.brake - self.rotor_share * borne.inertial - passed)[: len(ringing)]
+        passed[: len(ringing)] += ringing @ np.linalg.lstsq(ringing[sure], left[sure], rcond=None)[0]
+        return np.asarray(command + asked - passed)
+
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
         return level, 0.0
@@ -82,11 +124,10 @@ class JointFlexibility(Signal):
 
         Of a resonance far above the band only the zero shows.
         """
-        rungs = ladder(3.0, 3 * seen.band, 9, cls.shapes[0])
-        zeros = ladder(1.0, 5 * seen.band, 13, cls.shapes[0])
-        shares = [(zero, share) for zero in zeros for share in (0.1, 0.3) if zero < LOW * seen.band or share == 0.3]
-        behind = tuple(cls(joint, zero / sqrt(share), 0.05, share) for zero, share in shares)
-        return (*(cls(joint, frequency) for frequency in rungs), *behind)
+        rungs = [cls(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
+        zeros = [*ladder(1.0, WITHIN * seen.band, 15, cls.shapes[0]), *ladder(1.5 * seen.band, 5 * seen.band, 4, cls.shapes[0])]
+        behind = [cls(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
+        return (*rungs, *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the resonance."""
