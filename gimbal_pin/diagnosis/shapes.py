@@ -39,11 +39,11 @@ def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
 
 
 def onward(before: Cause, at: Cause) -> Cause | None:
-    """Twice as far the way that a round went, where shapes trade places along a ridge; None at once else, or at a bound.
+    """Twice as far the way that a round went, where shapes trade places along a ridge; None elsewhere, or at a bound.
 
     Hooke and Jeeves, J. ACM 8, 1961: steps along one shape at a time creep up a ridge that is aslant.
     """
-    if not isinstance(at, Signal) or at.held is None or at is before:
+    if not isinstance(at, Signal) or not at.springy or at is before:
         return None
     shapes = [shape for shape in at.shapes if shape.name in shape_names(at)]
     new = {shape.name: getattr(at, shape.name) ** 2 / getattr(before, shape.name) for shape in shapes}

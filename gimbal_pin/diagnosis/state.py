@@ -11,6 +11,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.diagnosis.swinging import swinging
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import given_beta
@@ -108,49 +109,41 @@ class State:
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
         rows = [(*x, part.channels.tau, part.still) for *x, part in zip(braked, loads, inertial, evidence.parts)]
         return [
-            [Borne.along(*(x[:, j] for x in row[:4]), row[4][:, j]) for row in rows]
+            [Borne.along(x[:, j], y[:, j], z[:, j], tau[:, j], still[:, j]) for x, y, z, tau, still in rows]
             for j in range(evidence.rig.n)
         ]
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
         stand = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else Stand(self.rig)
-        return build(self.problem.evidence, cause, stand, self.torque, self.acting, self.bearing_for(cause, self.acting))
+        bearing = self.bearing_for(cause, self.acting)
+        return build(self.problem.evidence, cause, stand, self.torque, self.acting, bearing)
 
     def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
         if not isinstance(cause, Signal) or not cause.geared:
             return None
-        return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)] if cause.held is None else self.hung(cause, torque)
+        if cause.springy:
+            return self.sprung(cause, torque)
+        return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]
 
-    def hung(self, cause: Signal, torque: list[Array]) -> Bearing:
-        """What a joint bears whose link swings: base columns passed through the spring and friction, fitted to it."""
+    def sprung(self, spring: Signal, torque: list[Array]) -> Bearing:
+        """What a joint bears whose link swings; all that is not of the rigid model stands before the spring."""
         problem, evidence, n = self.problem, self.problem.evidence, len(self.fit.scale)
-        j, at, link = evidence.rig.joint_index(cause.joint), len(problem.reduction.independent), cause.held
-        own, loads, rows = [], [], []
+        j, at = evidence.rig.joint_index(spring.joint), len(problem.reduction.independent)
         used = np.any(problem.rigid[:, j] != 0, axis=0)
-        for k, (part, full, rest) in enumerate(zip(evidence.parts, problem.rigid_full, problem.resting)):
-            load = rest[:, j][:, used]
-            inertial = full[:, j][:, used] - load
-            passed = link.passed_on(load + (1 - cause.rotor_share) * inertial, part.dt) + cause.rotor_share * inertial
-            ringing = link.ringing(part.dt, len(load))[: len(load)]
-            swings = np.zeros((len(load), 2 * len(evidence.parts)))
-            swings[: len(ringing), 2 * k : 2 * k + 2] = ringing
-            rows.append(part.whiten(np.hstack([passed, swings]), j))
-            own.append(inertial)
-            loads.append(load)
+        loads = [rest[:, j, used] for rest in problem.resting]
+        own = [full[:, j, used] - load for full, load in zip(problem.rigid_full, loads)]
         beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
-        A = np.hstack([np.concatenate(rows), beside])
-        theta = np.linalg.lstsq(A, evidence.whiten([x[:, j] for x in torque], j), rcond=1e-10)[0]
-        width_ = int(used.sum())
-        friction = [(e, x) for e, x in zip([*problem.friction, ], theta[-beside.shape[1] :]) if e.joint == cause.joint]
-        brake = [np.zeros(len(x)) for x in loads]
-        for effect, value in friction:
-            brake = [x + y @ [value] for x, y in zip(brake, plain_columns(evidence, effect, self.torque))]
-        return [
-            Borne.along(b, x @ theta[:width_], y @ theta[:width_], t[:, j], part.still[:, j])
-            for b, x, y, t, part in zip(brake, loads, own, torque, evidence.parts)
-        ]
+        white = evidence.whiten([x[:, j] for x in torque], j)
+        beta, phi = swinging(evidence, spring, loads, own, beside, white)
+        brakes = [np.zeros(len(x)) for x in loads]
+        for effect, value in zip(problem.friction, phi):
+            if effect.joint == spring.joint:
+                columns = plain_columns(evidence, effect, self.torque)
+                brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
+        rows = zip(brakes, loads, own, torque, evidence.parts)
+        return [Borne.along(x, y @ beta, z @ beta, tau[:, j], part.still[:, j]) for x, y, z, tau, part in rows]
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""

@@ -77,31 +77,46 @@ class JointFlexibility(Signal):
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
         return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
 
+    def leaning(self, memory: Memory) -> float | None:
+        """What the spring is bent by and its damping, on a rotor."""
+        bent = memory[0] + self.damping / (pi * self.frequency) * memory[1]
+        return (1 - self.rotor_share) * bent if self.geared else None
+
     @property
-    def held(self) -> JointFlexibility | None:
-        """The link alone on its spring, the rotor held: it swings at F's zero, where the rotor hardly moves."""
-        if not self.rotor_share:
-            return None
+    def springy(self) -> bool:
+        """With the encoder on the rotor it is the link that no encoder sees."""
+        return self.geared
+
+    @property
+    def held(self) -> JointFlexibility:
+        """N: the link alone on its spring, the rotor held; it swings at F's zero, where the rotor hardly moves."""
         damping = max(self.damping * sqrt(self.rotor_share), self.shapes[1].lower)
         return replace(self, frequency=self.frequency * sqrt(self.rotor_share), damping=damping, rotor_share=0.0)
 
-    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
-        """``y = x + L - N L``, ``L = load + (1 - r) inertial``: the spring passes on what the link asks for.
+    def felt(self, load: Array, inertial: Array, dt: float) -> Array:
+        """``r inertial + N (load + (1 - r) inertial)``."""
+        r = self.rotor_share
+        return r * inertial + self.held.passed_on(load + (1 - r) * inertial, dt)
 
-        N is F with the rotor `held`. That is the same as F on what is beside the friction, but asks nothing of the
-        friction, which nobody knows while the rotor sticks and the link swings on. How the link swings when the log
-        begins is what fits the torque best.
+    def swings(self, dt: float, count: int) -> Array:
+        """By the spring's bend, and by its rate."""
+        ringing = self.held.ringing(dt, count)[:count]
+        return np.pad(ringing, ((0, count - len(ringing)), (0, 0)))
+
+    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
+        """``y = x + load + inertial - felt``: the same as F on what is beside the friction, but of the motion alone.
+
+        Nobody knows the friction while the rotor sticks and the link swings on, and F would ring on with what is wrong
+        of it. How the link swings when the log begins is what fits the torque best.
         """
-        link = self.held
-        if borne is None or link is None:
+        if borne is None or not self.springy:
             return self.acting(command, dt)
-        asked = np.asarray(borne.load + (1 - self.rotor_share) * borne.inertial)
-        passed = link.acting(asked, dt)
-        ringing = link.ringing(dt, len(command))[: len(command)]
-        sure = ~np.asarray(borne.still)[: len(ringing)]
-        left = (command - borne.brake - self.rotor_share * borne.inertial - passed)[: len(ringing)]
-        passed[: len(ringing)] += ringing @ np.linalg.lstsq(ringing[sure], left[sure], rcond=None)[0]
-        return np.asarray(command + asked - passed)
+        load, inertial = (np.broadcast_to(x, command.shape) for x in (borne.load, borne.inertial))
+        felt, swings = self.felt(load[:, None], inertial[:, None], dt)[:, 0], self.swings(dt, len(command))
+        sure = ~np.broadcast_to(borne.still, command.shape) & np.any(swings != 0, axis=1)
+        left = command - borne.brake - felt
+        begun = np.linalg.lstsq(swings[sure], left[sure], rcond=None)[0]
+        return np.asarray(command + load + inertial - felt - swings @ begun)
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
@@ -125,7 +140,10 @@ class JointFlexibility(Signal):
         Of a resonance far above the band only the zero shows.
         """
         rungs = [cls(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
-        zeros = [*ladder(1.0, WITHIN * seen.band, 15, cls.shapes[0]), *ladder(1.5 * seen.band, 5 * seen.band, 4, cls.shapes[0])]
+        zeros = [
+            *ladder(1.0, WITHIN * seen.band, 15, cls.shapes[0]),
+            *ladder(1.5 * seen.band, 5 * seen.band, 4, cls.shapes[0]),
+        ]
         behind = [cls(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
         return (*rungs, *behind)
 

@@ -65,9 +65,17 @@ class Signal(Cause):
         return False
 
     @property
-    def held(self) -> Signal | None:
-        """What passes on to a rotor that is held what the link asks for; None if that does not swing."""
-        return None
+    def springy(self) -> bool:
+        """True if the link swings behind it, by what the link is asked for."""
+        return False
+
+    def felt(self, load: Array, inertial: Array, dt: float) -> Array:
+        """What a motor at rest in its own friction feels of some loads and of its own acceleration, N m, (N, k)."""
+        return load + inertial
+
+    def swings(self, dt: float, count: int) -> Array:
+        """What a motor feels of the ways in which the link may swing by itself from the start on, (count, m)."""
+        return np.zeros((count, 0))
 
     def sagging(self, command: Array, rate: Array) -> Array:
         """Torque, N m s/rad, (N,), that acts more for each rad/s if what bounds it falls with the rate; zero for most.
@@ -89,6 +97,10 @@ class Signal(Cause):
     def beside(self, borne: Borne) -> Value:
         """Return what such a signal feels besides the command, N m."""
         return -borne.brake
+
+    def leaning(self, memory: Memory) -> float | None:
+        """What leans on a motor that stands still, N m; None: what its link asks for."""
+        return None
 
     def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
         """Torque that acts, N m, (N,), as `acting`, at a joint that bears something; None: nobody knows what."""
