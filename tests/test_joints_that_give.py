@@ -25,11 +25,13 @@ from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import simulate
+from gimbal_pin.tuning import tune
 from tests.bench_logs import fourier, prescribed
 
 RIG = Rig.load("turret")
@@ -136,25 +138,35 @@ def test_a_resonance_is_moved_along_its_zero(frequency: float, share: float, fac
     assert JointFlexibility(JOINT, frequency).moved("frequency", 9.0) == JointFlexibility(JOINT, 9.0)
 
 
-def commanded(ring: JointFlexibility, seed: int) -> Log:
-    """A brisk log of a rig whose last motor, behind its friction, turns its link by a spring."""
-    model, j, slow, dt = nominal(RIG), RIG.joint_index(ring.joint), fourier(RIG, 0, 14.0, 2e-3), 2e-3
-    rng, (q, v, a) = np.random.default_rng(seed), map(np.array, (slow.q, slow.v, slow.a))
+def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
+    """A slow motion of all joints, and fast sines of one."""
+    slow, rng = fourier(RIG, 0, seconds, dt), np.random.default_rng(seed)
+    q, v, a = map(np.array, (slow.q, slow.v, slow.a))
     for w in 2 * np.pi * np.linspace(1.0, 11.0, 21):
         size, phase = 0.3 / w**1.5, w * slow.t + rng.uniform(0, 2 * np.pi)
         for x, y in zip((q, v, a), (np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase))):
-            x[:, j] += size * y
+            x[:, joint] += size * y
+    return Motion(slow.t, q, v, a)
+
+
+def commanded(ring: JointFlexibility, seed: int) -> Log:
+    """A log of a rig whose last motor, behind its friction, turns its link by a spring, all along one motion."""
+    dt, j = 2e-3, RIG.joint_index(ring.joint)
+    motion = brisk(j, seed, 14.0, dt)
+    q, v, a = motion.q, motion.v, motion.a
     apart = a * (1.0 - np.eye(RIG.n)[j])
-    tau, whole, load = model.inverse(q, v, a), rnea(RIG, q, v, a), rnea(RIG, q, v, apart)
+    tau, whole, load = nominal(RIG).inverse(q, v, a), rnea(RIG, q, v, a), rnea(RIG, q, v, apart)
     tau[:, [j]] += ring.felt(load[:, [j]], (whole - load)[:, [j]], dt) - whole[:, [j]]
-    return Log("brisk", RIG.joints, slow.t, q, v, tau + 1e-3 * rng.standard_normal(tau.shape))
+    return Log("brisk", RIG.joints, motion.t, q, v, tau + 1e-3 * np.random.default_rng(seed).standard_normal(tau.shape))
 
 
 @pytest.mark.parametrize(("frequency", "share"), [(13.0, 0.2), (36.0, 0.15)])
 def test_a_spring_is_found_by_its_zero_in_the_band_or_far_above_it(frequency: float, share: float) -> None:
-    true = JointFlexibility(JOINT, frequency, 0.08, share)
-    log = commanded(true, 5)
-    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
+    """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
+    true, controller = JointFlexibility(JOINT, frequency, 0.08, share), tune(nominal(RIG), bandwidth_hz=2.0).controller
+    reference = brisk(RIG.joint_index(JOINT), 5, 9.0, controller.dt)
+    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
     seen = problem.evidence.seen[RIG.joint_index(JOINT)]
     shelf = Library(problem, JointFlexibility.tried(JOINT, seen))
     state = forward(solved(problem, (), solved(problem, ())), shelf)

@@ -107,7 +107,9 @@ class State:
         totals = [x - y for x, y in zip(self.acting, self.unexplained)]
         evidence = problem.evidence
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
-        rows = [(*x, part.channels.tau, part.still) for *x, part in zip(braked, loads, inertial, evidence.parts)]
+        rows = [
+            (x, y, z, part.channels.tau, part.still) for x, y, z, part in zip(braked, loads, inertial, evidence.parts)
+        ]
         return [
             [Borne.along(x[:, j], y[:, j], z[:, j], tau[:, j], still[:, j]) for x, y, z, tau, still in rows]
             for j in range(evidence.rig.n)
