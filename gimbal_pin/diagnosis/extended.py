@@ -44,7 +44,7 @@ class Extended:
             self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform)[:, joint]
             for a in (c.a * others, c.a)
         )
-        return Borne.along(brake, asked - brake, whole - asked, c.tau[:, joint], part.still[:, joint])
+        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked)
 
 
 def extended(state: State) -> Extended:

@@ -111,7 +111,7 @@ class State:
             (x, y, z, part.channels.tau, part.still) for x, y, z, part in zip(braked, loads, inertial, evidence.parts)
         ]
         return [
-            [Borne.along(x[:, j], y[:, j], z[:, j], tau[:, j], still[:, j]) for x, y, z, tau, still in rows]
+            [Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j]) for x, y, z, tau, still in rows]
             for j in range(evidence.rig.n)
         ]
 
@@ -145,7 +145,7 @@ class State:
                 columns = plain_columns(evidence, effect, self.torque)
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
         rows = zip(brakes, loads, own, torque, evidence.parts)
-        return [Borne.along(x, y @ beta, z @ beta, tau[:, j], part.still[:, j]) for x, y, z, tau, part in rows]
+        return [Borne.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""

@@ -36,7 +36,7 @@ class Borne(NamedTuple):
     still: bool | NDArray[np.bool_] = False
 
     @classmethod
-    def along(cls, brake: Array, load: Array, inertial: Array, command: Array, still: NDArray[np.bool_]) -> Borne:
+    def along(cls, brake: Array, load: Array, command: Array, still: NDArray[np.bool_], inertial: Value = 0.0) -> Borne:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
         most = np.abs(brake)
         return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still)
