@@ -60,6 +60,14 @@ class Problem:
         return out
 
     @cached_property
+    def apart(self) -> list[tuple[list[Array], list[Array]]]:
+        """Of each joint's torque the base columns of what is asked at rest, and of its own acceleration, per part."""
+        used = np.any(self.rigid != 0, axis=0)
+        loads = [[np.asfortranarray(rest[:, j, at]) for rest in self.resting] for j, at in enumerate(used)]
+        whole = [[np.asfortranarray(full[:, j, at]) for full in self.rigid_full] for j, at in enumerate(used)]
+        return [(load, [x - y for x, y in zip(full, load)]) for load, full in zip(loads, whole)]
+
+    @cached_property
     def friction(self) -> tuple[Effect, ...]:
         """Coulomb and viscous friction of every joint."""
         return friction_effects(self.evidence.rig.joints)
@@ -133,9 +141,7 @@ class State:
         """What a joint bears whose link swings; all that is not of the rigid model stands before the spring."""
         problem, evidence, n = self.problem, self.problem.evidence, len(self.fit.scale)
         j, at = evidence.rig.joint_index(spring.joint), len(problem.reduction.independent)
-        used = np.any(problem.rigid[:, j] != 0, axis=0)
-        loads = [rest[:, j, used] for rest in problem.resting]
-        own = [full[:, j, used] - load for full, load in zip(problem.rigid_full, loads)]
+        loads, own = problem.apart[j]
         beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
         white = evidence.whiten([x[:, j] for x in torque], j)
         beta, phi = swinging(evidence, spring, loads, own, beside, white)

@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
+from scipy import fft
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
@@ -152,8 +152,12 @@ class Signal(Cause):
 
     def passed_on(self, commands: Array, dt: float) -> Array:
         """What acts for each of some commands, (N, k), if it is linear."""
-        response = self.response(dt, len(commands))[:, None]
-        return np.asarray(commands[0] + fftconvolve(commands - commands[0], response, axes=0)[: len(commands)])
+        count, first = len(commands), commands[0]
+        response = self.response(dt, count)
+        size = fft.next_fast_len(count + len(response) - 1, real=True)
+        # Each command side by side in memory.
+        spectrum = fft.rfft(np.ascontiguousarray((commands - first).T), size) * fft.rfft(response, size)
+        return np.asarray(first + fft.irfft(spectrum, size)[:, :count].T)
 
     def response(self, dt: float, longest: int) -> Array:
         """``h_0 = D, h_k = C A^(k-1) B``: what acts after 1 N m over one interval of `dt` s, until it has died away.
