@@ -31,14 +31,17 @@ class Drive:
         for i, (j, signal) in enumerate(self.chain):
             beside = 0.0
             if signal.geared and self.plant is not None and state is not None:
-                beside = float(signal.beside(borne(self.plant, j, state, out[j])))
+                beside = float(signal.beside(borne(self.plant, j, state, out[j], signal.leaning(self.memory[i]))))
             self.memory[i], passed = signal.step(self.memory[i], out[j] + beside, self.dt)
             out[j] = passed - beside
         return np.array(out)
 
 
-def borne(plant: Model, joint: int, state: State, torque: float) -> Borne:
-    """What a joint bears in a state of the plant; at rest its dry friction takes what it can of the torque."""
+def borne(plant: Model, joint: int, state: State, torque: float, leaning: float | None = None) -> Borne:
+    """What a joint bears in a state of the plant; at rest its dry friction takes what it can of the torque.
+
+    `leaning`: what the torque holds at rest, N m; None: what the link asks for.
+    """
     q, rate = float(state.q[joint]), float(state.v[joint])
     terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
     asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
@@ -46,4 +49,5 @@ def borne(plant: Model, joint: int, state: State, torque: float) -> Borne:
     if rate:
         brake = slides[rate > 0]
         return Borne(brake, asked - brake)
-    return Borne(min(max(torque - asked, slides[0]), slides[1]), asked)
+    held = asked if leaning is None else leaning
+    return Borne(min(max(torque - held, slides[0]), slides[1]), asked)

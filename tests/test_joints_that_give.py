@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import copysign, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
+from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.contenders import hushes
@@ -23,12 +24,15 @@ from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.presliding import Presliding
-from gimbal_pin.effects.signal import Borne, Signal
-from gimbal_pin.log import Array, Log
+from gimbal_pin.effects.signal import Borne
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
+from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
-from tests.bench_logs import prescribed
+from gimbal_pin.simulation import simulate
+from gimbal_pin.tuning import tune
+from tests.bench_logs import fourier, prescribed
 
 RIG = Rig.load("turret")
 JOINT = RIG.joints[-1]
@@ -74,7 +78,54 @@ def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing() -> None:
     gap, ring = Backlash(JOINT, 0.01, 1e-3, 0.3), JointFlexibility(JOINT, 9.0, 0.05, 0.3)
     np.testing.assert_array_equal(gap.along(x, 1e-3, None), gap.acting(x, 1e-3))
     np.testing.assert_allclose(gap.along(x, 1e-3, Borne(0 * x, 0 * x)), gap.acting(x, 1e-3))
-    np.testing.assert_array_equal(ring.along(x, 1e-3, Borne(x, x)), ring.acting(x, 1e-3))
+    np.testing.assert_array_equal(ring.along(x, 1e-3, None), ring.acting(x, 1e-3))
+    on_link = replace(ring, rotor_share=0.0)
+    np.testing.assert_array_equal(on_link.along(x, 1e-3, Borne(x, x)), on_link.acting(x, 1e-3))
+
+
+class Swung(NamedTuple):
+    """Two masses on a spring, the rotor behind dry friction: push and friction, N m, the rotor's acceleration."""
+
+    push: Array
+    friction: Array
+    acceleration: Array
+    still: NDArray[np.bool_]
+
+
+def swung(ring: JointFlexibility, inertia: float, dry: float, load: Array, push: Array, dt: float) -> Swung:
+    """Integrate them, the link swinging already; the rotor sticks where the friction can hold it."""
+    rotor, link = ring.rotor_share * inertia, (1 - ring.rotor_share) * inertia
+    w = 2 * np.pi * ring.frequency
+    k, c = w * w * rotor * link / inertia, 2 * ring.damping * w * rotor * link / inertia
+    bend, bending, rate, rows = 0.3 / k, 0.0, 0.0, []
+    for u, asked in zip(push.tolist(), load.tolist()):
+        spring = k * bend + c * bending
+        free = rate + (u - spring) / rotor * dt
+        brake = max(-dry, min(dry, free * rotor / dt))
+        a = (u - spring - brake) / rotor
+        rows.append((brake, a, abs(rate + a * dt) < 1e-12))
+        rate += a * dt
+        bending += (a - (spring - asked) / link) * dt
+        bend += bending * dt
+    brakes, accelerations, still = map(np.array, zip(*rows))
+    return Swung(push, brakes, accelerations, still)
+
+
+@given(st.floats(5.0, 25.0), st.floats(0.02, 0.3), st.floats(0.1, 0.6), st.floats(0.0, 0.2), st.integers(0, 99))
+@settings(deadline=None, max_examples=20)
+def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
+    frequency: float, damping: float, share: float, dry: float, seed: int
+) -> None:
+    """``y = (I + J) a + friction + load``, whatever friction is taken to hold the rotor where it stands."""
+    dt, inertia, rng = 1e-4, 0.01, np.random.default_rng(seed)
+    ring, t = JointFlexibility(JOINT, frequency, damping, share), 1e-4 * np.arange(15000)
+    load = 0.1 + 0.05 * np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6))
+    push = load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
+    was = swung(ring, inertia, dry, load, push, dt)
+    told = np.where(was.still, rng.normal(size=len(t)), was.friction)
+    acting = ring.along(push, dt, Borne(told, load, inertia * was.acceleration, was.still))
+    wrong = acting - (inertia * was.acceleration + was.friction + load)
+    assert np.sqrt(np.mean(wrong[~was.still] ** 2)) < 0.02 * np.sqrt(np.mean(push**2))
 
 
 @given(st.floats(5.0, 60.0), st.floats(0.05, 0.5), st.floats(0.8, 1.4))
@@ -87,19 +138,35 @@ def test_a_resonance_is_moved_along_its_zero(frequency: float, share: float, fac
     assert JointFlexibility(JOINT, frequency).moved("frequency", 9.0) == JointFlexibility(JOINT, 9.0)
 
 
-def commanded(signal: Signal, seed: int) -> Log:
-    """A log whose commands are those that make the rig's torque behind a signal that can be undone."""
-    log = prescribed(nominal(RIG), seconds=14.0, torque_noise=0.0, dt=2e-3)
-    j, tau = RIG.joint_index(signal.joint), np.array(log.tau)
-    tau[:, j] = tau[0, j] + lfilter([1.0], signal.response(log.dt, len(tau)), tau[:, j] - tau[0, j])
-    return replace(log, tau=tau + 1e-3 * np.random.default_rng(seed).standard_normal(tau.shape))
+def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
+    """A slow motion of all joints, and fast sines of one."""
+    slow, rng = fourier(RIG, 0, seconds, dt), np.random.default_rng(seed)
+    q, v, a = map(np.array, (slow.q, slow.v, slow.a))
+    for w in 2 * np.pi * np.linspace(1.0, 11.0, 21):
+        size, phase = 0.3 / w**1.5, w * slow.t + rng.uniform(0, 2 * np.pi)
+        for x, y in zip((q, v, a), (np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase))):
+            x[:, joint] += size * y
+    return Motion(slow.t, q, v, a)
+
+
+def commanded(ring: JointFlexibility, seed: int) -> Log:
+    """A log of a rig whose last motor, behind its friction, turns its link by a spring, all along one motion."""
+    dt, j = 2e-3, RIG.joint_index(ring.joint)
+    motion = brisk(j, seed, 14.0, dt)
+    q, v, a = motion.q, motion.v, motion.a
+    apart = a * (1.0 - np.eye(RIG.n)[j])
+    tau, whole, load = nominal(RIG).inverse(q, v, a), rnea(RIG, q, v, a), rnea(RIG, q, v, apart)
+    tau[:, [j]] += ring.felt(load[:, [j]], (whole - load)[:, [j]], dt) - whole[:, [j]]
+    return Log("brisk", RIG.joints, motion.t, q, v, tau + 1e-3 * np.random.default_rng(seed).standard_normal(tau.shape))
 
 
 @pytest.mark.parametrize(("frequency", "share"), [(13.0, 0.2), (36.0, 0.15)])
 def test_a_spring_is_found_by_its_zero_in_the_band_or_far_above_it(frequency: float, share: float) -> None:
-    true = JointFlexibility(JOINT, frequency, 0.08, share)
-    log = commanded(true, 5)
-    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
+    """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
+    true, controller = JointFlexibility(JOINT, frequency, 0.08, share), tune(nominal(RIG), bandwidth_hz=2.0).controller
+    reference = brisk(RIG.joint_index(JOINT), 5, 9.0, controller.dt)
+    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
     seen = problem.evidence.seen[RIG.joint_index(JOINT)]
     shelf = Library(problem, JointFlexibility.tried(JOINT, seen))
     state = forward(solved(problem, (), solved(problem, ())), shelf)

@@ -116,14 +116,14 @@ def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], torque:
     return sizes[0] > PUSHED**2 * sizes[1]
 
 
-Bearing = Sequence[Sequence[Borne]]
-"""What each joint bears along each part."""
+Bearing = Sequence[Borne]
+"""What a joint bears along each part."""
 
 
 def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> Array:
     """``x - acting(x)``: what a drive takes from a torque, whitened, (rows,): it stands beside the model's columns."""
     j = evidence.rig.joint_index(signal.joint)
-    borne = [None] * len(torque) if bearing is None else bearing[j]
+    borne = [None] * len(torque) if bearing is None else bearing
     loss = [x[:, j] - signal.along(x[:, j], p.dt, y) for p, x, y in zip(evidence.parts, torque, borne)]
     white, whole = evidence.whiten(loss, j), [x[:, j] for x in torque]
     taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
@@ -131,7 +131,8 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
         taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
     beyond = np.abs(np.concatenate(whole)) >= signal.largest
     capped = np.mean((np.concatenate(loss) != 0) & beyond) > MOST_CAPPED
-    return np.zeros_like(white) if capped or taken > MOST_TAKEN**2 * most else white
+    silenced = taken > MOST_TAKEN**2 * most and not signal.springy  # what adds what its model says silences nothing
+    return np.zeros_like(white) if capped or silenced else white
 
 
 class Stand(NamedTuple):

@@ -196,9 +196,10 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too.
 
     What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
-    Where less is unexplained than the sensors' noise, noise is all that it could take away.
+    Where less is unexplained than the sensors' noise, noise is all that it could take away. What adds to the torque
+    what its model says takes nothing away.
     """
-    if not isinstance(cause, Signal) or not cause.linear:
+    if not isinstance(cause, Signal) or not cause.linear or cause.springy:
         return False
     evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
     left = [x[:, j] for x in state.unexplained]

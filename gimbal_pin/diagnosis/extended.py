@@ -40,8 +40,11 @@ class Extended:
         terms = [term for term in self.model.by_joint[joint] if brakes(term.effect)]
         brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
         others = np.arange(c.a.shape[1]) != joint
-        asked = self.model.inverse(c.q, c.v, c.a * others, part.slide, part.time, part.temperature, c.platform)
-        return Borne.along(brake, asked[:, joint] - brake, c.tau[:, joint], part.still[:, joint])
+        asked, whole = (
+            self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform)[:, joint]
+            for a in (c.a * others, c.a)
+        )
+        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked)
 
 
 def extended(state: State) -> Extended:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from gimbal_pin.diagnosis.score import Score, gained, score
 from gimbal_pin.diagnosis.state import State, width
@@ -26,13 +26,28 @@ def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
     """
     best, at = worth(state, cause), cause
     for _ in range(ROUNDS):
+        before = at
         for name in shape_names(cause):
             for factor in (step, 1 / step):
                 other = moved(at, name, factor)
                 if other is not None and (found := worth(state, other)) > best:
                     best, at = found, other
+        while (other := onward(before, at)) is not None and (found := worth(state, other)) > best:
+            best, at = found, other
         step **= 0.5
     return at
+
+
+def onward(before: Cause, at: Cause) -> Cause | None:
+    """Twice as far the way that a round went, where shapes trade places along a ridge; None elsewhere, or at a bound.
+
+    Hooke and Jeeves, J. ACM 8, 1961: steps along one shape at a time creep up a ridge that is aslant.
+    """
+    if not isinstance(at, Signal) or not at.springy or at is before:
+        return None
+    shapes = [shape for shape in at.shapes if shape.name in shape_names(at)]
+    new = {shape.name: getattr(at, shape.name) ** 2 / getattr(before, shape.name) for shape in shapes}
+    return replace(at, **new) if all(s.lower <= new[s.name] <= s.upper for s in shapes) else None
 
 
 def worth(state: State, cause: Cause) -> float:

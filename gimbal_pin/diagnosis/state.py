@@ -11,6 +11,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.diagnosis.swinging import swinging
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import given_beta
@@ -59,6 +60,14 @@ class Problem:
         return out
 
     @cached_property
+    def apart(self) -> list[tuple[list[Array], list[Array]]]:
+        """Of each joint's torque the base columns of what is asked at rest, and of its own acceleration, per part."""
+        used = np.any(self.rigid != 0, axis=0)
+        loads = [[np.asfortranarray(rest[:, j, at]) for rest in self.resting] for j, at in enumerate(used)]
+        whole = [[np.asfortranarray(full[:, j, at]) for full in self.rigid_full] for j, at in enumerate(used)]
+        return [(load, [x - y for x, y in zip(full, load)]) for load, full in zip(loads, whole)]
+
+    @cached_property
     def friction(self) -> tuple[Effect, ...]:
         """Coulomb and viscous friction of every joint."""
         return friction_effects(self.evidence.rig.joints)
@@ -89,7 +98,7 @@ class State:
     alike: State | None = None
 
     @cached_property
-    def bearing(self) -> Bearing:
+    def bearing(self) -> list[Bearing]:
         """What each joint bears along each part; all that is neither inertia nor friction is the link's."""
         if self.alike is not None:
             return self.alike.bearing
@@ -106,20 +115,43 @@ class State:
         totals = [x - y for x, y in zip(self.acting, self.unexplained)]
         evidence = problem.evidence
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
-        rows = [(x, y, part.channels.tau, part.still) for x, y, part in zip(braked, loads, evidence.parts)]
+        rows = [
+            (x, y, z, part.channels.tau, part.still) for x, y, z, part in zip(braked, loads, inertial, evidence.parts)
+        ]
         return [
-            [Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j]) for x, y, tau, still in rows]
+            [Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j]) for x, y, z, tau, still in rows]
             for j in range(evidence.rig.n)
         ]
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
         stand = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else Stand(self.rig)
-        return build(self.problem.evidence, cause, stand, self.torque, self.acting, self.bearing_for(cause))
+        bearing = self.bearing_for(cause, self.acting)
+        return build(self.problem.evidence, cause, stand, self.torque, self.acting, bearing)
 
-    def bearing_for(self, cause: Cause) -> Bearing | None:
-        """What the joints bear, where a cause asks."""
-        return self.bearing if isinstance(cause, Signal) and cause.geared else None
+    def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
+        """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
+        if not isinstance(cause, Signal) or not cause.geared:
+            return None
+        if cause.springy:
+            return self.sprung(cause, torque)
+        return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]
+
+    def sprung(self, spring: Signal, torque: list[Array]) -> Bearing:
+        """What a joint bears whose link swings; all that is not of the rigid model stands before the spring."""
+        problem, evidence, n = self.problem, self.problem.evidence, len(self.fit.scale)
+        j, at = evidence.rig.joint_index(spring.joint), len(problem.reduction.independent)
+        loads, own = problem.apart[j]
+        beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
+        white = evidence.whiten([x[:, j] for x in torque], j)
+        beta, phi = swinging(evidence, spring, loads, own, beside, white)
+        brakes = [np.zeros(len(x)) for x in loads]
+        for effect, value in zip(problem.friction, phi):
+            if effect.joint == spring.joint:
+                columns = plain_columns(evidence, effect, self.torque)
+                brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
+        rows = zip(brakes, loads, own, torque, evidence.parts)
+        return [Borne.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
@@ -155,7 +187,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            acting = acted(evidence, cause, acting, before.bearing_for(cause) if before else None)
+            acting = acted(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else Stand(rig) for c in effects]
@@ -172,7 +204,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
 def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
     """Let a drive's signal act on the torques of its joint."""
     j = evidence.rig.joint_index(signal.joint)
-    borne = [None] * len(torque) if bearing is None else bearing[j]
+    borne = [None] * len(torque) if bearing is None else bearing
     out = []
     for part, x, y in zip(evidence.parts, torque, borne):
         changed = x.copy()

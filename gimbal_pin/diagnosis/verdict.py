@@ -208,9 +208,12 @@ def at_bound(base: State, cause: Cause) -> bool:
 
 
 def minor(state: State, cause: Cause) -> bool:
-    """Whether a cause is smaller than what is left unexplained at its joint, where that is much."""
+    """Whether a cause is smaller than what is left unexplained at its joint, where that is much.
+
+    What of it the rigid model takes over to a joint that is explained badly, and so counts for little, is no measure.
+    """
     size = measure(without(state, cause), cause).size
-    j = int(np.argmax(size))
+    j = state.problem.evidence.rig.joint_index(cause.place) if cause.of_joint else int(np.argmax(size))
     return bool(state.fit.dispersion[j] > MUCH and size[j] ** 2 < state.fit.dispersion[j])
 
 

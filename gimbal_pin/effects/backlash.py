@@ -43,9 +43,13 @@ class Backlash(Signal):
         Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
-    geared: ClassVar[bool] = True
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
+
+    @property
+    def geared(self) -> bool:
+        """The gap is behind the motor's bearing."""
+        return True
 
     def beside(self, borne: Borne) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.

@@ -7,14 +7,21 @@ from dataclasses import dataclass, replace
 from math import cos, exp, nan, pi, sin, sqrt
 from typing import ClassVar
 
+import numpy as np
+
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import cut
+from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Borne, Memory, Signal
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
-LOW = 0.7
-"""Zero over band up to which the resonance itself may show."""
+WITHIN = 1.2
+"""Zero over band up to which the link is seen to swing."""
+SHARE = 0.25
+"""The rotor's share that is tried: as a log tells the zero first, any does."""
+ZETA = 0.1
+"""Damping of the link's swing that is tried: as wide as two of the zeros that are tried are apart."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,56 @@ class JointFlexibility(Signal):
         damping = float(cut(self.damping * factor, *limits["damping"]))
         return replace(self, frequency=value, rotor_share=share, damping=damping)
 
+    @property
+    def geared(self) -> bool:
+        """With the encoder on the rotor, whose friction the spring is behind."""
+        return self.rotor_share > 0
+
+    def beside(self, borne: Borne) -> Value:
+        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
+        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
+
+    def leaning(self, memory: Memory) -> float | None:
+        """What the spring is bent by and its damping, on a rotor."""
+        bent = memory[0] + self.damping / (pi * self.frequency) * memory[1]
+        return (1 - self.rotor_share) * bent if self.geared else None
+
+    @property
+    def springy(self) -> bool:
+        """With the encoder on the rotor it is the link that no encoder sees."""
+        return self.geared
+
+    @property
+    def held(self) -> JointFlexibility:
+        """N: the link alone on its spring, the rotor held; it swings at F's zero, where the rotor hardly moves."""
+        damping = max(self.damping * sqrt(self.rotor_share), self.shapes[1].lower)
+        return replace(self, frequency=self.frequency * sqrt(self.rotor_share), damping=damping, rotor_share=0.0)
+
+    def felt(self, load: Array, inertial: Array, dt: float) -> Array:
+        """``r inertial + N (load + (1 - r) inertial)``."""
+        r = self.rotor_share
+        return r * inertial + self.held.passed_on(load + (1 - r) * inertial, dt)
+
+    def swings(self, dt: float, count: int) -> Array:
+        """By the spring's bend, and by its rate."""
+        ringing = self.held.ringing(dt, count)[:count]
+        return np.pad(ringing, ((0, count - len(ringing)), (0, 0)))
+
+    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
+        """``y = x + load + inertial - felt``: the same as F on what is beside the friction, but of the motion alone.
+
+        Nobody knows the friction while the rotor sticks and the link swings on, and F would ring on with what is wrong
+        of it. How the link swings when the log begins is what fits the torque best.
+        """
+        if borne is None or not self.springy:
+            return self.acting(command, dt)
+        load, inertial = (np.broadcast_to(x, command.shape) for x in (borne.load, borne.inertial))
+        felt, swings = self.felt(load[:, None], inertial[:, None], dt)[:, 0], self.swings(dt, len(command))
+        sure = ~np.broadcast_to(borne.still, command.shape) & np.any(swings != 0, axis=1)
+        left = command - borne.brake - felt
+        begun = np.linalg.lstsq(swings[sure], left[sure], rcond=None)[0]
+        return np.asarray(command + load + inertial - felt - swings @ begun)
+
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
         return level, 0.0
@@ -82,11 +139,13 @@ class JointFlexibility(Signal):
 
         Of a resonance far above the band only the zero shows.
         """
-        rungs = ladder(3.0, 3 * seen.band, 9, cls.shapes[0])
-        zeros = ladder(1.0, 5 * seen.band, 13, cls.shapes[0])
-        shares = [(zero, share) for zero in zeros for share in (0.1, 0.3) if zero < LOW * seen.band or share == 0.3]
-        behind = tuple(cls(joint, zero / sqrt(share), 0.05, share) for zero, share in shares)
-        return (*(cls(joint, frequency) for frequency in rungs), *behind)
+        rungs = [cls(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
+        zeros = [
+            *ladder(1.0, WITHIN * seen.band, 15, cls.shapes[0]),
+            *ladder(1.5 * seen.band, 5 * seen.band, 4, cls.shapes[0]),
+        ]
+        behind = [cls(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
+        return (*rungs, *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the resonance."""

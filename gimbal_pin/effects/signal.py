@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
+from scipy import fft
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
@@ -26,16 +26,20 @@ class Borne(NamedTuple):
     Attributes:
         brake: Friction, which brakes the motor itself, N m, a float or (N,).
         load: What the link asks for while this joint does not accelerate: its weight, the other joints' motion, N m.
+        inertial: What this joint's own acceleration asks for, N m.
+        still: Whether the joint stands, so that nobody knows its friction.
     """
 
     brake: Value
     load: Value
+    inertial: Value = 0.0
+    still: bool | NDArray[np.bool_] = False
 
     @classmethod
-    def along(cls, brake: Array, load: Array, command: Array, still: NDArray[np.bool_]) -> Borne:
+    def along(cls, brake: Array, load: Array, command: Array, still: NDArray[np.bool_], inertial: Value = 0.0) -> Borne:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
         most = np.abs(brake)
-        return cls(np.where(still, np.clip(command - load, -most, most), brake), load)
+        return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still)
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,25 @@ class Signal(Cause):
 
     linear: ClassVar[bool] = False
     """True if it is linear and passes a constant on: its impulse response then says all of it."""
-    geared: ClassVar[bool] = False
-    """True if it acts behind the motor's friction, on the command and what `beside` adds to it."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
+
+    @property
+    def geared(self) -> bool:
+        """True if it acts behind the motor's friction, on the command and what `beside` adds to it."""
+        return False
+
+    @property
+    def springy(self) -> bool:
+        """True if the link swings behind it, by what the link is asked for."""
+        return False
+
+    def felt(self, load: Array, inertial: Array, dt: float) -> Array:
+        """What a motor at rest in its own friction feels of some loads and of its own acceleration, N m, (N, k)."""
+        return load + inertial
+
+    def swings(self, dt: float, count: int) -> Array:
+        """What a motor feels of the ways in which the link may swing by itself from the start on, (count, m)."""
+        return np.zeros((count, 0))
 
     def sagging(self, command: Array, rate: Array) -> Array:
         """Torque, N m s/rad, (N,), that acts more for each rad/s if what bounds it falls with the rate; zero for most.
@@ -77,6 +97,10 @@ class Signal(Cause):
     def beside(self, borne: Borne) -> Value:
         """Return what such a signal feels besides the command, N m."""
         return -borne.brake
+
+    def leaning(self, memory: Memory) -> float | None:
+        """What leans on a motor that stands still, N m; None: what its link asks for."""
+        return None
 
     def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
         """Torque that acts, N m, (N,), as `acting`, at a joint that bears something; None: nobody knows what."""
@@ -118,8 +142,7 @@ class Signal(Cause):
     def acting(self, command: Array, dt: float) -> Array:
         """Torque that acts, N m, (N,), for a command, N m, (N,), held `dt` s each; settled on the first before it."""
         if self.linear and len(command):
-            first = float(command[0])
-            return first + fftconvolve(command - first, self.response(dt, len(command)))[: len(command)]
+            return self.passed_on(command[:, None], dt)[:, 0]
         values = command.tolist()
         memory, out = self.start(values[0] if values else 0.0), []
         for x in values:
@@ -127,16 +150,33 @@ class Signal(Cause):
             out.append(y)
         return np.array(out)
 
+    def passed_on(self, commands: Array, dt: float) -> Array:
+        """What acts for each of some commands, (N, k), if it is linear."""
+        count, first = len(commands), commands[0]
+        response = self.response(dt, count)
+        size = fft.next_fast_len(count + len(response) - 1, real=True)
+        # Each command side by side in memory.
+        spectrum = fft.rfft(np.ascontiguousarray((commands - first).T), size) * fft.rfft(response, size)
+        return np.asarray(first + fft.irfft(spectrum, size)[:, :count].T)
+
     def response(self, dt: float, longest: int) -> Array:
         """``h_0 = D, h_k = C A^(k-1) B``: what acts after 1 N m over one interval of `dt` s, until it has died away.
 
         ``C A^k`` is known for twice as many k with every product.
         """
-        A, B, C, D = self.matrices(dt)
+        _, B, _, D = self.matrices(dt)
+        return np.append(D, self.ringing(dt, longest) @ B)[:longest]
+
+    def ringing(self, dt: float, longest: int) -> Array:
+        """``C A^k``: what acts without a command, `dt` s later each, from each part of its memory, until it died away.
+
+        (k, m), k at least `longest` unless it has died away before.
+        """
+        A, _, C, _ = self.matrices(dt)
         felt, power = C[None], A
         while len(felt) < longest and np.max(np.abs(power), initial=0.0) > GONE:
             felt, power = np.concatenate([felt, felt @ power]), power @ power
-        return np.append(D, felt @ B)[:longest]
+        return felt
 
 
 @dataclass(frozen=True)
