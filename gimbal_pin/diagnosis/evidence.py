@@ -70,6 +70,7 @@ class Part(NamedTuple):
         origin: Time at which its log began, s.
         dt: Interval of the grid, s.
         rows: How many rows it gives.
+        corner: What the smoother takes off the rates where joints turn, rad/s, (m, n), as far as it is known.
     """
 
     channels: Channels
@@ -80,6 +81,7 @@ class Part(NamedTuple):
     origin: float
     dt: float
     rows: int
+    corner: Array | float = 0.0
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
@@ -96,7 +98,7 @@ class Part(NamedTuple):
     @property
     def slide(self) -> Array:
         """Mean direction of each joint over each sample, in [-1, 1], (m, n)."""
-        return sliding(self.channels.v, self.channels.a, self.dt)
+        return sliding(self.channels.v + self.corner, self.channels.a, self.dt)
 
     @property
     def time(self) -> Array:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
-
 from gimbal_pin.effects.base import AMBIENT, Held, Sample, Term
 from gimbal_pin.log import Array
 
