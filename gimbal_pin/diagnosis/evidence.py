@@ -30,6 +30,7 @@ from gimbal_pin.rows import (
     Flags,
     Stretch,
     carrying,
+    impulse,
     mask,
     settling,
     sliding,
@@ -70,7 +71,8 @@ class Part(NamedTuple):
         origin: Time at which its log began, s.
         dt: Interval of the grid, s.
         rows: How many rows it gives.
-        corner: What the smoother takes off the rates where joints turn, rad/s, (m, n), as far as it is known.
+        impulse: What the smoother takes off the torque's impulse, N m s, (m, n).
+        corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
     """
 
     channels: Channels
@@ -81,6 +83,7 @@ class Part(NamedTuple):
     origin: float
     dt: float
     rows: int
+    impulse: Array
     corner: Array | float = 0.0
 
     def whiten(self, signal: Array, joint: int) -> Array:
@@ -261,8 +264,8 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
-    fine = channels
-    channels = fine.every(rows)
+    shock = impulse(stretch, filtering, channels.t)[rows]
+    channels = channels.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)
@@ -276,7 +279,7 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
     # Each joint's gate side by side in memory: every column is multiplied by it.
-    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count)
+    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock)
 
 
 def fade(length: int, edge: int) -> Array:

@@ -84,14 +84,16 @@ def smear(filtering: Filtering) -> float:
 
 
 def rounded(part: Part, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
-    """What the smoother takes off the rates about some turns, rad/s, (m, n): ``SMEAR F_c/(2π f_c I)`` along a.
+    """What the smoother takes off the rates about some turns, rad/s, (m, n): ``(SMEAR F_c/(2π f_c) sign a + p)/I``.
 
-    The acceleration jumps there by 2 F_c/I, and the smoothed rate is zero late by F_c/T of the smoother's time.
+    Friction that changes by 2 F_c lets the acceleration jump, unless the torque jumps as much the other way: p is what
+    the smoother takes off the torque's impulse. Without p the smoothed rate is zero late by F_c/T of its time.
     """
     c, out = part.channels, np.zeros(part.channels.v.shape)
     at, joint = np.nonzero(dilated(turns, memory(c, filtering)))
     inertia = np.abs(accelerating(state, c.q[at], np.ones(len(at)), joint))
-    out[at, joint] = smear(filtering) * friction[joint] / inertia * np.sign(c.a[at, joint])
+    lost = smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
+    out[at, joint] = lost / inertia
     return out
 
 
