@@ -71,7 +71,7 @@ class Part(NamedTuple):
         origin: Time at which its log began, s.
         dt: Interval of the grid, s.
         rows: How many rows it gives.
-        impulse: What the smoother takes off the torque's impulse, N m s, (m, n).
+        impulse: What the smoother takes off the torque's impulse at the nearest turn of a joint, N m s, (m, n).
         corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
     """
 
@@ -264,7 +264,7 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
-    shock = impulse(stretch, filtering, channels.t)[rows]
+    shock = at_turns(impulse(stretch, filtering, channels.t), channels.v)[rows]
     channels = channels.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
@@ -280,6 +280,17 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
     # Each joint's gate side by side in memory: every column is multiplied by it.
     return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock)
+
+
+def at_turns(values: Array, v: Array) -> Array:
+    """Values at the nearest sample at which each rate changes its sign, (m, n); zero where none does."""
+    out = np.zeros_like(values)
+    for j, rate in enumerate(v.T):
+        turns = np.flatnonzero(rate[1:] * rate[:-1] < 0)
+        if len(turns):
+            nearest = np.searchsorted((turns[1:] + turns[:-1]) / 2, np.arange(len(rate)))
+            out[:, j] = values[turns[nearest], j]
+    return out
 
 
 def fade(length: int, edge: int) -> Array:
