@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
+from gimbal_pin.diagnosis.leftover import NOISY
 from gimbal_pin.diagnosis.state import Problem, State
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
@@ -26,10 +27,14 @@ QUIET = 0.5
 
 
 def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
-    """Return logs with the gate open at their swift turns; `state`: what was fitted away from them."""
+    """Return logs with the gate open at their swift turns; `state`: what was fitted away from them.
+
+    A joint of which more is left there than any sensor's noise needs no turns to show what is wrong, and what they are
+    timed by, its friction and inertia, is not known: its gate stays as it is.
+    """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
-    friction = dry_friction(state)
-    turns = [swift(part, state, friction, floors, filtering) for part in evidence.parts]
+    friction, known = dry_friction(state), state.fit.dispersion <= NOISY
+    turns = [swift(part, state, friction, floors, filtering) & known for part in evidence.parts]
     parts = [regated(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
     corners = [rounded(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
     return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
