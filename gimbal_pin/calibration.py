@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.eccentricity import Eccentricity, centred, eccentricities
 from gimbal_pin.gyros import compared, kinematics
 from gimbal_pin.log import Array, Imu, Log
 from gimbal_pin.rig import Rig
@@ -122,22 +123,24 @@ def gyro_rates(rig: Rig, log: Log) -> Array | None:
 
 
 class Rectified(NamedTuple):
-    """A log whose IMUs agree with its encoders, and what it took.
+    """A log whose IMUs, encoders and rates agree, and what it took.
 
     Attributes:
         log: The log; what contradicted the encoders is left out, and an event of it says so.
         mountings: Link → its IMU's misalignment and gyro bias.
+        encoders: Joint → how far its encoder sits off the joint's centre, where the rates show it.
     """
 
     log: Log
     mountings: Mapping[str, Mounting]
+    encoders: Mapping[str, Eccentricity]
 
 
 def rectified(rig: Rig, log: Log) -> Rectified:
     """Turn a log's IMUs into their links' axes and take their gyros' biases off.
 
     A gyro that contradicts the encoders, however it is turned, is left out. Where the log holds no joint rates, they
-    come from the gyros, if these show them all.
+    come from the gyros, if these show them all. Angles of encoders that sit off their centre are mended by the rates.
     """
     found = mountings(rig, log)
     wrong = [link for link, mounting in found.items() if mounting.contradicts]
@@ -148,4 +151,6 @@ def rectified(rig: Rig, log: Log) -> Rectified:
         return rectified(rig, replace(log, imus=kept, events=(*log.events, f"{log.name}: {said}")))
     imus = {link: found[link].corrected(imu) if link in found else imu for link, imu in log.imus.items()}
     out = replace(log, imus=imus)
-    return Rectified(out if out.v is not None else replace(out, v=gyro_rates(rig, out)), found)
+    out = out if out.v is not None else replace(out, v=gyro_rates(rig, out))
+    encoders = eccentricities(out)
+    return Rectified(centred(out, encoders), found, encoders)

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from gimbal_pin.diagnosis.audit import CHECKS, CORRUPTIONS, Fault, audit
 from gimbal_pin.diagnosis.audit.clock import ticks
 from gimbal_pin.diagnosis.audit.harm import harm
+from gimbal_pin.diagnosis.audit.outliers import garbage
 from gimbal_pin.diagnosis.audit.probe import probe, rows_at
 from gimbal_pin.diagnosis.audit.quantisation import bits, quantum
 from gimbal_pin.diagnosis.audit.samples import edges, left_out, taken
@@ -275,6 +276,16 @@ def test_garbage_is_cut_out(turret: tuple[Rig, Log]) -> None:
     touched = log.t[np.any(bad.tau != log.tau, axis=1)]
     assert np.mean(np.isin(touched, found.log.t)) < 0.05
     assert len(log) - len(found.log) < len(touched) + 0.3 / log.dt
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_knock_is_no_garbage(turret: tuple[Rig, Log], seed: int) -> None:
+    """A gap that closes, or a hand that knocks the rig, makes a jump that dies away, not noise."""
+    _, log = turret
+    tau, rng = np.array(log.tau), np.random.default_rng(seed)
+    for k in rng.integers(500, len(log) - 500, 3):
+        tau[k : k + 100] += 8.0 * np.std(tau, axis=0) * np.exp(-np.arange(100) / 3.0)[:, None]
+    assert not garbage(replace(log, tau=tau))
 
 
 def test_what_has_no_fault_does_no_harm(turret: tuple[Rig, Log]) -> None:

@@ -22,6 +22,7 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.rig_effect import RigEffect
+from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple
@@ -172,3 +173,25 @@ def test_what_the_fit_has_never_seen_denies_nothing() -> None:
     np.testing.assert_array_equal(known.parts[0].gate[~beyond, 0], part.gate[~beyond, 0])
     np.testing.assert_array_equal(known.parts[0].channels.lost[beyond], True)
     assert familiar(whole, whole) is whole
+
+
+@pytest.mark.parametrize(("knee", "side"), [(1.5, 0), (2.0, 0), (2.0, 1), (4.0, -1)])
+def test_a_soft_limit_is_a_clip_that_begins_early(knee: float, side: int) -> None:
+    """Next to nothing is lost of small torques, never more than the limit passes, and the inverse gives it back."""
+    soft, clip, x = Saturation("tilt", 0.5, side, knee), Saturation("tilt", 0.5, side), np.linspace(-5.0, 5.0, 401)
+    y = np.asarray(soft.passed(x))
+    assert np.all(np.abs(y) <= np.abs(clip.passed(x)) + 1e-15)
+    assert np.all(np.diff(y) > 0)
+    small = np.abs(x) < 0.02
+    np.testing.assert_allclose(y[small], x[small], rtol=0.01)
+    if side:
+        np.testing.assert_array_equal(y[side * x < 0], x[side * x < 0])
+    within = np.abs(y) < 0.49
+    np.testing.assert_allclose([soft.command(one) for one in y[within].tolist()], x[within], rtol=1e-9, atol=1e-12)
+    assert Saturation("tilt", 0.5, side, 20.0).passed(0.2) == pytest.approx(clip.passed(0.2), rel=1e-6)
+
+
+def test_a_soft_limit_sags_by_what_its_limit_takes() -> None:
+    soft, x, step = Saturation("tilt", 0.5, 0, 2.0), np.linspace(-3.0, 3.0, 61), 1e-6
+    slope = (np.asarray(replace(soft, limit=0.5 + step).passed(x)) - np.asarray(soft.passed(x))) / step
+    np.testing.assert_allclose(soft.sagging(x, np.ones_like(x)), np.abs(slope), atol=1e-5)

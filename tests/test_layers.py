@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 DATA = "errors threads parameter reading log urdf_checks urdf config floating rig_files rig"
-SENSED = "signals platform aboard profile gyros calibration regressor imu"
+SENSED = "signals platform aboard profile gyros eccentricity calibration regressor imu"
 ROWS = "holes rows replay"
 LOOP = "sensors planting drive simulation"
 MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies
 from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked
-from gimbal_pin.diagnosis.contenders import falls, hushes
+from gimbal_pin.diagnosis.contenders import contenders, falls, holds_fast, hushes, stands_out
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
@@ -34,6 +35,8 @@ from gimbal_pin.diagnosis.trusted import Case, confirmed
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
@@ -57,6 +60,17 @@ RNG = np.random.default_rng
 def recorded(rig: Rig, *planted: str, seed: int = 0) -> Log:
     model = plant_with(nominal(rig), [parse_effect(one, rig) for one in planted]).plant
     return prescribed(model, seed, seconds=16.0, torque_noise=2e-3, dt=2e-3)
+
+
+@pytest.mark.parametrize(("share", "fast"), [(0.9, False), (1.1, True)])
+def test_no_friction_holds_a_joint_that_moved(share: float, fast: bool) -> None:
+    """As of Stribeck's beyond the largest torque, whose tail alone the gate leaves to be fitted."""
+    rig = Rig.load("thesis")
+    log = recorded(rig)
+    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig))
+    beta = np.array([share * problem.evidence.seen[0].peak])
+    cause = Stribeck(rig.joints[0], 0.03)
+    assert holds_fast(solved(problem, ()), NOTHING._replace(beta=beta), cause) == fast
 
 
 def fitted(rig: Rig, log: Log, *causes: Cause) -> State:
@@ -266,3 +280,32 @@ def test_a_held_out_part_without_a_difference_denies_it() -> None:
     found, tried = chosen(bodies, BODIES)
     same, other = (gather(rig, [log], ALIGNED, {log.name: 0.0}) for log in logs)
     assert [confirmed(Case(state, bodies, found, tried, one), found.kinds[0]) for one in (same, other)] == [True, False]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_harmonic_is_a_line_and_what_no_harmonic_explains_is_none(seed: int) -> None:
+    """A torque that jumps at times of its own has some of every harmonic; cogging beside it stands out."""
+    rig, rng = Rig.load("thesis"), RNG(seed)
+    for planted in ((), (f"cogging:{rig.joints[0]}:amplitude=0.03,harmonic=42",)):
+        log = recorded(rig, *planted, seed=seed)
+        jumps = np.cumsum(rng.exponential(0.4, 200))
+        step = 0.03 * (-1.0) ** np.searchsorted(jumps, np.asarray(log.t))
+        log = replace(log, tau=np.asarray(log.tau) + step[:, None] * (np.arange(rig.n) == 0))
+        problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig))
+        names = ("cogging", "torque-ripple", "position-dependent-friction")
+        shelf = Library(problem, library(problem, {name: CAUSES[name] for name in names}))
+        found = contenders(solved(problem, ()), shelf)
+        high = [c for _, c in found if isinstance(c, Harmonic) and c.harmonic[0] > 15]
+        assert any(c.name == "cogging" and abs(c.harmonic[0] - 42) < 3 for c in high) == bool(planted), high
+        assert planted or not high
+
+
+def test_beside_harmonics_that_gain_alike_none_is_a_line() -> None:
+    rig = Rig.load("thesis")
+    log = recorded(rig)
+    state = solved(Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig)), ())
+    every = [Cogging(rig.joints[0], (float(k),)) for k in range(1, 101)]
+    alike = [(1.0 + 0.5 * np.cos(k), SimpleNamespace(cause=cause)) for k, cause in enumerate(every)]
+    assert not any(stands_out(state, gain, one.cause, alike) for gain, one in alike[20:80])
+    assert stands_out(state, 10.0, every[50], alike)
+    assert stands_out(state, 1.0, every[50], [])

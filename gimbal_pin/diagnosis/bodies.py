@@ -187,8 +187,10 @@ class Bodies:
         """Sum of squares of a whitened change, over the inflation."""
         return float(np.sum((self.found.whitener @ left) ** 2)) / self.found.inflation
 
-    def fitted(self, kinds: Sequence[Kind], start: Sequence[Array] | None = None) -> Fitted | None:
-        """Fit kinds together by Gauss and Newton; None where no body allows what they would need."""
+    def fitted(
+        self, kinds: Sequence[Kind], start: Sequence[Array] | None = None, plausible: bool = True
+    ) -> Fitted | None:
+        """Fit kinds together by Gauss and Newton; None where no body allows what they need, or none is `plausible`."""
         found = self.found
         values = [np.zeros(len(kind.free)) for kind in kinds] if start is None else list(start)
         response = self.made(kinds, values)
@@ -205,7 +207,7 @@ class Bodies:
             before, cost = cost, self.cost(found.change - response)
             if before - cost < GAINED * max(1.0, cost):
                 break
-        if not all(kind.at(x.tolist()).plausible(found.rig) for kind, x in zip(kinds, values)):
+        if plausible and not all(kind.at(x.tolist()).plausible(found.rig) for kind, x in zip(kinds, values)):
             return None
         gain, freedom = self.solver(self.slopes_at(kinds, values))
         freedom += sum(kind.profiled for kind in kinds)

@@ -37,6 +37,7 @@ def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, l
     first = entering(bodies, none, tried)
     starts = [one for one in first if one is first[0] or not one.kinds[0].of.of_joint]
     best = fewest([one for start in starts for one in grown(bodies, start, tried)], len(tried)) or none
+    best = simpler(bodies, best, len(tried))
     freedom = len(bodies.found.change)
     unexplained = best.cost - freedom > UNEXPLAINED * max(none.cost - freedom, 0.0)
     return none if unexplained else best, tried
@@ -63,6 +64,19 @@ def fewest(fits: Sequence[Fitted], many: int) -> Fitted | None:
     for one in sorted(fits, key=lambda one: (len(one.kinds), one.worth)):
         if best is None or (len(one.kinds) > len(best.kinds) and chance(best, one) * many < ENTER):
             best = one
+    return best
+
+
+def simpler(bodies: Bodies, best: Fitted, many: int) -> Fitted:
+    """Return the fit without one of its causes where the others make up for it, be it at figures that are implausible.
+
+    A weight near the payload's centre is not likely; a weight elsewhere and a shift that undoes its place is less so.
+    """
+    for k in range(len(best.kinds) if len(best.kinds) > 1 else 0):
+        rest, values = ([*x[:k], *x[k + 1 :]] for x in (best.kinds, best.values))
+        less = bodies.fitted(rest, values, plausible=False)
+        if less is not None and chance(less, best) * many >= ENTER:
+            return less
     return best
 
 

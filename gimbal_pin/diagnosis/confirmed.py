@@ -30,10 +30,11 @@ less than a fifth of the error, it may be what the others' forms and the unknown
 
 
 def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
-    """Drop what the held-out part denies, the weakest first.
+    """Drop what the held-out part denies, what the torque there misses least first, and judge the others again.
 
-    Without it the torque there is predicted as well, or the simulation follows the measured angles better. Nothing is
-    ever added or fitted there. What is left is judged again with all else that was found.
+    Without it the torque there is predicted as well, or the simulation follows the measured angles better: one cause
+    that is none may lead the simulation astray in another's name. Nothing is ever added or fitted there. What is left
+    is judged again with all else that was found.
     """
     final, denied, known = found.final, list[Cause](), familiar(held, found.final.problem.evidence)
     while True:
@@ -42,10 +43,10 @@ def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Sear
         if known is not held:
             inside = confirmations(*figures(known, final), held, final)
             ratios = [own if own > CLEAR or all_ >= 1.0 else 0.0 for own, all_ in zip(inside, ratios)]
-        over = [x / least for x, least in zip(ratios, asked(found, final, ratios))]
-        ratio, weakest = min(((x, i) for i, x in enumerate(over)), default=(np.inf, 0))
-        if ratio > 1.0:
+        over = [i for i, (x, least) in enumerate(zip(ratios, asked(found, final, ratios))) if x <= least]
+        if not over:
             break
+        weakest = min(over, key=lambda i: missed(best, lacking[i], held, final.causes[i]))
         denied.append(final.causes[weakest])
         final = solved(final.problem, [c for i, c in enumerate(final.causes) if i != weakest], final)
     found = found._replace(final=final, denied=tuple(denied), best=best, lacking=tuple(lacking))
@@ -98,6 +99,10 @@ def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) 
     """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse."""
     own = [cause.place] if cause.of_joint else list(held.rig.joints)
     strayed, without_ = (np.linalg.norm([one["rollout_rmse"][joint] for joint in own]) for one in (best, lacking))
-    if strayed > STRAYED * without_:
-        return 0.0
+    return 0.0 if strayed > STRAYED * without_ else missed(best, lacking, held, cause)
+
+
+def missed(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
+    """Torque error without a cause over that with it, where that is most."""
+    own = [cause.place] if cause.of_joint else list(held.rig.joints)
     return max(lacking["torque_rmse"][joint] / best["torque_rmse"][joint] for joint in own)

@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import Score, all_gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
-from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
@@ -31,6 +31,12 @@ HUSHED = 1.5
 
 OUTBENT = 0.5
 """Share of a joint's dry friction by which more of it may bend: bristles of another form than these take so much."""
+BESIDE = 30.0
+"""Harmonics on either side, beyond those that the travel does not part from one, that it must stand out from."""
+FEWEST = 20
+"""Fewest of them by which it is judged."""
+LINE = 5.0
+"""Gain of a harmonic over the median of those from which it is a line."""
 CLEARED = 0.25
 """What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
 
@@ -52,6 +58,7 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
     gains = ranked(state, shelf.columns(state, place))
     rows = [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken]
+    rows = [(gain, one) for gain, one in rows if stands_out(state, gain, one.cause, gains)]
     first: dict[tuple[str, str], Cause] = {}
     for gain, one in rows:
         key = (one.cause.name, one.cause.place)
@@ -61,6 +68,31 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
     again = [(measure(state, cause), cause) for cause in best]
     passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def stands_out(state: State, gain: float, cause: Cause, gains: Sequence[tuple[float, Columns]]) -> bool:
+    """Whether a harmonic gains more than those beside it: a line, and not a part of what no harmonic explains.
+
+    What is left of a cause that the library lacks is spread over all harmonics, and some of them gain most. Over whole
+    turns it is not: each harmonic is then a function of its own.
+    """
+    if not isinstance(cause, Harmonic):
+        return True
+    evidence = state.problem.evidence
+    travel = evidence.seen[evidence.rig.joint_index(cause.joint)].travel
+    if travel > 2 * np.pi:
+        return True
+    unparted = 2 * np.pi / max(travel, 1e-9)
+    others = [(g, one.cause) for g, one in gains if same(one.cause, cause)]
+    beside = [
+        g for g, other in others if isinstance(other, Harmonic) and unparted < apart(other, cause) < unparted + BESIDE
+    ]
+    return len(beside) < FEWEST or gain > LINE * float(np.median(beside))
+
+
+def apart(a: Harmonic, b: Harmonic) -> float:
+    """How many per turn two harmonics are apart."""
+    return abs(a.harmonic[0] - b.harmonic[0])
 
 
 def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
@@ -75,8 +107,18 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, drives, outbends, falls, strays)
+    tests = (hushes, holds_fast, drives, outbends, falls, strays)
     return not any(test(state, found, cause) for test in tests)
+
+
+def holds_fast(state: State, found: Score, cause: Cause) -> bool:
+    """Whether dry friction would hold the joint against more than the largest torque of the logs: it never moved."""
+    if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
+        return False
+    evidence = state.problem.evidence
+    basis = cause.basis(Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0))
+    held = sum(float(x) * float(y) for x, y in zip(found.beta, basis))
+    return abs(held) > evidence.seen[evidence.rig.joint_index(cause.joint)].peak
 
 
 def outbends(state: State, found: Score, cause: Cause) -> bool:

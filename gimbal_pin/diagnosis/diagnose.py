@@ -14,8 +14,9 @@ from gimbal_pin.diagnosis.beyond import surprising
 from gimbal_pin.diagnosis.confirmed import confirmed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.finding import Diagnosis
+from gimbal_pin.diagnosis.off_centre import off_centre
 from gimbal_pin.diagnosis.platform_motion import ridden
-from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt
+from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt, with_motion
 from gimbal_pin.diagnosis.searched import searched
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.diagnosis.trusted import compared
@@ -65,7 +66,9 @@ def diagnose(
     """
     for log in logs:
         within(log, filtering)
-    audits = [audit(rig, rectified(rig, log).log) for log in logs]
+    calibrated = [rectified(rig, log) for log in logs]
+    encoders = {one.log.name: one.encoders for one in calibrated}
+    audits = [audit(rig, one.log) for one in calibrated]
     train, test, _ = split([found.log for found in audits], holdout, filtering)
     fitted = {log.name for log in train}
     audits = [found if found.log.name in fitted else found.spared for found in audits]
@@ -96,7 +99,8 @@ def diagnose(
         found = found._replace(residual=surprising(found.residual, found.final, held))
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     moving = ridden(found.final, held, train, test, filtering)
-    return compared(said if moving is None else beside(said, moving), found.final, causes)
+    said = said if moving is None else with_motion(said, moving)
+    return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
 
 
 def check_moved(evidence: Evidence, name: str) -> None:

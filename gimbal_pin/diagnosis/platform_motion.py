@@ -9,20 +9,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
-from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
+from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
-from gimbal_pin.log import Array, Log
+from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, otherwise
+from gimbal_pin.diagnosis.state import State
+from gimbal_pin.log import Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.platform import LEANS, Platform
-from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import GRAVITY, Rig
 from gimbal_pin.rows import Filtering
 
-CLEAR = 3.0
-"""Standard deviations by which the fit must gain over blocks."""
 NAME = "platform-motion"
 COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
 
@@ -54,39 +52,21 @@ def ridden(
     if carried.problem.reduction.base == "fixed":
         return None
     rig = carried.problem.evidence.rig
-    origins = {log.name: float(log.t[0]) for log in (*train, *test)}
-    evidence = gather(rig, [standing(rig, log) for log in train], filtering, origins)
-    problem = Problem.of(evidence, reduce(rig))
-    plain = solved(problem, (), solved(problem, ()))
-    ignoring = consistent(solved(problem, carried.causes, plain)) if carried.causes else plain
-    there = judged(rig, [standing(rig, log) for log in test], filtering, origins) if test else evidence
-    before, after = measured(there, extended(ignoring)), measured(held, extended(carried))
+    standing_train, standing_test = ([standing(rig, log) for log in logs] for logs in (train, test))
+    without = otherwise(carried, standing_train, standing_test, filtering, "fixed")
+    before, after = measured(without.held, extended(without.state)), measured(held, extended(carried))
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
     j = int(np.argmax(ratios))
-    clear = clarity(ignoring, carried, j)
+    clear = clarity(without.state, carried, j)
     if ratios[j] < CONFIRMED or clear < CLEAR:
         return None
-    baseline = measured(there, extended(plain)) if carried.causes else before
+    baseline = measured(without.held, extended(without.plain)) if carried.causes else before
     return Ridden(told(rig, rig.joints[j], (baseline, before, after), motion(rig, train), clear), baseline)
 
 
 def standing(rig: Rig, log: Log) -> Log:
     """Return a log without what the base's IMU says."""
     return replace(log, imus={link: imu for link, imu in log.imus.items() if link != rig.base})
-
-
-def clarity(before: State, after: State, joint: int) -> float:
-    """Fall of one joint's sum of squares over its scatter by blocks, in standard deviations."""
-    falls = squares(before, joint) - squares(after, joint)
-    return float(np.sum(falls) / max(float(np.std(falls) * np.sqrt(len(falls))), 1e-300))
-
-
-def squares(state: State, joint: int) -> Array:
-    """One joint's squared residual in units of the noise floor, summed over each block, (blocks,)."""
-    rows = state.fit.residual.reshape(-1, len(state.fit.scale)) / state.fit.scale
-    own = np.zeros_like(rows)
-    own[:, joint] = rows[:, joint] ** 2
-    return state.fit.by_block(own.reshape(-1, 1))[:, 0]
 
 
 def motion(rig: Rig, logs: Sequence[Log]) -> tuple[float, float]:

@@ -21,6 +21,7 @@ from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.diagnosis.heldout import Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.mending import mended
+from gimbal_pin.diagnosis.off_centre import joined
 from gimbal_pin.diagnosis.platform_motion import Ridden
 from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
 from gimbal_pin.diagnosis.state import State, width
@@ -34,12 +35,16 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 
 
-def beside(said: Diagnosis, moving: Ridden) -> Diagnosis:
+def beside(said: Diagnosis, more: Sequence[Finding]) -> Diagnosis:
+    """Put further findings beside what was found with them in the model."""
+    findings = tuple(sorted(joined(said.findings, more), key=lambda one: -one.explained_share))
+    verdict_ = verdict.overall([one.status for one in findings], tuple(said.residual.values()))
+    return replace(said, findings=findings, verdict=verdict_)
+
+
+def with_motion(said: Diagnosis, moving: Ridden) -> Diagnosis:
     """Put the motion of the platform beside what was found with it in the model."""
-    findings = tuple(sorted((*said.findings, moving.finding), key=lambda one: -one.explained_share))
-    statuses = [one.status for one in findings]
-    verdict_ = verdict.overall(statuses, tuple(said.residual.values()))
-    return replace(said, findings=findings, verdict=verdict_, baseline=moving.baseline)
+    return replace(beside(said, [moving.finding]), baseline=moving.baseline)
 
 
 def reported(

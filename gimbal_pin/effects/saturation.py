@@ -4,34 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, nan
+from math import copysign, inf, nan
 from typing import ClassVar
 
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut
+from gimbal_pin.effects.functions import Value, cut, size
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
+SOFT = 2.0
+"""Knee that a search starts from."""
+NEAREST = 0.999
+"""Share of a soft limit up to which a controller commands what it takes."""
+
 
 @dataclass(frozen=True)
 class Saturation(Static):
-    """``y = x`` within ±limit, ``±limit`` beyond: a limit under the one that the rig states.
+    """``y = x`` within ±limit, ``±limit`` beyond; with a knee n ``y = x / (1 + |x/limit|^n)^(1/n)``.
+
+    A supply or an amplifier clips, at a limit under the one that the rig states. Iron gives less and less per ampere
+    long before (the form is Rapp's, 1991, of amplifiers).
 
     Attributes:
         joint: The joint whose motor it is.
         limit: Largest torque, N m.
         side: 1 or -1 if only torques in that direction are limited; 0 for both.
+        knee: How suddenly it is reached; 0 for a clip.
     """
 
     limit: float
     side: int = 0
+    knee: float = 0.0
 
     name: ClassVar[str] = "saturation"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("limit", nan, "N m", 1e-6, 1e6),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("limit", nan, "N m", 1e-6, 1e6),
+        Parameter("knee", 0.0, "1", 0.0, 20.0),
+    )
     experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
 
@@ -42,19 +55,41 @@ class Saturation(Static):
 
     def sagging(self, command: Array, rate: Array) -> Array:
         """The rate where the limit bites: ``±limit (1 ∓ v/v₀)`` is a supply that gives out."""
-        return np.where(self.passed(command) != command, rate, 0.0)
+        if not self.knee:
+            return np.where(self.passed(command) != command, rate, 0.0)
+        bent = (self.of_side(command) / self.limit) ** self.knee
+        return rate * (bent / (1.0 + bent)) ** (1.0 + 1.0 / self.knee)
+
+    def of_side(self, x: Value) -> Value:
+        """Size of the command where its direction is limited, else zero."""
+        return size(cut(x, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf))
 
     def passed(self, x: Value) -> Value:
-        """Cut the command."""
-        return cut(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
+        """Cut the command, or bend it."""
+        if not self.knee:
+            return cut(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
+        return x / (1.0 + (self.of_side(x) / self.limit) ** self.knee) ** (1.0 / self.knee)
+
+    def command(self, torque: float) -> float:
+        """``x = y / (1 - |y/limit|^n)^(1/n)``: make up for what a knee bends; a clip asks for nothing else."""
+        share = min(float(self.of_side(torque)) / self.limit, NEAREST)
+        if not self.knee or not share:
+            return torque
+        return copysign(share * self.limit, torque) / (1.0 - share**self.knee) ** (1.0 / self.knee)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Limits that bite on the log's peaks, on both sides or on one."""
+        """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
         limits = ladder(0.5 * seen.torque, 0.95 * seen.peak, 8, cls.shapes[0])
-        return tuple(cls(joint, limit, side) for limit in limits for side in (0, 1, -1))
+        beyond = ladder(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
+        return (
+            *(cls(joint, limit, side) for limit in limits for side in (0, 1, -1)),
+            *(cls(joint, limit, 0, SOFT) for limit in beyond),
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the limit."""
         where = {0: "", 1: " in the positive direction", -1: " in the negative direction"}[self.side]
+        if self.knee:
+            return f"the motor gives less and less per command{where}, and no more than {self.limit:.3g} N m"
         return f"the motor gives no more than {self.limit:.3g} N m{where}, whatever is commanded"

@@ -29,7 +29,7 @@ RARE = 0.02
 GROSS = 1.0
 """Spikes of so many standard deviations of their channel are told even where they do no harm."""
 SHORT = 0.1
-"""Length of the windows whose roughness is compared, s."""
+"""Length of the windows whose roughness is compared, s: the median's, for a knock is rough for a few samples only."""
 ROUGH, WILD = 12.0, 0.7
 """Garbage is rougher than the median window by the first factor, and than its signal's spread by the second."""
 OWN = 3.0
@@ -135,7 +135,7 @@ def garbage(log: Log) -> list[Wild]:
     for name, values in channels(log).items():
         left = np.zeros(values.shape)
         left[2:-2] = left_out(log.t, values)
-        rough[name] = np.sqrt(np.add.reduceat(left**2, starts, axis=0) / counts[:, None])
+        rough[name] = np.array([np.median(np.abs(window), axis=0) for window in np.split(left, starts[1:])]) / 0.6745
         for j, window in enumerate(rough[name].T):
             spread = max(float(np.std(values[:, j])), 1e-300)
             wild = (window > ROUGH * np.median(window)) & (window > WILD * spread)

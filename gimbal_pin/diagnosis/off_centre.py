@@ -1,0 +1,115 @@
+"""Encoders that sit off their joint's centre: what the rates say of them, against torques at the angles as read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import norm
+
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.extended import extended
+from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
+from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, otherwise
+from gimbal_pin.diagnosis.state import State
+from gimbal_pin.eccentricity import Eccentricity
+from gimbal_pin.log import Log
+from gimbal_pin.parameter import Parameter
+from gimbal_pin.rows import Filtering
+
+NAME = "encoder-offset"
+Encoders = Mapping[str, Mapping[str, Eccentricity]]
+"""Log → joint → how far its encoder sits off the centre."""
+
+
+def off_centre(
+    found: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering, encoders: Encoders
+) -> list[Finding]:
+    """Findings of the encoders whose angles were mended, each where the angles as read predict torques worse.
+
+    Args:
+        found: The fit to the mended angles, with all that was found.
+        held: The held-out evidence at mended angles.
+        train: The logs that were trained on, mended.
+        test: The held-out ones; none where the training logs stand for them.
+        filtering: The band.
+        encoders: What was mended.
+    """
+    joints = sorted({joint for one in encoders.values() for joint in one})
+    each = (compared(found, held, train, test, filtering, encoders, joint) for joint in joints)
+    return [one for one in each if one is not None]
+
+
+def compared(
+    found: State,
+    held: Evidence,
+    train: Sequence[Log],
+    test: Sequence[Log],
+    filtering: Filtering,
+    encoders: Encoders,
+    joint: str,
+) -> Finding | None:
+    """Refit as if one encoder sat right; None where that is no worse."""
+    train, test = ([read(log, joint, encoders) for log in logs] for logs in (train, test))
+    without = otherwise(found, train, test, filtering, found.problem.reduction.base)
+    before, after = measured(without.held, extended(without.state)), measured(held, extended(found))
+    ratios = [before["torque_rmse"][one] / max(after["torque_rmse"][one], 1e-300) for one in held.rig.joints]
+    j = int(np.argmax(ratios))
+    clear = clarity(without.state, found, j)
+    if ratios[j] < CONFIRMED or clear < CLEAR:
+        return None
+    largest = max((one[joint] for one in encoders.values() if joint in one), key=lambda one: one.size)
+    return told(joint, held.rig.joints[j], largest, before, after, clear)
+
+
+def read(log: Log, joint: str, encoders: Encoders) -> Log:
+    """Return the log with a joint's angles as its encoder read them."""
+    one = encoders.get(log.name, {}).get(joint)
+    if one is None:
+        return log
+    q, j = np.array(log.q), log.joints.index(joint)
+    q[:, j] += one.error(q[:, j])
+    return replace(log, q=q)
+
+
+def told(joint: str, worst: str, off: Eccentricity, before: Figures, after: Figures, clear: float) -> Finding:
+    """Describe one encoder by the joint whose torque its error spoils most."""
+    torque, rolled = ([one[name][worst] for one in (before, after)] for name in ("torque_rmse", "rollout_rmse"))
+    change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
+    return Finding(
+        cause=NAME,
+        joint=joint,
+        status="named",
+        alike=(NAME,),
+        parameters=(Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad")),
+        gain={
+            "torque_rmse_before": torque[0],
+            "torque_rmse_after": torque[1],
+            "rollout_rmse_before": rolled[0],
+            "rollout_rmse_after": rolled[1],
+        },
+        p_value=float(norm.sf(clear)),
+        selection_frequency=1.0,
+        explained_share=1 - (torque[1] / max(torque[0], 1e-300)) ** 2,
+        visible_fraction=1.0,
+        rivals=(),
+        sentence=f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
+        f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew; "
+        f"held-out torque error of {worst} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %)",
+        next_experiment=None,
+    )
+
+
+def joined(findings: Sequence[Finding], more: Sequence[Finding]) -> list[Finding]:
+    """Put eccentric encoders beside what was found: one whose zero is off, too, is one finding of both."""
+    out = list(findings)
+    for one in more:
+        twin = next((f for f in out if (f.cause, f.joint) == (one.cause, one.joint)), None)
+        if twin is None:
+            out.append(one)
+        else:
+            figures, said = (*twin.parameters, *one.parameters), f"{twin.sentence}; {one.sentence}"
+            out[out.index(twin)] = replace(twin, parameters=figures, sentence=said)
+    return out
