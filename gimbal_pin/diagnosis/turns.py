@@ -29,12 +29,12 @@ QUIET = 0.5
 def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
     """Return logs with the gate open at their swift turns; `state`: what was fitted away from them.
 
-    A joint of which more is left there than any sensor's noise needs no turns to show what is wrong, and what they are
-    timed by, its friction and inertia, is not known: its gate stays as it is.
+    Of a joint of which more is left there than any sensor's noise, what turns are timed by, its friction and inertia, is
+    not known: how late they are is not made up for.
     """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
-    friction, known = dry_friction(state), state.fit.dispersion <= NOISY
-    turns = [swift(part, state, friction, floors, filtering) & known for part in evidence.parts]
+    friction = dry_friction(state)
+    turns = [swift(part, state, friction, floors, filtering) for part in evidence.parts]
     parts = [regated(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
     corners = [rounded(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
     return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
@@ -62,7 +62,8 @@ def swift(part: Part, state: State, friction: Array, floors: list[float], filter
 
     ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a|``: the smoother shifts the moment
     at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that accelerates the
-    joint. `rounded` makes up for it but for that share of it; the rate's noise shifts the moment by the rest.
+    joint. `rounded` makes up for it but for that share of it, or where it is not `timed` for none of it; the rate's
+    noise shifts the moment by the rest.
     """
     c, reach = part.channels, memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
@@ -75,12 +76,18 @@ def swift(part: Part, state: State, friction: Array, floors: list[float], filter
     speeding = np.abs(c.a[at, joint])
     torque = np.abs(accelerating(state, c.q[at], c.a[at, joint], joint))
     with np.errstate(divide="ignore"):
-        late = smear(filtering) * (friction[joint] / torque) ** 2 + c.rate_std[joint] / speeding
+        jump = friction[joint] / torque
+        late = smear(filtering) * jump * np.where(timed(state)[joint], jump, 1.0) + c.rate_std[joint] / speeding
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
     out[at, joint] = error <= QUIET * np.array(floors)[joint]
     if c.lost is not None:
         out &= ~dilated(c.lost[:, None], reach)
     return out
+
+
+def timed(state: State) -> Flags:
+    """Whether no more is left of a joint than a sensor's noise may be, (n,)."""
+    return np.asarray(state.fit.dispersion <= NOISY)
 
 
 def smear(filtering: Filtering) -> float:
@@ -95,7 +102,7 @@ def rounded(part: Part, turns: Flags, state: State, friction: Array, filtering: 
     the smoother takes off the torque's impulse. Without p the smoothed rate is zero late by F_c/T of its time.
     """
     c, out = part.channels, np.zeros(part.channels.v.shape)
-    at, joint = np.nonzero(dilated(turns, memory(c, filtering)))
+    at, joint = np.nonzero(dilated(turns, memory(c, filtering)) & timed(state))
     inertia = np.abs(accelerating(state, c.q[at], np.ones(len(at)), joint))
     lost = smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
     out[at, joint] = lost / inertia
