@@ -29,8 +29,8 @@ QUIET = 0.5
 def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
     """Return logs with the gate open at their swift turns; `state`: what was fitted away from them.
 
-    Of a joint of which more is left there than any sensor's noise, what turns are timed by, its friction and inertia, is
-    not known: how late they are is not made up for.
+    Where more is left of a joint than any sensor's noise, what its turns are timed by, friction and inertia, is not
+    known: how late they are is not made up for.
     """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
     friction = dry_friction(state)
