@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.contenders import hushes
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.search import forward
+from gimbal_pin.diagnosis.search import forward, swapped
 from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, solved, without
 from gimbal_pin.diagnosis.verdict import at_bound
@@ -188,16 +188,16 @@ def test_a_shape_at_its_bound_is_doubted_only_where_the_log_tells_it(
     assert at_bound(solved(problem, (), solved(problem, ())), cause) == told
 
 
-@pytest.mark.parametrize(("stroke", "damping"), [(0.03, 0.2), (0.08, 0.05)])
-def test_damped_bristles_are_told_from_undamped_ones(stroke: float, damping: float) -> None:
+@pytest.mark.parametrize(("stroke", "damping", "slips"), [(0.03, 0.2, False), (0.08, 0.05, False), (0.05, 0.1, True)])
+def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, damping: float, slips: bool) -> None:
     name = RIG.joints[0]
-    term = Term(Presliding(name, stroke, True), (0.1, damping))
+    term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
     plain = nominal(RIG)
     log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
     problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
     shelf = Library(problem, Presliding.tried(name, problem.evidence.seen[0]))
-    state = forward(solved(problem, (), solved(problem, ())), shelf)
+    state = swapped(forward(solved(problem, (), solved(problem, ())), shelf), shelf)
     found = state.causes[0]
-    assert isinstance(found, Presliding) and found.damped
+    assert isinstance(found, Presliding) and found.damped and found.slips == slips
     assert found.stroke == pytest.approx(stroke, rel=0.1)
     assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)

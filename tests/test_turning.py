@@ -11,16 +11,21 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
+from gimbal_pin.control import ComputedTorque, Pid
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.beyond import ONLY
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, solved
-from gimbal_pin.diagnosis.turns import opened
+from gimbal_pin.diagnosis.turns import accelerating, dry_friction, opened, rounded, smear
+from gimbal_pin.effects.base import Term
+from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import sliding
+from gimbal_pin.rows import impulse, sliding, stretches
+from gimbal_pin.signals import lowpass, zero_phase
+from gimbal_pin.simulation import plant_with, simulate
 from tests.bench_logs import prescribed
 
 SECONDS = 20.0
@@ -44,18 +49,18 @@ def rig() -> Rig:
     return Rig.load("turret")
 
 
-def turning(rig: Rig, ramp: float) -> Motion:
+def turning(rig: Rig, ramp: float, dt: float = DT) -> Motion:
     """Constant rates and turns of `ramp` s: almost all torque goes into the turns."""
-    t = DT * np.arange(round(SECONDS / DT) + 1)
+    t = dt * np.arange(round(SECONDS / dt) + 1)
     v = np.empty((len(t), rig.n))
     for j in range(rig.n):
         period, top = 1.9 + 0.5 * j, 0.7 + 0.3 * np.sin(0.7 * t + j)
         # A triangle of slope 2 / ramp about its zeros, cut at the top.
         triangle = 1 - 4 * np.abs((t / period + 0.25 * j) % 1.0 - 0.5)
         v[:, j] = np.clip(triangle * period / (2 * ramp), -top, top)
-    v = gaussian_filter1d(v, 4, axis=0, mode="nearest")
-    q = cumulative_trapezoid(v, dx=DT, axis=0, initial=0.0)
-    return Motion(t, q - q.mean(axis=0), v, np.gradient(v, DT, axis=0))
+    v = gaussian_filter1d(v, 4 * DT / dt, axis=0, mode="nearest")
+    q = cumulative_trapezoid(v, dx=dt, axis=0, initial=0.0)
+    return Motion(t, q - q.mean(axis=0), v, np.gradient(v, dt, axis=0))
 
 
 def logged(rig: Rig, motion: Motion, commanded: Array) -> Log:
@@ -81,6 +86,57 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
         after = opened(before, solved(Problem.of(before, reduce(rig)), ()), BAND)
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
         assert bool(np.any(after.used() > before.used() + 0.02)) == opens
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
+def test_the_smoother_shifts_a_turn_by_the_jump_of_the_acceleration(share: float) -> None:
+    """Late by ``SMEAR/(2π f_c) F/T``; where the torque jumps, too, its lost impulse is as much the other way."""
+    t = 2.5e-4 * np.arange(-2000, 2001)
+    v = np.where(t < 0, 1 + share, 1 - share) * t  # unit inertia under T = 1
+    sections = lowpass(BAND.cutoff * BAND.smoothing, 1 / 2.5e-4)
+    near = np.abs(t) < 0.01
+    late = np.interp(0.0, zero_phase(v[:, None], sections)[near, 0], t[near])
+    assert late == pytest.approx(smear(BAND) * share, rel=0.05)
+    jumping = Log("jump", ("one",), t + 0.5, v[:, None], None, share * np.sign(t)[:, None])
+    stretch = next(stretches(jumping, BAND.cutoff))
+    lost = impulse(stretch, EXACT, jumping.t)
+    assert lost[2000, 0] == pytest.approx(-smear(BAND) * share, rel=0.05)
+
+
+@pytest.mark.parametrize("jumps", ["torque", "acceleration"])
+def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
+    """Whether the motor makes up for the friction or the motion bends: to half of what it might be late."""
+    model, filtering = nominal(rig), EXACT if jumps == "torque" else BAND
+    motion = turning(rig, 0.12, 1e-3)
+    log = Log("exact", rig.joints, motion.t, motion.q, motion.v, model.inverse(motion.q, motion.v, motion.a))
+    if jumps == "acceleration":
+        law = ComputedTorque(replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3)
+        log = simulate(model, law, motion, rng=np.random.default_rng(1))
+    problem = Problem.of(gather(rig, [log], filtering, {log.name: 0.0}), reduce(rig))
+    gliding, (part,) = solved(problem, ()), problem.evidence.parts
+    c, friction = part.channels, dry_friction(gliding)
+    turns = np.zeros(c.v.shape, dtype=bool)
+    turns[1:] = c.v[1:] * c.v[:-1] < 0
+    corner = rounded(part, turns, gliding, friction, filtering)
+    errors, sizes = [], []
+    for j in range(rig.n):
+        k = np.flatnonzero(turns[:, j])[2:-2]
+        rate = np.asarray(log.v)[:, j]
+        i = np.flatnonzero(rate[1:] * rate[:-1] < 0)
+        crossed = log.t[i] - rate[i] * 1e-3 / (rate[i + 1] - rate[i])
+        told = c.t[k] - (c.v + corner)[k, j] / c.a[k, j]
+        errors.append(np.min(np.abs(crossed - told[:, None]), axis=1))
+        torque = accelerating(gliding, c.q[k], c.a[k, j], np.full(len(k), j))
+        sizes.append(smear(filtering) * friction[j] / np.abs(torque))
+    assert np.linalg.norm(np.concatenate(errors)) < np.linalg.norm(np.concatenate(sizes)) / 2
+
+
+def test_friction_that_builds_up_where_joints_turn_swiftly_is_found(rig: Rig, motion: Motion) -> None:
+    bristles = Term(Presliding(rig.joints[0], 2e-3), (0.05,))
+    plant = plant_with(nominal(rig), [bristles]).plant
+    log = logged(rig, motion, plant.inverse(motion.q, motion.v, motion.a))
+    found = diagnose(rig, [log], rng=np.random.default_rng(1), filtering=EXACT)
+    assert [(one.cause, one.joint) for one in found.findings] == [("presliding", rig.joints[0])]
 
 
 def test_a_drive_that_saturates_only_where_joints_turn_is_found(rig: Rig, motion: Motion) -> None:

@@ -175,7 +175,8 @@ def imagined(known: Evidence, motion: Motion, model: Model, filtering: Filtering
     gain = np.mean([gain_at(part, frequency[: count // 2 + 1]) for part in known.parts], axis=0)
     trust = np.ones((known.rig.n, len(frequency)))
     warm = np.full(motion.q.shape, AMBIENT)
-    part = Part(channels, warm, gate, gain, trust, float(motion.t[0]), dt, count)
+    none = np.zeros(motion.q.shape)
+    part = Part(channels, warm, gate, gain, trust, float(motion.t[0]), dt, count, none)
     return Evidence(known.rig, (part,), known.band, np.zeros(count, int), known.seen), tau
 
 

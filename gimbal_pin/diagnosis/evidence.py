@@ -30,6 +30,7 @@ from gimbal_pin.rows import (
     Flags,
     Stretch,
     carrying,
+    impulse,
     mask,
     settling,
     sliding,
@@ -70,6 +71,8 @@ class Part(NamedTuple):
         origin: Time at which its log began, s.
         dt: Interval of the grid, s.
         rows: How many rows it gives.
+        impulse: What the smoother takes off the torque's impulse at the nearest turn of a joint, N m s, (m, n).
+        corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
     """
 
     channels: Channels
@@ -80,6 +83,8 @@ class Part(NamedTuple):
     origin: float
     dt: float
     rows: int
+    impulse: Array
+    corner: Array | float = 0.0
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
@@ -96,7 +101,7 @@ class Part(NamedTuple):
     @property
     def slide(self) -> Array:
         """Mean direction of each joint over each sample, in [-1, 1], (m, n)."""
-        return sliding(self.channels.v, self.channels.a, self.dt)
+        return sliding(self.channels.v + self.corner, self.channels.a, self.dt)
 
     @property
     def time(self) -> Array:
@@ -259,8 +264,8 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
-    fine = channels
-    channels = fine.every(rows)
+    shock = at_turns(impulse(stretch, filtering, channels.t), channels.v)[rows]
+    channels = channels.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)
@@ -274,7 +279,18 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
     # Each joint's gate side by side in memory: every column is multiplied by it.
-    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count)
+    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock)
+
+
+def at_turns(values: Array, v: Array) -> Array:
+    """Values at the nearest sample at which each rate changes its sign, (m, n); zero where none does."""
+    out = np.zeros_like(values)
+    for j, rate in enumerate(v.T):
+        turns = np.flatnonzero(rate[1:] * rate[:-1] < 0)
+        if len(turns):
+            nearest = np.searchsorted((turns[1:] + turns[:-1]) / 2, np.arange(len(rate)))
+            out[:, j] = values[turns[nearest], j]
+    return out
 
 
 def fade(length: int, edge: int) -> Array:

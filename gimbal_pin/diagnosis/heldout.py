@@ -89,7 +89,8 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
         tau = model.acting(part)
         memory = plant.friction.remembered(part.channels.q)
         for start in starts(part, horizon):
-            state = State(part.channels.q[start], part.channels.v[start], tuple(memory[start].tolist()))
+            held = tuple(one[..., start].tolist() for one in memory)
+            state = State(part.channels.q[start], part.channels.v[start], held)
             plant.friction.warm = part.temperature[start].tolist()
             end = rolled(plant, part, tau, start, state, horizon)
             errors.append(end - part.channels.q[start + horizon])

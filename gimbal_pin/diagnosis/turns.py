@@ -1,7 +1,8 @@
 """Turns swift enough to count: where a joint reverses under torques far beyond its dry friction, drives show limits.
 
 Near standstill the direction of dry friction is unknown, and the gate is closed. How wrong a turn can be is known once
-the friction is: it changes by 2 F_c at a moment that is off by Δt, which no row sees if that is under its noise.
+the friction is: it changes by 2 F_c at a moment that is off by Δt, which no row sees if that is under its noise. By how
+much the smoother shifts that moment is known, too, and made up for: friction that turns later than that is presliding.
 """
 
 from __future__ import annotations
@@ -12,23 +13,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
+from gimbal_pin.diagnosis.leftover import NOISY
 from gimbal_pin.diagnosis.state import Problem, State
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rows import STANDSTILL, Filtering, Flags, dilated, mask, memory, settling, slow
 
 SMEAR = 2.0 / 3.0
-"""``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners."""
+"""``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners: to
+``SMEAR Δa/(4π f_c)`` a corner at zero, where the acceleration jumps by Δa."""
 QUIET = 0.5
 """Error that a turn may add to a row, in deviations of its noise."""
 
 
 def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
-    """Return logs with the gate open at their swift turns; `state`: what was fitted away from them."""
+    """Return logs with the gate open at their swift turns; `state`: what was fitted away from them.
+
+    Where more is left of a joint than any sensor's noise, what its turns are timed by, friction and inertia, is not
+    known: how late they are is not made up for.
+    """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
     friction = dry_friction(state)
-    parts = tuple(regated(part, swift(part, state, friction, floors, filtering), filtering) for part in evidence.parts)
-    return replace(evidence, parts=parts)
+    turns = [swift(part, state, friction, floors, filtering) for part in evidence.parts]
+    parts = [regated(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
+    corners = [rounded(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
+    return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
 
 
 def reopened(problem: Problem, evidence: Evidence) -> Problem:
@@ -51,9 +60,10 @@ def dry_friction(state: State) -> Array:
 def swift(part: Part, state: State, friction: Array, floors: list[float], filtering: Filtering) -> Flags:
     """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
 
-    ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR F_c/(2π f_c T) + σ_v/|a|``: the smoother shifts the moment at
-    which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that accelerates the
-    joint; the rate's noise shifts it by the rest.
+    ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a|``: the smoother shifts the moment
+    at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that accelerates the
+    joint. `rounded` makes up for it but for that share of it, or where it is not `timed` for none of it; the rate's
+    noise shifts the moment by the rest.
     """
     c, reach = part.channels, memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
@@ -65,13 +75,37 @@ def swift(part: Part, state: State, friction: Array, floors: list[float], filter
     at, joint = at[turning], joint[turning]
     speeding = np.abs(c.a[at, joint])
     torque = np.abs(accelerating(state, c.q[at], c.a[at, joint], joint))
-    smear = SMEAR / (2 * np.pi * filtering.cutoff * filtering.smoothing)
     with np.errstate(divide="ignore"):
-        late = smear * friction[joint] / torque + c.rate_std[joint] / speeding
+        jump = friction[joint] / torque
+        late = smear(filtering) * jump * np.where(timed(state)[joint], jump, 1.0) + c.rate_std[joint] / speeding
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
     out[at, joint] = error <= QUIET * np.array(floors)[joint]
     if c.lost is not None:
         out &= ~dilated(c.lost[:, None], reach)
+    return out
+
+
+def timed(state: State) -> Flags:
+    """Whether no more is left of a joint than a sensor's noise may be, (n,)."""
+    return np.asarray(state.fit.dispersion <= NOISY)
+
+
+def smear(filtering: Filtering) -> float:
+    """``SMEAR/(2π f_c)`` of the channels' smoother, s."""
+    return SMEAR / (2 * np.pi * filtering.cutoff * filtering.smoothing)
+
+
+def rounded(part: Part, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
+    """What the smoother takes off the rates about some turns, rad/s, (m, n): ``(SMEAR F_c/(2π f_c) sign a + p)/I``.
+
+    Friction that changes by 2 F_c lets the acceleration jump, unless the torque jumps as much the other way: p is what
+    the smoother takes off the torque's impulse. Without p the smoothed rate is zero late by F_c/T of its time.
+    """
+    c, out = part.channels, np.zeros(part.channels.v.shape)
+    at, joint = np.nonzero(dilated(turns, memory(c, filtering)) & timed(state))
+    inertia = np.abs(accelerating(state, c.q[at], np.ones(len(at)), joint))
+    lost = smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
+    out[at, joint] = lost / inertia
     return out
 
 

@@ -18,6 +18,8 @@ from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 Turns = NDArray[np.complex128]
+Held = Any
+"""What an effect remembers at one sample: a number or a list of them; at many samples, (N,) or (k, N)."""
 
 AMBIENT = 25.0
 """Motor temperature where none is known, °C."""
@@ -46,7 +48,7 @@ class Sample(NamedTuple):
     slide: float | Array
     tau: float | Array
     temperature: float | Array = AMBIENT
-    memory: float | Array | None = None
+    memory: Held | None = None
     turns: Array | Turns | None = None
 
     def around(self, k: float) -> tuple[float | Array, float | Array]:
@@ -95,15 +97,15 @@ class Effect(Cause):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""
 
-    def start(self) -> float | None:
+    def start(self) -> Held | None:
         """Return the memory at rest; None for an effect without memory."""
         return None
 
-    def evolve(self, memory: float, moved: float) -> float:
+    def evolve(self, memory: Held, moved: float | Array) -> Held:
         """Return the memory after the joint has moved by `moved` rad in one direction."""
         return memory
 
-    def remembered(self, at: Sample) -> float | Array:
+    def remembered(self, at: Sample) -> Held:
         """Return the memory at a sample, on arrays by a scan of `evolve`.
 
         A lone sample whose memory nobody keeps counts as slid to the end: that is what a controller compensates.
@@ -115,13 +117,20 @@ class Effect(Cause):
         return self.scan(at.q)
 
     def scan(self, q: Array) -> Array:
-        """Memory at each of the consecutive angles q, rad, (N,), from rest."""
+        """Memory at each of the consecutive angles q, rad, (N,) or (k, N), from rest.
+
+        From turn to turn the joint moves in one direction: all samples between two are the one's memory, evolved.
+        """
+        up = np.diff(q, prepend=q[:1]) >= 0
+        turns = np.flatnonzero(up[1:] != up[:-1])
+        since = np.searchsorted(turns, np.arange(len(q)))
+        at = q[np.concatenate([[0], turns])]
         memory = self.start() or 0.0
-        out = [memory]
-        for moved in np.diff(q).tolist():
+        held = [memory]
+        for moved in np.diff(at).tolist():
             memory = self.evolve(memory, moved)
-            out.append(memory)
-        return np.array(out[: len(q)])
+            held.append(memory)
+        return np.asarray(self.evolve(np.array(held).T[..., since], q - at[since]))
 
     def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
         """Shape parameters, then coefficients with their standard deviations."""

@@ -32,6 +32,11 @@ def size(x: Value) -> Value:
     return abs(x) if isinstance(x, float) else np.abs(x)
 
 
+def sign(x: Value) -> Value:
+    """``±1``, of zero too."""
+    return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
+
+
 def cut(x: Value, low: float, high: float) -> Value:
     """Return x within [low, high]."""
     return min(high, max(low, x)) if isinstance(x, float) else np.clip(x, low, high)

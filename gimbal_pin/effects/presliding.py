@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import exp, inf, nan
+from itertools import product
+from math import inf, nan
 from typing import Any, ClassVar
 
-from gimbal_pin.effects.base import Effect, Sample, Term
+from gimbal_pin.effects.base import Effect, Held, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import size
+from gimbal_pin.effects.functions import Value, cut, exp, sign, size
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
+
+REACH = tuple((2 * i + 1) / 8 for i in range(8))
+"""Lengths of bristles in strokes: evenly between none and two, enough of them that a log tells no single one."""
 
 
 @dataclass(frozen=True)
@@ -20,16 +23,22 @@ class Presliding(Effect):
     """``tau = level z`` with ``dz/dq = (1 - z sign(dq))/stroke``: bristles that bend, then slide (Dahl 1968).
 
     The memory z in [-1, 1] depends on the way, not on the time; it does not stick, as a spring does not. Bristles that
-    are damped add ``damping stroke dz/dt`` while they bend (Canudas de Wit et al., IEEE TAC 40, 1995, eq. 3).
+    are damped add ``damping (v - z |v|)`` while they bend (Canudas de Wit et al., IEEE TAC 40, 1995, eq. 3).
+
+    Bristles of many lengths slip one after the other (Maxwell slip; Iwan, J. Appl. Mech. 33, 1966): z is the mean of
+    ``dz_i/dq = 1/(REACH_i stroke)`` within ±1. They remember every reversal that no longer way has wiped out, Dahl's
+    but the last.
 
     Attributes:
         joint: The joint it acts on.
-        stroke: Angle over which the friction builds up to 1 - 1/e, rad.
+        stroke: Angle over which the friction builds up, rad: to 1 - 1/e, or the mean over which bristles slip.
         damped: True adds the damping.
+        slips: True for bristles of many lengths.
     """
 
     stroke: float
     damped: bool = False
+    slips: bool = False
 
     name: ClassVar[str] = "presliding"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("stroke", nan, "rad", 1e-4, 0.5),)
@@ -46,25 +55,29 @@ class Presliding(Effect):
         """The level, and the damping of bristles that have any."""
         return self.linear if self.damped else self.linear[:1]
 
-    def basis(self, at: Sample) -> tuple[float | Array, ...]:
+    def basis(self, at: Sample) -> tuple[Value, ...]:
         """The bristles' bend, and a stroke times its rate."""
-        bend = self.remembered(at)
+        held = self.remembered(at)
+        bend = sum(held) / len(held) if self.slips and held is not at.slide else held
         return (bend, at.v - bend * size(at.v)) if self.damped else (bend,)
 
-    def start(self) -> float | None:
+    def start(self) -> Held | None:
         """Unbent."""
-        return 0.0
+        return [0.0] * len(REACH) if self.slips else 0.0
 
-    def evolve(self, memory: float, moved: float) -> float:
-        """Return ``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s."""
-        way = 1.0 if moved >= 0 else -1.0
-        return way + (memory - way) * exp(-abs(moved) / self.stroke)
+    def evolve(self, memory: Held, moved: Value) -> Held:
+        """``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s; or that of each z_i."""
+        if self.slips:
+            return [cut(z + moved / (reach * self.stroke), -1.0, 1.0) for z, reach in zip(memory, REACH)]
+        way = sign(moved)
+        return way + (memory - way) * exp(-size(moved) / self.stroke)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Strokes up to a third of the way, without damping and with it."""
-        strokes = ladder(2e-3, min(seen.travel / 3, 0.5), 5, cls.shapes[0])
-        return tuple(cls(joint, stroke, damped) for damped in (False, True) for stroke in strokes)
+        """Strokes up to a third of the way, without damping and with it, bristles of one length and of many."""
+        strokes = ladder(4e-4, min(seen.travel / 3, 0.5), 6, cls.shapes[0])
+        forms = product((False, True), (False, True), strokes)
+        return tuple(cls(joint, stroke, damped, slips) for slips, damped, stroke in forms)
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:

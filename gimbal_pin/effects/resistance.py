@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
-
-from gimbal_pin.effects.base import AMBIENT, Sample, Term
+from gimbal_pin.effects.base import AMBIENT, Held, Sample, Term
 from gimbal_pin.log import Array
 
-Memory = tuple[float, ...]
+Memory = tuple[Held, ...]
 sampled = partial(tuple.__new__, Sample)
 """A `Sample` of its nine entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
@@ -56,10 +54,9 @@ class Resistance:
         """Return the memory after the joints have moved from angles `before` to `after`, rad."""
         return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
 
-    def remembered(self, q: Array) -> Array:
-        """What the memories hold at each of the consecutive angles q, rad, (N, n), from rest: (N, memories)."""
-        held = [term.effect.scan(q[:, j]) for j, term in self.keeping]
-        return np.stack(held, axis=1) if held else np.zeros((len(q), 0))
+    def remembered(self, q: Array) -> list[Array]:
+        """What the memories hold at each of the consecutive angles q, rad, (N, n), from rest: (N,) or (k, N) each."""
+        return [term.effect.scan(q[:, j]) for j, term in self.keeping]
 
     def net(
         self,

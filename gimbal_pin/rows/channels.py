@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from gimbal_pin import signals
 from gimbal_pin.errors import UsageError
@@ -57,9 +58,7 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carr
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
     grid = np.asarray(stretch.start + dt * np.arange(first, last), dtype=np.float64)
-    alignment = dt / 2 if filtering.alignment is None else filtering.alignment
-    begin, end = np.searchsorted(log.t, [grid[0] - 4 * dt - abs(alignment), grid[-1] + 4 * dt + abs(alignment)])
-    near = slice(max(begin, stretch.rows.start), min(end, stretch.rows.stop))
+    near = rows_of(stretch, filtering, grid)
     t = log.t[near]
     sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / dt)
     raw_q = signals.resample(t, log.q[near], grid)
@@ -69,10 +68,36 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carr
     if log.v is not None:
         raw_v = signals.resample(t, log.v[near], grid)
         v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
-    tau = signals.zero_phase(signals.resample(t + alignment, log.tau[near], grid), sections)
+    tau = signals.zero_phase(torque(stretch, filtering, grid), sections)
     platform = None if carrier is None else carried(log, carrier, near, grid, sections)
     lost = inside(stretch.holes, grid) if len(stretch.holes) else None
     return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
+
+
+def aligned(stretch: Stretch, filtering: Filtering) -> float:
+    """Time by which the torque acts later than its stamp, s."""
+    return stretch.dt / 2 if filtering.alignment is None else filtering.alignment
+
+
+def rows_of(stretch: Stretch, filtering: Filtering, grid: Array) -> slice:
+    """Rows of the log that a grid is resampled from."""
+    reach = 4 * stretch.dt + abs(aligned(stretch, filtering))
+    begin, end = np.searchsorted(stretch.log.t, [grid[0] - reach, grid[-1] + reach])
+    return slice(max(begin, stretch.rows.start), min(end, stretch.rows.stop))
+
+
+def torque(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
+    """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
+    log, near = stretch.log, rows_of(stretch, filtering, grid)
+    assert log.tau is not None
+    return signals.resample(log.t[near] + aligned(stretch, filtering), log.tau[near], grid)
+
+
+def impulse(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
+    """``∫τ dt - h * ∫τ dt``: what the smoother h takes off the torque's impulse, N m s, (m, n)."""
+    tau = torque(stretch, filtering, grid)
+    whole = cumulative_trapezoid(tau, dx=stretch.dt, axis=0, initial=0.0)
+    return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / stretch.dt))
 
 
 def carried(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:
