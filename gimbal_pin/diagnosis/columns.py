@@ -129,8 +129,7 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
     if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything
         taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
-    beyond = np.abs(np.concatenate(whole)) >= signal.largest
-    capped = np.mean((np.concatenate(loss) != 0) & beyond) > MOST_CAPPED
+    capped = np.mean(signal.biting(np.concatenate(whole))) > MOST_CAPPED
     silenced = taken > MOST_TAKEN**2 * most and not signal.springy  # what adds what its model says silences nothing
     return np.zeros_like(white) if capped or silenced else white
 

@@ -196,18 +196,21 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too.
 
     What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
-    Where less is unexplained than the sensors' noise, noise is all that it could take away. What adds to the torque
-    what its model says takes nothing away.
+    Where less is unexplained than the sensors' noise, noise is all that it could take away, by a limit or a gap, too.
+    What adds to the torque what its model says takes nothing away.
     """
-    if not isinstance(cause, Signal) or not cause.linear or cause.springy:
+    if not isinstance(cause, Signal) or cause.springy:
         return False
     evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
     left = [x[:, j] for x in state.unexplained]
-    quiet = [cause.acting(x, part.dt) for x, part in zip(left, evidence.parts)]
-    loud, hushed = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (left, quiet))
+    loud, noise = float(np.sum(evidence.whiten(left, j) ** 2)), evidence.rows * float(evidence.used()[j])
+    if not cause.linear:
+        return loud < noise
+    if loud < LUCK * noise:
+        return True
+    hushed = float(np.sum(evidence.whiten([cause.acting(x, p.dt) for x, p in zip(left, evidence.parts)], j) ** 2))
     gain = found.gain / float(state.fit.scale[j]) ** 2
-    noise = evidence.rows * float(evidence.used()[j])
-    return loud < LUCK * noise or (gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed)
+    return gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed
 
 
 def net(found: Score, cause: Cause) -> float:

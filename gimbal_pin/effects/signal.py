@@ -15,6 +15,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
 from gimbal_pin.log import Array
 
+Flags = NDArray[np.bool_]
 Memory = tuple[float, ...]
 GONE = 1e-12
 """Memory of a command of 1 N m that is no more felt."""
@@ -33,10 +34,10 @@ class Borne(NamedTuple):
     brake: Value
     load: Value
     inertial: Value = 0.0
-    still: bool | NDArray[np.bool_] = False
+    still: bool | Flags = False
 
     @classmethod
-    def along(cls, brake: Array, load: Array, command: Array, still: NDArray[np.bool_], inertial: Value = 0.0) -> Borne:
+    def along(cls, brake: Array, load: Array, command: Array, still: Flags, inertial: Value = 0.0) -> Borne:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
         most = np.abs(brake)
         return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still)
@@ -76,6 +77,10 @@ class Signal(Cause):
     def swings(self, dt: float, count: int) -> Array:
         """What a motor feels of the ways in which the link may swing by itself from the start on, (count, m)."""
         return np.zeros((count, 0))
+
+    def biting(self, command: Array) -> Flags:
+        """Where it passes on next to nothing of a change of the command, N m, (N,): flags (N,); nowhere for most."""
+        return np.zeros(len(command), dtype=bool)
 
     def sagging(self, command: Array, rate: Array) -> Array:
         """Torque, N m s/rad, (N,), that acts more for each rad/s if what bounds it falls with the rate; zero for most.
