@@ -27,6 +27,8 @@ WORTH = 10.0
 """Steps that a parameter's standard deviation may have, or it counts as not shown."""
 PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
+NEXT = 1e-6
+"""Figures, m or rad, next to none: a weight without a place is spread, one with a place is bolted on."""
 PASSES = 30
 PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a step that are tried: far from where they were taken its slopes point too far."""
@@ -53,6 +55,11 @@ class Kind(NamedTuple):
     def profiled(self) -> bool:
         """Whether something that is not zero is held fixed: a size that is free with the rest in the end."""
         return any(value for _, value in self.fixed)
+
+    @property
+    def start(self) -> Array:
+        """Figures from which it is fitted, (p,): none at all, or next to none of what makes a profiled form differ."""
+        return np.full(len(self.free), NEXT if self.profiled else 0.0)
 
     def at(self, values: Sequence[float]) -> RigEffect:
         """Return the cause with these figures, as far as its bounds allow."""
@@ -192,7 +199,7 @@ class Bodies:
     ) -> Fitted | None:
         """Fit kinds together by Gauss and Newton; None where no body allows what they need, or none is `plausible`."""
         found = self.found
-        values = [np.zeros(len(kind.free)) for kind in kinds] if start is None else list(start)
+        values = [kind.start for kind in kinds] if start is None else list(start)
         response = self.made(kinds, values)
         if response is None:
             return None
@@ -252,17 +259,17 @@ class Bodies:
                 return new, response
         return None
 
-    def best(self, rest: Sequence[Kind], kinds: Sequence[Kind]) -> Fitted | None:
+    def best(self, rest: Sequence[Kind], kinds: Sequence[Kind], plausible: bool = True) -> Fitted | None:
         """Fit one of some forms of a cause beside others, the form that leaves least, a profiled size freed."""
-        found = [one for kind in kinds if (one := self.fitted([*rest, kind])) is not None]
+        found = [one for kind in kinds if (one := self.fitted([*rest, kind], plausible=plausible)) is not None]
         profiled = sorted((one for one in found if one.kinds[-1].profiled), key=lambda one: one.cost)[:STARTS]
-        freed = [one for fit in profiled if (one := self.freed(fit)) is not None]
+        freed = [one for fit in profiled if (one := self.freed(fit, plausible)) is not None]
         return min([*found, *freed], key=lambda one: one.worth, default=None)
 
-    def freed(self, fit: Fitted) -> Fitted | None:
+    def freed(self, fit: Fitted, plausible: bool) -> Fitted | None:
         """Fit again with the last kind's profiled size free."""
         kind, values = fit.kinds[-1].freed(fit.values[-1])
-        return self.fitted([*fit.kinds[:-1], kind], [*fit.values[:-1], values])
+        return self.fitted([*fit.kinds[:-1], kind], [*fit.values[:-1], values], plausible)
 
     def solver(self, slopes: Sequence[Slope]) -> tuple[Array, int]:
         """Weighted pseudo-inverse over the directions that are shown, (p, b), and how many there are."""

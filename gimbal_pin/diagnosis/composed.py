@@ -37,7 +37,7 @@ def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, l
     first = entering(bodies, none, tried)
     starts = [one for one in first if one is first[0] or not one.kinds[0].of.of_joint]
     best = fewest([one for start in starts for one in grown(bodies, start, tried)], len(tried)) or none
-    best = simpler(bodies, best, len(tried))
+    best = simpler(bodies, best, tried)
     freedom = len(bodies.found.change)
     unexplained = best.cost - freedom > UNEXPLAINED * max(none.cost - freedom, 0.0)
     return none if unexplained else best, tried
@@ -67,17 +67,24 @@ def fewest(fits: Sequence[Fitted], many: int) -> Fitted | None:
     return best
 
 
-def simpler(bodies: Bodies, best: Fitted, many: int) -> Fitted:
-    """Return the fit without one of its causes where the others make up for it, be it at figures that are implausible.
+def simpler(bodies: Bodies, best: Fitted, tried: Sequence[Sequence[Kind]]) -> Fitted:
+    """Return the fit without one of its causes where another makes up for it, be it in a form that is implausible.
 
     A weight near the payload's centre is not likely; a weight elsewhere and a shift that undoes its place is less so.
     """
     for k in range(len(best.kinds) if len(best.kinds) > 1 else 0):
-        rest, values = ([*x[:k], *x[k + 1 :]] for x in (best.kinds, best.values))
-        less = bodies.fitted(rest, values, plausible=False)
-        if less is not None and chance(less, best) * many >= ENTER:
+        rest = [*best.kinds[:k], *best.kinds[k + 1 :]]
+        others = [([one for one in rest if one is not kind], forms) for kind in rest for forms in tried_as(kind, tried)]
+        fits = [bodies.best(kept, forms, plausible=False) for kept, forms in others]
+        less = min((fit for fit in fits if fit is not None), key=lambda fit: fit.worth, default=None)
+        if less is not None and chance(less, best) * len(tried) >= ENTER:
             return less
     return best
+
+
+def tried_as(kind: Kind, tried: Sequence[Sequence[Kind]]) -> list[Sequence[Kind]]:
+    """The forms in which a kind's cause was tried."""
+    return [forms for forms in tried if same(forms[0], kind)]
 
 
 def same(a: Kind, b: Kind) -> bool:
