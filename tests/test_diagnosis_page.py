@@ -8,7 +8,7 @@ import lxml.html
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
+from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.diagnosis.heat import heat
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.likeness import cosine
@@ -43,7 +43,7 @@ def log(rig: Rig) -> Log:
 @pytest.fixture(scope="module")
 def found(rig: Rig, log: Log) -> Diagnosis:
     few = {name: CAUSES[name] for name in FEW}
-    return diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0))
+    return diagnose(rig, [log], few, rng=np.random.default_rng(0))
 
 
 def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:

@@ -13,10 +13,11 @@ from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, settled
 from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.shapes import refined
+from gimbal_pin.diagnosis.shapes import refined, worth
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
+from gimbal_pin.effects.cable_spring import CableSpring
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
@@ -195,3 +196,29 @@ def test_a_soft_limit_sags_by_what_its_limit_takes() -> None:
     soft, x, step = Saturation("tilt", 0.5, 0, 2.0), np.linspace(-3.0, 3.0, 61), 1e-6
     slope = (np.asarray(replace(soft, limit=0.5 + step).passed(x)) - np.asarray(soft.passed(x))) / step
     np.testing.assert_allclose(soft.sagging(x, np.ones_like(x)), np.abs(slope), atol=1e-5)
+
+
+def growing(joint: str, stiffness: float, rest: float, growth: float) -> Term:
+    """``stiffness growth sinh((q - rest)/growth)``, end by end."""
+    ends = stiffness * growth / 2 * np.exp(np.array([-rest, rest]) / growth)
+    return Term(CableSpring(joint, growth=growth), tuple(ends.tolist()))
+
+
+@pytest.mark.parametrize(("stiffness", "rest", "growth"), [(0.3, 0.2, 0.15), (0.05, -0.4, 0.4), (0.8, 0.0, 5.0)])
+def test_a_pull_that_grows_is_the_hyperbolic_sine_about_its_rest(stiffness: float, rest: float, growth: float) -> None:
+    term, q = growing("tilt", stiffness, rest, growth), np.linspace(-1.0, 1.0, 41)
+    pull = np.asarray(term.torque(Sample(0.0 * q, q, *([0.0 * q] * 4))))
+    np.testing.assert_allclose(pull, stiffness * growth * np.sinh((q - rest) / growth), rtol=1e-9, atol=1e-12)
+    assert {p.name: p.value for p in term.effect.shown(term.values)} == pytest.approx(
+        {"stiffness": stiffness, "rest": rest, "growth": growth}, abs=1e-9
+    )
+    assert float(term.torque(Sample(0.0, 0.7, 0.0, 0.0, 0.0, 0.0))) == pytest.approx(np.interp(0.7, q, pull), abs=1e-3)
+
+
+def test_a_pull_that_grows_is_found_where_powers_of_the_angle_are_hidden_by_the_weight() -> None:
+    joint = RIG.joints[-1]
+    state = fitted(Model(RIG, (growing(joint, 0.02, 0.1, 0.12),)))
+    seen = state.problem.evidence.seen[RIG.joint_index(joint)]
+    found = [(worth(state, at := refined(state, one)), at) for one in CableSpring.tried(joint, seen)]
+    best = max(found, key=lambda row: row[0])[1]
+    assert isinstance(best, CableSpring) and best.growth == pytest.approx(0.12, rel=0.05)

@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.beyond import ONLY
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, solved
-from gimbal_pin.diagnosis.turns import accelerating, dry_friction, opened, rounded, smear
+from gimbal_pin.diagnosis.turns import accelerating, apart, dry_friction, opened, rounded, smear
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.log import Array, Log, Motion
@@ -29,6 +29,7 @@ from gimbal_pin.simulation import plant_with, simulate
 from tests.bench_logs import prescribed
 
 SECONDS = 20.0
+ALIGNED = replace(BAND, alignment=0.0)
 DT = 0.004
 EXACT = replace(BAND, alignment=0.0)
 """Torque that acts at the moment of its sample."""
@@ -82,10 +83,20 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
     for moving, friction, opens in ((motion, 0.002, True), (motion, 5.0, False), (turning(rig, 1.9), 0.05, False)):
         tau = nominal(rig).inverse(moving.q, moving.v, moving.a) + friction * np.sign(moving.v)
         log = logged(rig, moving, tau)
-        before = gather(rig, [log], BAND, {log.name: 0.0})
-        after = opened(before, solved(Problem.of(before, reduce(rig)), ()), BAND)
+        before = gather(rig, [log], ALIGNED, {log.name: 0.0})
+        after = opened(before, solved(Problem.of(before, reduce(rig)), ()), ALIGNED)
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
         assert bool(np.any(after.used() > before.used() + 0.02)) == opens
+
+
+@pytest.mark.parametrize("late", [-1, 0, 1])
+def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, motion: Motion, late: int) -> None:
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a) + 0.002 * np.sign(motion.v)
+    log = logged(rig, motion, np.roll(tau, late, axis=0))
+    before = gather(rig, [log], ALIGNED, {log.name: 0.0})
+    state = solved(Problem.of(before, reduce(rig)), ())
+    np.testing.assert_allclose(apart(state), abs(late) * log.dt, atol=0.15 * log.dt)
+    assert bool(np.any(opened(before, state, ALIGNED).used() > before.used() + 0.02)) == (late == 0)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])

@@ -22,6 +22,8 @@ from gimbal_pin.rows import STANDSTILL, Filtering, Flags, dilated, mask, memory,
 SMEAR = 2.0 / 3.0
 """``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners: to
 ``SMEAR Δa/(4π f_c)`` a corner at zero, where the acceleration jumps by Δa."""
+SURE = 4.0
+"""Standard deviations from which a torque is taken to act at another time."""
 QUIET = 0.5
 """Error that a turn may add to a row, in deviations of its noise."""
 
@@ -33,8 +35,8 @@ def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
     known: how late they are is not made up for.
     """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
-    friction = dry_friction(state)
-    turns = [swift(part, state, friction, floors, filtering) for part in evidence.parts]
+    friction, delays = dry_friction(state), apart(state)
+    turns = [swift(part, state, friction, delays, floors, filtering) for part in evidence.parts]
     parts = [regated(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
     corners = [rounded(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
     return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
@@ -57,13 +59,13 @@ def dry_friction(state: State) -> Array:
     return out
 
 
-def swift(part: Part, state: State, friction: Array, floors: list[float], filtering: Filtering) -> Flags:
+def swift(part: Part, state: State, friction: Array, delays: Array, floors: list[float], filtering: Filtering) -> Flags:
     """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
 
-    ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a|``: the smoother shifts the moment
-    at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that accelerates the
-    joint. `rounded` makes up for it but for that share of it, or where it is not `timed` for none of it; the rate's
-    noise shifts the moment by the rest.
+    ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a| + |δ|``: the smoother shifts the
+    moment at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that
+    accelerates the joint. `rounded` makes up for it but for that share of it, or where it is not `timed` for none of
+    it; the rate's noise shifts the moment by the rest, and δ is the time by which the torque acts `apart`.
     """
     c, reach = part.channels, memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
@@ -78,6 +80,7 @@ def swift(part: Part, state: State, friction: Array, floors: list[float], filter
     with np.errstate(divide="ignore"):
         jump = friction[joint] / torque
         late = smear(filtering) * jump * np.where(timed(state)[joint], jump, 1.0) + c.rate_std[joint] / speeding
+    late += delays[joint]
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
     out[at, joint] = error <= QUIET * np.array(floors)[joint]
     if c.lost is not None:
@@ -88,6 +91,25 @@ def swift(part: Part, state: State, friction: Array, floors: list[float], filter
 def timed(state: State) -> Flags:
     """Whether no more is left of a joint than a sensor's noise may be, (n,)."""
     return np.asarray(state.fit.dispersion <= NOISY)
+
+
+def apart(state: State) -> Array:
+    """``|δ_j|`` of ``r_j = δ_j dτ_j/dt``: time by which a joint's torque acts sooner or later than it is taken to, s.
+
+    As of a measured torque, which is held by nobody, or of a late drive; zero where it is not sure. (n,)
+    """
+    now, evidence = state.fit, state.problem.evidence
+    n, out = evidence.rig.n, np.zeros(evidence.rig.n)
+    for j in range(n):
+        rising = [np.gradient(x[:, j], part.dt) for x, part in zip(state.torque, evidence.parts)]
+        column = evidence.whiten(rising, j) * now.scale[j]
+        left, basis = now.residual[j::n], now.bases[j]
+        alone = column - basis @ (basis.T @ column)
+        delay = float(column @ left) / max(float(column @ alone), 1e-300)
+        scores = np.add.reduceat(alone * (left - delay * alone), now.starts // n)
+        sure = abs(float(column @ left)) > SURE * float(np.linalg.norm(scores))
+        out[j] = abs(delay) if sure else 0.0
+    return out
 
 
 def smear(filtering: Filtering) -> float:

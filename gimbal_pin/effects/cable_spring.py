@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, nan, pi
+from math import inf, log, nan, pi, sqrt
 from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import propagated
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.functions import cut, exp, propagated
+from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -19,6 +19,15 @@ STATED = (
     Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi),
     Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
 )
+GROWTH = Parameter("growth", 0.0, "rad", 0.0, 10.0)
+ENDS = (
+    Parameter("up", 0.0, "N m", 0.0, inf),
+    Parameter("down", 0.0, "N m", 0.0, inf),
+)
+LEAST, MOST = 1e-9, 50.0
+"""An end that pulls by less, N m, pulls by none; an exponent beyond is no cable's."""
+STEEPEST, MILDEST = 20.0, 2.0
+"""Shares of the travel over which a pull that is looked for grows e-fold: one over them."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +36,20 @@ class CableSpring(Effect):
 
     The cubic part needs its q² as well: without it a false fourth harmonic of the angle appears.
 
+    Rubber, and a cable that is slack until it is taut, pull e-fold with every `growth` of angle (Fung 1967):
+    ``tau = up exp(q/growth) - down exp(-q/growth)``, which is ``stiffness growth sinh((q - rest)/growth)``.
+
     Attributes:
         joint: The joint it acts on.
         stiffening: True adds the cubic part.
+        growth: Angle over which the pull grows e-fold, rad; 0 for one in powers of the angle.
     """
 
     stiffening: bool = False
+    growth: float = 0.0
 
     name: ClassVar[str] = "cable-spring"
+    shapes: ClassVar[tuple[Parameter, ...]] = (GROWTH,)
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter("offset", 0.0, "N m", -inf, inf),
         Parameter("stiffness", 0.0, "N m/rad", 0.0, inf),
@@ -46,16 +61,25 @@ class CableSpring(Effect):
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
-        """Powers 0 and 1 of q, and 2 and 3 with a stiffening spring."""
+        """Powers 0 and 1 of q, and 2 and 3 with a stiffening spring; or the pull at zero of either end."""
+        if self.growth:
+            return ENDS
         return self.linear if self.stiffening else self.linear[:2]
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
-        """Powers of the angle."""
+        """Powers of the angle, or how either end pulls."""
+        if self.growth:
+            steep = cut(at.q / self.growth, -MOST, MOST)
+            return exp(steep), -exp(-steep)
         one = 1.0 + 0.0 * at.q
         return (one, at.q, at.q**2, at.q**3) if self.stiffening else (one, at.q)
 
     def spring(self, values: Sequence[float]) -> tuple[float, float, float]:
-        """Stiffness, rest and cubic stiffness from the coefficients."""
+        """Stiffness, rest and cubic stiffness from the coefficients; of one that grows, where it is softest."""
+        if self.growth:
+            up, down = (max(x, LEAST) for x in values)
+            rest = float(cut(self.growth / 2 * log(down / up), STATED[1].lower, STATED[1].upper))
+            return 2 * sqrt(up * down) / self.growth, rest, 0.0
         offset, stiffness = values[:2]
         if not self.stiffening or values[3] == 0:
             return stiffness, -offset / stiffness if stiffness else 0.0, 0.0
@@ -63,10 +87,11 @@ class CableSpring(Effect):
         return stiffness - 3 * values[3] * rest**2, rest, values[3]
 
     def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
-        """Stiffness, rest and, with a stiffening spring, cubic stiffness."""
+        """Stiffness, rest and, with a stiffening spring, cubic stiffness, or the angle over which the pull grows."""
         std = [nan] * 3 if covariance is None else propagated(self.spring, values, covariance)
         rows = list(zip(STATED, self.spring(values), std))
-        return tuple(replace(p, value=float(x), std=float(s)) for p, x, s in (rows if self.stiffening else rows[:2]))
+        found = tuple(replace(p, value=float(x), std=float(s)) for p, x, s in (rows if self.stiffening else rows[:2]))
+        return (*found, replace(GROWTH, value=self.growth)) if self.growth else found
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
@@ -83,11 +108,13 @@ class CableSpring(Effect):
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """With and without the cubic part."""
-        return (cls(joint), cls(joint, stiffening=True))
+        """With and without the cubic part, and growing over a twentieth of the travel to half of it."""
+        growing = ladder(seen.travel / STEEPEST, seen.travel / MILDEST, 5, GROWTH)
+        return (cls(joint), cls(joint, stiffening=True), *(cls(joint, growth=growth) for growth in growing))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return stiffness and rest."""
         k, rest, k3 = self.spring(values)
         more = f", and {k3:.3g} N m/rad^3 beyond" if k3 else ""
+        more = f" there, e-fold with every {self.growth:.3g} rad" if self.growth else more
         return f"something pulls the joint towards {rest:.3g} rad with {k:.3g} N m/rad{more}"
