@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
-from gimbal_pin.diagnosis.contest import contest, unexplained
+from gimbal_pin.diagnosis.contest import contest, imagined, unexplained
 from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
 from gimbal_pin.diagnosis.parting import NAMED, Apart
+from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, Cause
+from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.io import read_motion
@@ -179,3 +181,18 @@ def test_deviations_and_share_are_both_worth_something() -> None:
     least = Apart(4.0, 0.5)
     assert least.named and not Apart(3.0, 0.5).named and not Apart(4.0, 0.1).named
     assert Apart(5.0, 0.5).worth > least.worth and Apart(4.0, 0.6).worth > least.worth
+
+
+def test_a_spring_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig) -> None:
+    """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
+    log = recorded(rig, small(0.8), "cogging:pan:amplitude=0.05,harmonic=3", 0)
+    found = said(rig, [log], few("cogging"))
+    assert found.state is not None and found.held is not None
+    spring = JointFlexibility("tilt", 30.0, 0.1, 0.3)
+    state = solved(found.state.problem, (*found.state.causes, spring), found.state)
+    parting = contest(state, spring, "actuator-lag", few("actuator-lag"))
+    assert parting is not None
+    evidence, torque = imagined(state.problem.evidence, small(0.8, 9.0), nominal(rig), replace(BAND, alignment=0.0))
+    on = parting.on(Problem.of(evidence, state.problem.reduction), torque)
+    after = parting.expected(on, parting.common(on))
+    assert np.isfinite(after.deviations) and after.deviations >= 0

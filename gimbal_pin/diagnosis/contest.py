@@ -54,7 +54,7 @@ class Contest:
 
     def on(self, problem: Problem, torque: Array) -> State:
         """The state without the cause on a candidate motion, whose torque is given, N m, (m, n)."""
-        return replace(self.base, problem=problem, torque=[torque], acting=[torque])
+        return replace(self.base, problem=problem, torque=[torque], acting=[torque], learned=self.base)
 
     def common(self, state: State) -> Array:
         """Weighted columns of all that is refitted, and the finding's torque, side by side, (rows n, k)."""

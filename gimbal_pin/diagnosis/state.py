@@ -20,7 +20,7 @@ from gimbal_pin.model import brakes, friction_effects
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import columns_of
+from gimbal_pin.rows import Flags, columns_of
 
 SETTLED = 1e-4
 """Change of a torque, as a share, under which one that reads itself has settled."""
@@ -60,12 +60,20 @@ class Problem:
         return out
 
     @cached_property
+    def felt(self) -> Flags:
+        """Which base parameters each joint's torque feels, (n, b)."""
+        return np.asarray(np.any(self.rigid != 0, axis=0))
+
+    @cached_property
     def apart(self) -> list[tuple[list[Array], list[Array]]]:
-        """Of each joint's torque the base columns of what is asked at rest, and of its own acceleration, per part."""
-        used = np.any(self.rigid != 0, axis=0)
-        loads = [[np.asfortranarray(rest[:, j, at]) for rest in self.resting] for j, at in enumerate(used)]
-        whole = [[np.asfortranarray(full[:, j, at]) for full in self.rigid_full] for j, at in enumerate(used)]
-        return [(load, [x - y for x, y in zip(full, load)]) for load, full in zip(loads, whole)]
+        """What `parted` returns, of every joint."""
+        return [self.parted(j, felt) for j, felt in enumerate(self.felt)]
+
+    def parted(self, j: int, felt: Flags) -> tuple[list[Array], list[Array]]:
+        """Columns of some base parameters in a joint's torque: of what is asked at rest, of its own acceleration."""
+        loads = [np.asfortranarray(rest[:, j, felt]) for rest in self.resting]
+        whole = [np.asfortranarray(full[:, j, felt]) for full in self.rigid_full]
+        return loads, [x - y for x, y in zip(whole, loads)]
 
     @cached_property
     def friction(self) -> tuple[Effect, ...]:
@@ -86,6 +94,7 @@ class State:
         acting: The measured torque after the drives' signals, N m, (m, n) per part.
         unexplained: What of it the fit does not predict, N m, (m, n) per part.
         alike: A state whose joints are taken to bear the same; None: what the fit says.
+        learned: The state of logs that a motion which nobody has made yet is imagined from; None: this is of logs.
     """
 
     problem: Problem
@@ -96,6 +105,7 @@ class State:
     acting: list[Array]
     unexplained: list[Array]
     alike: State | None = None
+    learned: State | None = None
 
     @cached_property
     def bearing(self) -> list[Bearing]:
@@ -139,19 +149,27 @@ class State:
 
     def sprung(self, spring: Signal, torque: list[Array]) -> Bearing:
         """What a joint bears whose link swings; all that is not of the rigid model stands before the spring."""
-        problem, evidence, n = self.problem, self.problem.evidence, len(self.fit.scale)
-        j, at = evidence.rig.joint_index(spring.joint), len(problem.reduction.independent)
-        loads, own = problem.apart[j]
-        beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
-        white = evidence.whiten([x[:, j] for x in torque], j)
-        beta, phi = swinging(evidence, spring, loads, own, beside, white)
+        evidence, j = self.problem.evidence, self.problem.evidence.rig.joint_index(spring.joint)
+        if self.learned is None:
+            (beta, phi), (loads, own) = self.swung(spring, torque), self.problem.apart[j]
+        else:
+            beta, phi = self.learned.swung(spring, self.learned.acting)
+            loads, own = self.problem.parted(j, self.learned.problem.felt[j])
         brakes = [np.zeros(len(x)) for x in loads]
-        for effect, value in zip(problem.friction, phi):
+        for effect, value in zip(self.problem.friction, phi):
             if effect.joint == spring.joint:
                 columns = plain_columns(evidence, effect, self.torque)
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
         rows = zip(brakes, loads, own, torque, evidence.parts)
         return [Borne.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
+
+    def swung(self, spring: Signal, torque: list[Array]) -> tuple[Array, Array]:
+        """Base parameters that the joint feels, and friction, as `swinging` fits them to torques, (m, n) per part."""
+        evidence, n = self.problem.evidence, len(self.fit.scale)
+        j, at = evidence.rig.joint_index(spring.joint), len(self.problem.reduction.independent)
+        beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
+        white = evidence.whiten([x[:, j] for x in torque], j)
+        return swinging(evidence, spring, *self.problem.apart[j], beside, white)
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""
