@@ -25,3 +25,8 @@ class Parameter:
     lower: float = -inf
     upper: float = inf
     std: float = float("nan")
+
+    @property
+    def in_units(self) -> str:
+        """`` N m`` behind a figure; nothing behind one that has no unit."""
+        return "" if self.unit == "1" else f" {self.unit}"

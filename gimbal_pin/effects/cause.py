@@ -107,10 +107,10 @@ class Cause(ABC):
 def within(parameter: Parameter, value: float, owner: str) -> float:
     """Return the value; `UsageError` if it is outside the parameter's bounds."""
     if not parameter.lower <= value <= parameter.upper:
-        raise UsageError(owner, f"{parameter.name} is {value:g} {parameter.unit}", f"give {bounds(parameter)}")
+        raise UsageError(owner, f"{parameter.name} is {value:g}{parameter.in_units}", f"give {bounds(parameter)}")
     return value
 
 
 def bounds(parameter: Parameter) -> str:
     """``0.001 to 10 rad/s``."""
-    return f"{parameter.lower:g} to {parameter.upper:g} {parameter.unit}"
+    return f"{parameter.lower:g} to {parameter.upper:g}{parameter.in_units}"

@@ -65,14 +65,16 @@ def told(finding: Finding) -> list[str]:
         lines.append(f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}")
         lines += [f"  {line}" for line in worse(finding)]
     figures = ", ".join(sized(p) for p in finding.parameters if p.std == p.std)
-    loose = ", ".join(f"{p.name} {number(p.value)} {p.unit}" for p in finding.parameters if finding.cause != MEASURED)
+    loose = ", ".join(
+        f"{p.name} {number(p.value)}{p.in_units}" for p in finding.parameters if finding.cause != MEASURED
+    )
     unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
     return [*lines, *([f"  {figures or unsized}"] if figures or unsized else [])]
 
 
 def sized(figure: Parameter) -> str:
     """A figure with its standard deviation."""
-    return f"{figure.name} {number(figure.value)} ± {number(figure.std, 2)} {figure.unit}"
+    return f"{figure.name} {number(figure.value)} ± {number(figure.std, 2)}{figure.in_units}"
 
 
 def worse(finding: Finding) -> list[str]:

@@ -82,7 +82,7 @@ def row(found: Diagnosis, joint: Joint) -> list[Content]:
 def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list[Markup]:
     """A finding: its sentence, its figures, and what it could be instead."""
     sure = [p for p in finding.parameters if p.std > 0]
-    figure = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{'' if p.unit == '1' else ' ' + p.unit}" for p in sure]
+    figure = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in sure]
     lines: list[Content] = [f"{', '.join(figure)} (± is one standard deviation)."] if figure else []
     if finding.next_experiment:
         lines.append(f"This log cannot tell it from {listed(finding.alike[1:])}: try {finding.next_experiment}.")

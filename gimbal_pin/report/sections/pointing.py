@@ -58,7 +58,8 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
 def missing(found: Verified) -> str:
     """Say which bounds are missed, if any."""
     names = [target.name for target in found.targets if target.verdict == "missed"]
-    return f"A must is missed: {listed(names)}." if names else ""
+    missed = "A must is" if len(names) == 1 else "Musts are"
+    return f"{missed} missed: {listed(names)}." if names else ""
 
 
 def praise(found: Verified) -> str:
