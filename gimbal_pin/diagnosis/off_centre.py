@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, otherwise
+from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, known, otherwise
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.eccentricity import Eccentricity
 from gimbal_pin.log import Log
@@ -76,30 +75,10 @@ def read(log: Log, joint: str, encoders: Encoders) -> Log:
 
 def told(joint: str, worst: str, off: Eccentricity, before: Figures, after: Figures, clear: float) -> Finding:
     """Describe one encoder by the joint whose torque its error spoils most."""
-    torque, rolled = ([one[name][worst] for one in (before, after)] for name in ("torque_rmse", "rollout_rmse"))
-    change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
-    return Finding(
-        cause=NAME,
-        joint=joint,
-        status="named",
-        alike=(NAME,),
-        parameters=(Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad")),
-        gain={
-            "torque_rmse_before": torque[0],
-            "torque_rmse_after": torque[1],
-            "rollout_rmse_before": rolled[0],
-            "rollout_rmse_after": rolled[1],
-        },
-        p_value=float(norm.sf(clear)),
-        selection_frequency=1.0,
-        explained_share=1 - (torque[1] / max(torque[0], 1e-300)) ** 2,
-        visible_fraction=1.0,
-        rivals=(),
-        sentence=f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
-        f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew; "
-        f"held-out torque error of {worst} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %)",
-        next_experiment=None,
-    )
+    figures = (Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad"))
+    said = f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
+    said += f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew"
+    return known(NAME, joint, worst, (before, after), before["torque_rmse"][worst], clear, figures, said)
 
 
 def joined(findings: Sequence[Finding], more: Sequence[Finding]) -> list[Finding]:

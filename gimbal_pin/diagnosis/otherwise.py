@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
+from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
 from gimbal_pin.log import Array, Log
+from gimbal_pin.parameter import Parameter
 from gimbal_pin.platform import BaseMotion
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rows import Filtering
@@ -57,3 +61,50 @@ def squares(state: State, joint: int) -> Array:
     own = np.zeros_like(rows)
     own[:, joint] = rows[:, joint] ** 2
     return state.fit.by_block(own.reshape(-1, 1))[:, 0]
+
+
+def known(
+    cause: str,
+    joint: str | None,
+    worst: str,
+    figures: tuple[Figures, Figures],
+    whole: float,
+    clear: float,
+    parameters: tuple[Parameter, ...],
+    said: str,
+) -> Finding:
+    """Describe what sensors of its own tell, and what it is worth to take it into account.
+
+    Args:
+        cause: Its name.
+        joint: Where it sits; None: in the whole rig.
+        worst: The joint whose torque is missed most without it.
+        figures: Held-out figures without it and with it.
+        whole: Torque error of `worst` that the explained share is of, N m rms.
+        clear: By how many standard deviations the fit gains, see `clarity`.
+        parameters: What is told of it.
+        said: The sentence; the gain is added.
+    """
+    torque, rolled = ([one[name][worst] for one in figures] for name in ("torque_rmse", "rollout_rmse"))
+    change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
+    return Finding(
+        cause=cause,
+        joint=joint,
+        status="named",
+        alike=(cause,),
+        parameters=parameters,
+        gain={
+            "torque_rmse_before": torque[0],
+            "torque_rmse_after": torque[1],
+            "rollout_rmse_before": rolled[0],
+            "rollout_rmse_after": rolled[1],
+        },
+        p_value=float(norm.sf(clear)),
+        selection_frequency=1.0,
+        explained_share=(torque[0] ** 2 - torque[1] ** 2) / max(whole, 1e-300) ** 2,
+        visible_fraction=1.0,
+        rivals=(),
+        sentence=f"{said}; "
+        f"held-out torque error of {worst} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %) by it",
+        next_experiment=None,
+    )

@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import MEASURED, Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, otherwise
+from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, known, otherwise
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Log
 from gimbal_pin.parameter import Parameter
@@ -83,29 +82,10 @@ def told(
     """Describe the platform's motion by the joint at which it matters most; figures of nothing, without it, with it."""
     rate, force = moved
     baseline, *each = figures
-    torque, rolled = ([one[name][joint] for one in each] for name in ("torque_rmse", "rollout_rmse"))
-    whole = max(baseline["torque_rmse"][joint], 1e-300)
     felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
-    change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
-    return Finding(
-        cause=MEASURED,
-        joint=None,
-        status="named",
-        alike=(MEASURED,),
-        parameters=(Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2")),
-        gain={
-            "torque_rmse_before": torque[0],
-            "torque_rmse_after": torque[1],
-            "rollout_rmse_before": rolled[0],
-            "rollout_rmse_after": rolled[1],
-        },
-        p_value=float(norm.sf(clear)),
-        selection_frequency=1.0,
-        explained_share=(torque[0] ** 2 - torque[1] ** 2) / whole**2,
-        visible_fraction=1.0,
-        rivals=(),
-        sentence=f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU), "
-        "and the model has that; "
-        f"held-out torque error of {joint} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %) by it",
-        next_experiment=None,
+    said = (
+        f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU), and the model has that"
     )
+    parameters = (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2"))
+    whole, (before, after) = baseline["torque_rmse"][joint], each
+    return known(MEASURED, None, joint, (before, after), whole, clear, parameters, said)
