@@ -10,6 +10,8 @@ import pytest
 from lxml import etree
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
+from gimbal_pin.diagnosis.bodies import Fitted
+from gimbal_pin.diagnosis.composed import by_form
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import Given, given
@@ -212,6 +214,27 @@ def test_a_heavier_payload_that_was_moved_is_both() -> None:
     assert set(figures) == {"payload-mass", "payload-shift"}
     assert figures["payload-mass"]["extra"] == pytest.approx(0.15, rel=0.1)
     assert figures["payload-shift"]["x"] == pytest.approx(0.0042, rel=0.1)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.03, True), (0.0, False)])
+def test_a_faint_mass_beside_a_large_shift_is_found(share: float, found: bool) -> None:
+    """A few hundredths of the shift's torque: no error of the shift's form would point so exactly where a mass does."""
+    rig = Rig.load("handheld")
+    extra = [f"payload-mass:extra={1.31 * share}"] if share else []
+    said = diagnosed(rig, recorded(plant(rig, "payload-shift:x=0.015,y=0.008,z=-0.006", *extra), 10), "trusted")
+    assert [one.cause for one in said.findings] == ["payload-shift"] + ["payload-mass"] * found
+    assert not said.immaterial
+
+
+def test_a_faint_cause_needs_directions_to_be_told_from_an_error_of_the_form_of_a_strong_one() -> None:
+    """What two causes leave, spread over a few directions or over none: the same gain is much, little or nothing."""
+
+    def fit(cost: float, freedom: int, directions: int) -> Fitted:
+        return Fitted((), (), np.zeros((0, 0)), np.zeros(directions), cost, freedom)
+
+    chances = [by_form(fit(1000.0, 3, many), fit(many - 4.0, 4, many)) for many in (4, 5, 8, 15)]
+    assert chances[0] == 1.0 and all(a > 10 * b for a, b in zip(chances, chances[1:]))
+    assert by_form(fit(1000.0, 3, 15), fit(500.0, 4, 15)) > 1e-3
 
 
 def test_a_nominal_urdf_makes_none_and_says_it_all_the_same() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind
 from gimbal_pin.effects import Cause, RigEffect
@@ -96,3 +96,13 @@ def chance(less: Fitted, more: Fitted) -> float:
     """Chance of the gain from one fit to a larger one if there is nothing, in units of what the larger one leaves."""
     freedom = max(more.freedom - less.freedom, 1)
     return float(chi2.sf((less.cost - more.cost) / more.excess, freedom))
+
+
+def by_form(less: Fitted, more: Fitted) -> float:
+    """Chance of the gain from one fit to a larger one if what the smaller one leaves is an error of its form.
+
+    Such an error points anywhere: of what it leaves, one cause more takes up a share as a random direction has it (F,
+    by what the larger fit leaves). One where that leaves no direction to judge by.
+    """
+    freedom, spare = max(more.freedom - less.freedom, 1), len(more.response) - more.freedom
+    return float(f.sf((less.cost - more.cost) / more.excess / freedom, freedom, spare)) if spare > 0 else 1.0

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from gimbal_pin.diagnosis import verdict
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered
-from gimbal_pin.diagnosis.composed import chance, chosen, same
+from gimbal_pin.diagnosis.composed import ENTER, by_form, chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
@@ -29,7 +29,8 @@ from gimbal_pin.rig import Rig
 TRUSTED = "trusted"
 """What a rig's YAML says under `inertia` if differences from its URDF are findings."""
 FAINT = 0.05
-"""Torque of a cause over that of the strongest, under which it may be what the strongest one's model gets wrong."""
+"""Torque of a cause over that of the strongest, under which it may be what the strongest one's model gets wrong: it
+counts where it takes up what that one leaves as no error of a form would let it."""
 
 
 def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) -> Diagnosis:
@@ -51,8 +52,9 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     fitted, tried = chosen(bodies, causes)
     size = {kind: shares(state, bodies, fitted, kind) for kind in fitted.kinds}
     most = max((float(x.max()) for x in size.values()), default=0.0)
-    material = [kind for kind in fitted.kinds if size[kind].max() > max(verdict.SHARE, FAINT * most)]
     case = Case(state, bodies, fitted, tried, found.held)
+    large = [kind for kind in fitted.kinds if size[kind].max() > verdict.SHARE]
+    material = [kind for kind in large if size[kind].max() > FAINT * most or outright(case, kind)]
     sure = [kind for kind in material if confirmed(case, kind)]
     denied = [denial(fitted.cause(kind)) for kind in material if kind not in sure]
     more = [finding(case, kind, size[kind]) for kind in sure]
@@ -91,6 +93,13 @@ def shares(state: State, bodies: Bodies, fitted: Fitted, kind: Kind) -> Array:
     change = bodies.response(fitted.cause(kind).apply(bodies.found.rig))[0]
     torque = np.concatenate([columns @ change for columns in state.problem.rigid_full])
     return np.asarray(np.sqrt(np.mean(torque**2, axis=0)) / verdict.torque_level(state))
+
+
+def outright(case: Case, kind: Kind) -> bool:
+    """Whether a cause takes up what the others leave beyond what it would of an error of their forms."""
+    rest = [other for other in case.fitted.kinds if other != kind]
+    less = case.bodies.fitted(rest, plausible=False)
+    return less is not None and by_form(less, case.fitted) * len(case.tried) < ENTER
 
 
 def finding(case: Case, kind: Kind, size: Array) -> Finding:
