@@ -36,6 +36,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
@@ -225,6 +226,20 @@ def test_a_lag_in_less_than_the_sensors_noise_only_takes_that_away() -> None:
     state, found = fitted(rig, recorded(rig)), NOTHING._replace(gain=1e9)
     assert not hushes(state, found, lag)
     assert hushes(replace(state, unexplained=[0.3 * x for x in state.unexplained]), found, lag)
+
+
+def test_a_gap_in_less_than_the_sensors_noise_is_one_where_the_models_torque_shows_it() -> None:
+    """That torque has no noise which a gap could take away; a log without one shows it in the measured torque alone."""
+    rig, gap = Rig.load("thesis"), DeadZone("tilt", 0.1, 3.0)
+    log, asked = recorded(rig), np.linspace(-20.0, 20.0, 200001)
+    assert log.tau is not None
+    torque = log.tau.copy()
+    torque[:, rig.joint_index("tilt")] = np.interp(torque[:, rig.joint_index("tilt")], gap.passed(asked), asked)
+    lost, whole = (fitted(rig, one) for one in (replace(log, tau=torque), log))
+    quiet = [replace(state, unexplained=[1e-3 * x for x in state.unexplained]) for state in (lost, whole)]
+    found = measure(lost, gap)
+    assert found.gain > 100.0
+    assert [hushes(state, found, gap) for state in quiet] == [False, True]
 
 
 def test_a_drag_on_friction_that_pushes_is_none() -> None:

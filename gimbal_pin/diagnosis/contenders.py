@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import PUSHED, Columns, plain_columns, pushes
+from gimbal_pin.diagnosis.columns import PUSHED, Columns, Stand, build, plain_columns, pushes
 from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.score import Score, all_gained, score
+from gimbal_pin.diagnosis.score import Score, all_gained, gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
@@ -28,7 +28,8 @@ PENALTY = 4.0
 """Gain that a free parameter makes by luck."""
 HUSHED = 1.5
 """Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
-
+GENUINE = 0.5
+"""Share of such a gain that must be left where it acts on the model's torque in place of the measured one."""
 OUTBENT = 0.5
 """Share of a joint's dry friction by which more of it may bend: bristles of another form than these take so much."""
 BESIDE = 30.0
@@ -196,8 +197,9 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's signal gains by taking away what nobody explains: it does that to any torque, a noise too.
 
     What a signal truly is leaves next to nothing of what it passes on of the unexplained, however much it takes off.
-    Where less is unexplained than the sensors' noise, noise is all that it could take away, by a limit or a gap, too.
-    What adds to the torque what its model says takes nothing away.
+    Where less is unexplained than the sensors' noise, noise is all that it could take away, by a limit or a gap, too,
+    unless it gains as much by what it takes from the model's torque, which has none. What adds to the torque what its
+    model says takes nothing away.
     """
     if not isinstance(cause, Signal) or cause.springy:
         return False
@@ -205,12 +207,20 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     left = [x[:, j] for x in state.unexplained]
     loud, noise = float(np.sum(evidence.whiten(left, j) ** 2)), evidence.rows * float(evidence.used()[j])
     if not cause.linear:
-        return loud < noise
+        return loud < noise and on_model(state, cause) < GENUINE * found.gain
     if loud < LUCK * noise:
         return True
     hushed = float(np.sum(evidence.whiten([cause.acting(x, p.dt) for x, p in zip(left, evidence.parts)], j) ** 2))
     gain = found.gain / float(state.fit.scale[j]) ** 2
     return gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed
+
+
+def on_model(state: State, cause: Signal) -> float:
+    """Gain of a drive's signal by what it takes from the torque that the model asks for, in place of the measured."""
+    asked: list[Array] = [x - y for x, y in zip(state.acting, state.unexplained)]
+    bearing = state.bearing_for(cause, asked)
+    columns = build(state.problem.evidence, cause, Stand(state.rig), state.torque, asked, bearing)
+    return gained(state.fit, columns, fixed=True).gain
 
 
 def net(found: Score, cause: Cause) -> float:
