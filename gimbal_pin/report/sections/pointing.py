@@ -29,6 +29,7 @@ SWITCH = (
     f"The {OURS} is model-based control with all that the others know; joints whose model is worth less than its "
     "uncertainty it leaves to a PID."
 )
+FAILED = "Sensors were failed on purpose while it ran."
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 
 
@@ -38,8 +39,9 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     `note`: what the plant and the model were, as sentences.
     """
     contest = found.contest
+    said = filter(None, [headline(contest), FAILED * found.failed, missing(found)])
     parts = [
-        paragraph(" ".join(filter(None, [headline(contest), missing(found)])), f"headline {praise(found)}"),
+        paragraph(" ".join(said), f"headline {praise(found)}"),
         paragraph(" ".join(filter(None, [circumstances(contest), note, asked_for(found)]))),
         cards(numbers(found)),
         heading("What the camera sees"),
