@@ -30,6 +30,8 @@ SWITCH = (
     "uncertainty it leaves to a PID."
 )
 FAILED = "Sensors were failed on purpose while it ran."
+EVENTS = 12
+"""Most events that are told."""
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 
 
@@ -222,4 +224,5 @@ def told(found: Verified) -> list[Markup]:
     parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
     parts += [heading("Planted and not compensated"), bullets(found.missed)] if found.missed else []
     parts += [notice("Unstable", bullets(swings))] if swings else []
-    return [*parts, notice("What happened", bullets(events[:12]))] if events else parts
+    more = [f"and {len(events) - EVENTS} more, all in the JSON"] if len(events) > EVENTS else []
+    return [*parts, notice("What happened", bullets([*events[:EVENTS], *more]))] if events else parts
