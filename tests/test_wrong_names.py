@@ -33,6 +33,7 @@ from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.together import once
 from gimbal_pin.diagnosis.trusted import Case, confirmed
+from gimbal_pin.diagnosis.verdict import loudness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cause import Cause
@@ -206,6 +207,25 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     (line,) = wrong.worse(found)
     assert "actuator-lag by 4.9 deviations" in line and "armature" not in line and "cogging" not in line
     assert not wrong.worse(replace(found, rivals=rivals[2:]))
+
+
+# how large a cause is
+
+
+def test_a_cause_is_as_large_at_a_joint_that_then_stands() -> None:
+    """Time at rest, of which nothing is judged, makes neither a cause smaller nor what is left larger."""
+    rig, cause = Rig.load("thesis"), Stribeck("tilt", 0.1)
+    log, j = recorded(rig, "stribeck:tilt:speed=0.1,extra=0.05"), rig.joint_index("tilt")
+    moving = gather(rig, [log], ALIGNED, {log.name: 0.0})
+    resting = [part._replace(gate=0.0 * part.gate) for part in moving.parts]
+    states = []
+    for evidence in (moving, replace(moving, parts=(*moving.parts, *resting, *resting, *resting))):
+        problem = Problem.of(evidence, reduce(rig))
+        states.append(solved(problem, (), solved(problem, ())))
+    loud = [loudness(state, measure(state, cause))[j] for state in states]
+    size = [measure(state, cause).size[j] for state in states]
+    assert size[1] < 0.6 * size[0]
+    assert loud[1] == pytest.approx(loud[0], rel=0.05) and loud[0] > 3.0
 
 
 # a drive that only silences

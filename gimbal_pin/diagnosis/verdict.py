@@ -174,8 +174,15 @@ def share(state: State, found: Score) -> float:
 def newtons(state: State, found: Score) -> Array:
     """Projected size of a score at each joint over the time that counts, N m rms, (n,)."""
     evidence = state.problem.evidence
-    floors = np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)])
-    return floors * found.size / np.sqrt(np.maximum(evidence.used(), 1e-12))
+    return np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)]) * loudness(state, found)
+
+
+def loudness(state: State, found: Score) -> Array:
+    """Projected size of a score at each joint over the time that counts, in units of the noise floor, (n,).
+
+    As the dispersion counts it: of a joint that stands most of the time a cause is as large as while it moves.
+    """
+    return np.asarray(found.size / np.sqrt(np.maximum(state.problem.evidence.used(), 1e-12)))
 
 
 def torque_level(state: State) -> Array:
@@ -186,7 +193,7 @@ def torque_level(state: State) -> Array:
 def material(state: State, found: Score) -> bool:
     """Whether a cause is large enough to matter; `state` is the one without it, with the final weights."""
     noise = np.sqrt(np.maximum(state.fit.dispersion, 1.0))
-    return bool(found.gain > 0 and share(state, found) > SHARE and np.max(found.size / noise) > FAINT)
+    return bool(found.gain > 0 and share(state, found) > SHARE and np.max(loudness(state, found) / noise) > FAINT)
 
 
 def at_bound(base: State, cause: Cause) -> bool:
