@@ -91,7 +91,7 @@ class CableSpring(Effect):
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
-        """Powers 0 and 1 of q, and 2 and 3 with a stiffening spring; or the pull of either end, of one or both sides."""
+        """Powers 0 and 1 of q, and 2 and 3 with a stiffening spring; or how either end pulls, if both do."""
         if self.growth:
             return ENDS
         if self.taut:
@@ -162,7 +162,9 @@ class CableSpring(Effect):
         found = [cls(joint), cls(joint, stiffening=True), *(cls(joint, growth=growth) for growth in growing)]
         knots = [seen.middle + place * seen.travel for place in PLACES]
         found += [cls(joint, taut=2, upper=upper, lower=lower) for lower, upper in combinations(knots, 2)]
-        found += [cls(joint, taut=1, upper=knot) for knot in knots] + [cls(joint, taut=-1, lower=knot) for knot in knots]
+        found += [cls(joint, taut=1, upper=knot) for knot in knots] + [
+            cls(joint, taut=-1, lower=knot) for knot in knots
+        ]
         return tuple(found)
 
     def says(self, values: Sequence[float] = ()) -> str:
