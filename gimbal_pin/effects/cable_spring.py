@@ -12,7 +12,6 @@ from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cut, exp, larger, propagated
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -22,8 +21,11 @@ STATED = (
     Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
 )
 GROWTH = Parameter("growth", 0.0, "rad", 0.0, 10.0)
-KNOTS = (Parameter("upper", 0.0, "rad", -4 * pi, 4 * pi), Parameter("lower", 0.0, "rad", -4 * pi, 4 * pi))
-SIDES = (
+KNOTS: tuple[Parameter, ...] = (
+    Parameter("upper", 0.0, "rad", -4 * pi, 4 * pi),
+    Parameter("lower", 0.0, "rad", -4 * pi, 4 * pi),
+)
+SIDES: tuple[Parameter, ...] = (
     Parameter("above", 0.0, "N m/rad", 0.0, inf),
     Parameter("below", 0.0, "N m/rad", 0.0, inf),
 )
@@ -83,11 +85,11 @@ class CableSpring(Effect):
         """On which sides a slack one comes taut, of those above and below."""
         return slice(int(self.taut < 0), 2 - int(self.taut == 1))
 
-    def moved(self, name: str, value: float) -> CableSpring:
+    def moved(self, name: str, value: float) -> Cause:
         """One end of the slack goes no further than the other."""
         if self.taut == 2 and name in ("upper", "lower"):
             value = max(value, self.lower) if name == "upper" else min(value, self.upper)
-        return replace(self, **{name: value})
+        return super().moved(name, value)
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
@@ -104,7 +106,8 @@ class CableSpring(Effect):
             steep = cut(at.q / self.growth, -MOST, MOST)
             return exp(steep), -exp(-steep)
         if self.taut:
-            return (larger(at.q - self.upper, 0.0), -larger(self.lower - at.q, 0.0))[self.sides]
+            pulls: tuple[float | Array, ...] = (larger(at.q - self.upper, 0.0), -larger(self.lower - at.q, 0.0))
+            return pulls[self.sides]
         one = 1.0 + 0.0 * at.q
         return (one, at.q, at.q**2, at.q**3) if self.stiffening else (one, at.q)
 
@@ -139,18 +142,13 @@ class CableSpring(Effect):
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
-        """Stiffness and rest, or where it comes taut on either side; cubic stiffness."""
-        return (*STATED, *KNOTS)
+        """Stiffness, rest, cubic stiffness."""
+        return STATED
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
         """Return the term of this spring."""
-        k, rest, k3, upper, lower = (given[parameter.name] for parameter in cls.stated())
-        if upper or lower:
-            if rest or k3 or lower > upper:
-                what, mend = "is slack from lower to upper", "give these in order, and neither rest nor cubic"
-                raise UsageError(cls.name, what, mend)
-            return Term(cls(str(joint), taut=2, upper=upper, lower=lower), (k, k))
+        k, rest, k3 = (given[parameter.name] for parameter in STATED)
         values = (-k * rest - k3 * rest**3, k + 3 * k3 * rest**2, -3 * k3 * rest, k3)
         effect = cls(str(joint), stiffening=k3 != 0)
         return Term(effect, values[: len(effect.coefficients)])
@@ -162,17 +160,16 @@ class CableSpring(Effect):
         found = [cls(joint), cls(joint, stiffening=True), *(cls(joint, growth=growth) for growth in growing)]
         knots = [seen.middle + place * seen.travel for place in PLACES]
         found += [cls(joint, taut=2, upper=upper, lower=lower) for lower, upper in combinations(knots, 2)]
-        found += [cls(joint, taut=1, upper=knot) for knot in knots] + [
-            cls(joint, taut=-1, lower=knot) for knot in knots
-        ]
-        return tuple(found)
+        above = [cls(joint, taut=1, upper=knot) for knot in knots]
+        below = [cls(joint, taut=-1, lower=knot) for knot in knots]
+        return (*found, *above, *below)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return stiffness and rest."""
         k, rest, k3 = self.spring(values)
         if self.taut:
-            ends = zip(values, (("above", self.upper), ("below", self.lower))[self.sides])
-            pulls = " and ".join(f"{side} {at:.3g} rad with {x:.3g} N m/rad" for x, (side, at) in ends)
+            ends = [f"above {self.upper:.3g} rad", f"below {self.lower:.3g} rad"][self.sides]
+            pulls = " and ".join(f"{end} with {x:.3g} N m/rad" for end, x in zip(ends, values))
             return f"a cable comes taut and pulls the joint back {pulls}"
         more = f", and {k3:.3g} N m/rad^3 beyond" if k3 else ""
         more = f" there, e-fold with every {self.growth:.3g} rad" if self.growth else more
