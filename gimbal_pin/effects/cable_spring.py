@@ -170,7 +170,7 @@ class CableSpring(Effect):
         if self.taut:
             ends = [f"above {self.upper:.3g} rad", f"below {self.lower:.3g} rad"][self.sides]
             pulls = " and ".join(f"{end} with {x:.3g} N m/rad" for end, x in zip(ends, values))
-            return f"a cable comes taut and pulls the joint back {pulls}"
+            return f"a cable pulls the joint back once it is taut: {pulls}"
         more = f", and {k3:.3g} N m/rad^3 beyond" if k3 else ""
         more = f" there, e-fold with every {self.growth:.3g} rad" if self.growth else more
         return f"something pulls the joint towards {rest:.3g} rad with {k:.3g} N m/rad{more}"
