@@ -9,11 +9,12 @@ import pytest
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.confirmed import familiar
+from gimbal_pin.diagnosis.contenders import net
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, settled
 from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.shapes import refined, worth
+from gimbal_pin.diagnosis.shapes import measure, moved, refined, shape_names, worth
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
@@ -22,6 +23,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.encoder_offset import EncoderOffset
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.seen import Seen
@@ -222,3 +224,58 @@ def test_a_pull_that_grows_is_found_where_powers_of_the_angle_are_hidden_by_the_
     found = [(worth(state, at := refined(state, one)), at) for one in CableSpring.tried(joint, seen)]
     best = max(found, key=lambda row: row[0])[1]
     assert isinstance(best, CableSpring) and best.growth == pytest.approx(0.12, rel=0.05)
+
+
+def slack(joint: str, above: float, below: float, upper: float, lower: float) -> Term:
+    """A cable that is taut above one angle and below another; one of no stiffness is not there."""
+    taut = 2 if above and below else 1 if above else -1
+    values = tuple(x for x in (above, below) if x)
+    return Term(CableSpring(joint, taut=taut, upper=upper if above else 0.0, lower=lower if below else 0.0), values)
+
+
+@pytest.mark.parametrize(("above", "below"), [(0.3, 0.3), (0.1, 0.4), (0.2, 0.0), (0.0, 0.5)])
+def test_a_slack_cable_pulls_in_proportion_once_it_is_taut(above: float, below: float) -> None:
+    term, q = slack("tilt", above, below, 0.4, -0.1), np.linspace(-1.0, 1.0, 41)
+    pull = np.asarray(term.torque(Sample(0.0 * q, q, *([0.0 * q] * 4))))
+    np.testing.assert_allclose(pull, np.where(q > 0.4, above * (q - 0.4), np.where(q < -0.1, below * (q + 0.1), 0.0)))
+    for at in (-0.7, 0.1, 0.9):
+        alone = float(term.torque(Sample(0.0, at, 0.0, 0.0, 0.0, 0.0)))
+        assert alone == pytest.approx(np.interp(at, q, pull), abs=1e-12)
+    assert isinstance(term.effect, CableSpring)
+    assert term.effect.spring(term.values)[0] == pytest.approx(np.mean(term.values))
+    assert {p.name for p in term.effect.shown(term.values)} <= {"stiffness", "upper", "lower"}
+    assert ("above" in term.sentence(), "below" in term.sentence()) == (above > 0, below > 0)
+
+
+@pytest.mark.parametrize(
+    ("joint", "above", "below", "upper", "lower"),
+    [(-1, 0.1, 0.1, 0.2, -0.15), (-1, 0.05, 0.15, 0.0, -0.3), (1, 0.2, 0.0, 0.1, 0.0), (0, 0.0, 0.1, 0.0, -0.2)],
+)
+def test_where_a_cable_comes_taut_is_found(joint: int, above: float, below: float, upper: float, lower: float) -> None:
+    term = slack(RIG.joints[joint], above, below, upper, lower)
+    state = fitted(Model(RIG, (term,)))
+    seen = state.problem.evidence.seen[joint]
+    tried = [refined(state, one) for one in CableSpring.tried(term.effect.joint, seen)]
+    best = max(tried, key=lambda one: net(measure(state, one), one))
+    assert isinstance(best, CableSpring) and isinstance(term.effect, CableSpring) and best.taut == term.effect.taut
+    assert (best.upper, best.lower) == pytest.approx((term.effect.upper, term.effect.lower), abs=0.02)
+    assert measure(state, best).beta == pytest.approx(term.values, rel=0.1)
+
+
+@pytest.mark.parametrize("given", ["stiffness=0.1,rest=0.2", "stiffness=0.02,cubic=0.3", "growth"])
+def test_a_spring_that_is_never_slack_is_not_told_as_one_that_is(given: str) -> None:
+    joint = RIG.joints[0]
+    term = growing(joint, 0.05, 0.1, 0.2) if given == "growth" else parse_effect(f"cable-spring:{joint}:{given}", RIG)
+    assert isinstance(term, Term)
+    state = fitted(Model(RIG, (term,)))
+    tried = [refined(state, one) for one in CableSpring.tried(joint, state.problem.evidence.seen[0])]
+    best = max(tried, key=lambda one: net(measure(state, one), one))
+    assert isinstance(best, CableSpring) and not best.taut
+
+
+def test_an_angle_of_either_sign_is_moved_by_radians_and_no_end_of_the_slack_passes_the_other() -> None:
+    cable = CableSpring("tilt", taut=2, upper=0.1, lower=-0.3)
+    assert (up := moved(cable, "upper", 2.0)) and (down := moved(cable, "upper", 0.5))
+    assert up.to_dict()["upper"] == pytest.approx(0.1 + np.log(2.0)) and down.to_dict()["upper"] == -0.3
+    assert shape_names(cable) == ["upper", "lower"] and shape_names(CableSpring("tilt")) == []
+    assert shape_names(CableSpring("tilt", taut=-1, lower=0.2)) == ["lower"]

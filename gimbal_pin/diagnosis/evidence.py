@@ -330,6 +330,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
             float(np.max(np.abs(tau[:, j]))),
             warm,
             bool(upright[j]),
+            float(np.max(q[:, j]) + np.min(q[:, j])) / 2,
         )
         for j in range(rig.n)
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from math import log
 
 from gimbal_pin.diagnosis.score import Score, gained, score
 from gimbal_pin.diagnosis.state import State, width
@@ -69,9 +70,12 @@ def shape_names(cause: Cause) -> list[str]:
 
 
 def moved(cause: Cause, name: str, factor: float) -> Cause | None:
-    """Return the cause with one shape parameter multiplied, or None outside its bounds."""
+    """Return the cause with one shape parameter multiplied, or None outside its bounds.
+
+    An angle of either sign has no size to be multiplied: it is moved by the factor's logarithm, in rad.
+    """
     shape = next(s for s in cause.shapes if s.name == name)
-    value = getattr(cause, name) * factor
+    value = getattr(cause, name) * factor if shape.lower >= 0 else getattr(cause, name) + log(factor)
     return cause.moved(name, value) if shape.lower <= value <= shape.upper else None
 
 
