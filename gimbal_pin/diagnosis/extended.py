@@ -41,7 +41,7 @@ class Extended:
         brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
         others = np.arange(c.a.shape[1]) != joint
         asked, whole = (
-            self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform)[:, joint]
+            self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
         return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked)

@@ -23,6 +23,7 @@ class Seen(NamedTuple):
         peak: The largest torque, N m.
         warm: Whether the motor's temperature was logged.
         upright: Whether the joint's axis is vertical throughout: gravity is then no torque there.
+        rms: Root mean square of the torques, N m; 0: not told.
     """
 
     seconds: float
@@ -35,6 +36,7 @@ class Seen(NamedTuple):
     peak: float
     warm: bool = False
     upright: bool = False
+    rms: float = 0.0
 
 
 def ladder(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:
