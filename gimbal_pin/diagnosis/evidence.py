@@ -16,10 +16,11 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.noise import floor
-from gimbal_pin.effects import Sample
+from gimbal_pin.effects import Sample, Signal
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.platform import Platform
@@ -30,6 +31,7 @@ from gimbal_pin.rows import (
     Channels,
     Filtering,
     Flags,
+    Logged,
     Stretch,
     carrying,
     impulse,
@@ -76,6 +78,7 @@ class Part(NamedTuple):
         impulse: What the smoother takes off the torque's impulse at the nearest turn of a joint, N m s, (m, n).
         corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
         losses: What each motor turned into heat since its log began, (n); None: nobody knows.
+        logged: The torque before it was smoothed; None: nobody knows.
     """
 
     channels: Channels
@@ -89,6 +92,7 @@ class Part(NamedTuple):
     impulse: Array
     corner: Array | float = 0.0
     losses: tuple[Losses, ...] | None = None
+    logged: Logged | None = None
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
@@ -96,6 +100,17 @@ class Part(NamedTuple):
         wide = signal.ndim == 2
         spectrum = fft.rfft(signal * (gate[:, None] if wide else gate), axis=0)[: len(gain)]
         return fft.irfft(spectrum * (gain[:, None] if wide else gain), self.rows, axis=0) * (self.rows / len(gate))
+
+    def acted(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:
+        """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).
+
+        What jumps with the command does so at each sample of the log: a torque that crosses the edge from one sample to
+        the next lies far from it once it is smoothed.
+        """
+        if signal.abrupt and self.logged is not None and np.array_equal(torque, self.channels.tau[:, joint]):
+            command = self.logged.tau[:, joint]
+            return torque - self.logged.smoothed(command - signal.acting(command, self.dt))
+        return signal.along(torque, self.dt, borne)
 
     @property
     def still(self) -> Flags:
@@ -286,6 +301,7 @@ def part(
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
     shock = at_turns(impulse(stretch, filtering, channels.t), channels.v)[rows]
+    logged = Logged.of(stretch, filtering, channels.t, step)
     channels = channels.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
@@ -301,7 +317,9 @@ def part(
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
     losses = losses_of(stretch.log if whole is None else whole, channels.t)
     # Each joint's gate side by side in memory: every column is multiplied by it.
-    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock, losses=losses)
+    return Part(
+        channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock, 0.0, losses, logged
+    )
 
 
 def losses_of(log: Log, t: Array) -> tuple[Losses, ...]:

@@ -31,7 +31,7 @@ class Extended:
         out = part.channels.tau.copy()
         for signal in self.model.drive:
             j = self.model.rig.joint_index(signal.joint)
-            out[:, j] = signal.along(out[:, j], part.dt, self.borne(part, j) if signal.geared else None)
+            out[:, j] = part.acted(signal, out[:, j], j, self.borne(part, j) if signal.geared else None)
         return out
 
     def borne(self, part: Part, joint: int) -> Borne:
