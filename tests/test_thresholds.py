@@ -47,14 +47,14 @@ def test_what_comes_to_the_samples_as_the_torque_did_is_the_torque() -> None:
             np.testing.assert_allclose(part.acted(DeadZone(RIG.joints[j], 1e-12, whole=True), tau, j, None), tau)
 
 
-@pytest.mark.parametrize(("joint", "width", "seed"), [(0, 0.12, 2), (0, 0.12, 3), (1, 0.12, 4), (1, 0.2, 5)])
+@pytest.mark.parametrize(("joint", "width", "seed"), [(0, 0.12, 2), (0, 0.2, 5), (1, 0.12, 4), (1, 0.06, 8)])
 def test_a_threshold_is_found_where_it_is_though_the_command_crosses_it_all_the_time(
     joint: int, width: float, seed: int
 ) -> None:
     """No edge of a smoothed torque, however sharp, explains as much; from such an edge the search goes on to it."""
     place = RIG.joints[joint]
     state = looped(DeadZone(place, width, whole=True), seed=seed)
-    edge = max((refined(state, DeadZone(place, x * width, 12.0)) for x in (0.8, 1.0)), key=lambda c: worth(state, c))
+    edge = max((refined(state, DeadZone(place, x * width, 12.0)) for x in (0.83, 1.07)), key=lambda c: worth(state, c))
     best = max(variants(state, edge, Library(state.problem, ())), key=lambda row: row[0].gain)[1]
     assert isinstance(best, DeadZone) and best.whole and best.width == pytest.approx(width, rel=0.02)
     assert worth(state, best) > worth(state, edge)
