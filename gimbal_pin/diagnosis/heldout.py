@@ -87,7 +87,7 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
         plant = Plant(model.model, model.model.carried(part.time, part.platform))
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part)
-        memory = plant.friction.remembered([part.sample(j) for j in range(len(evidence.rig.joints))])
+        memory = plant.friction.remembered(part.sample)
         for start in starts(part, horizon):
             held = tuple(one[..., start].tolist() for one in memory)
             state = State(part.channels.q[start], part.channels.v[start], held)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from gimbal_pin.effects.base import AMBIENT, Held, Sample, Term
@@ -58,9 +58,9 @@ class Resistance:
         """Return the memory after the motors have given the torques `tau`, N m, for `dt` s."""
         return tuple([t.effect.warmed(m, tau[j], dt) for m, (j, t) in zip(memory, self.keeping)])
 
-    def remembered(self, along: Sequence[Sample]) -> list[Array]:
-        """What the memories hold at consecutive samples of each joint, (n), from rest and cold: (N,) or (k, N) each."""
-        return [term.effect.remembered(along[j]) for j, term in self.keeping]
+    def remembered(self, along: Callable[[int], Sample]) -> list[Array]:
+        """What the memories hold at consecutive samples of a joint each, from rest and cold: (N,) or (k, N)."""
+        return [term.effect.remembered(along(j)) for j, term in self.keeping]
 
     def net(
         self,
