@@ -11,6 +11,7 @@ import numpy as np
 
 from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.plain import cause_from, term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log import Array
@@ -122,6 +123,7 @@ class Model:
         t: Array | None = None,
         temperature: Array | None = None,
         platform: Platform | None = None,
+        losses: Sequence[Losses] | None = None,
     ) -> Array:
         """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
 
@@ -133,12 +135,13 @@ class Model:
             t: Time, s, (N,); zero if None.
             temperature: Motor temperatures, °C, (N, n); ambient if None.
             platform: Motion of the base at the same samples; None: it stands upright.
+            losses: What each motor turned into heat, (n); None: nobody knows.
         """
         direction = np.sign(v) if slide is None else slide
         rigid = rnea(self.rig, q, v, a, platform if t is None else self.carried(t, platform))
 
         def total(tau: Array) -> Array:
-            return rigid + self.passive(q, v, a, direction, tau, t, temperature)
+            return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses)
 
         return consistent(total, rigid) if self.loaded else total(rigid)
 
@@ -151,6 +154,7 @@ class Model:
         tau: Array,
         t: Array | None = None,
         temperature: Array | None = None,
+        losses: Sequence[Losses] | None = None,
     ) -> Array:
         """Torque of all terms, N m, (N, n); `tau` is the total torque, which load-dependent terms see."""
         out = np.zeros_like(q)
@@ -158,6 +162,7 @@ class Model:
         warm = np.full_like(q, AMBIENT) if temperature is None else temperature
         for j, terms in enumerate(self.by_joint):
             at = Sample(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j], warm[:, j])
+            at = at if losses is None else at._replace(losses=losses[j])
             for term in terms:
                 out[:, j] += term.torque(at)
         return out

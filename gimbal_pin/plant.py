@@ -107,7 +107,8 @@ class Plant:
                 stops.append(joint)
                 x = self.rk4(t, now, share * dt) if share > 0 else list(now.x)
                 x[self.n + joint] = 0.0
-            memory = self.friction.evolved(memory, now.x, x) if memory else memory
+            if memory:
+                memory = self.friction.warmed(self.friction.evolved(memory, now.x, x), u, share * dt)
             t, dt = t + share * dt, (1 - share) * dt
         after = np.array(x)
         return State(after[: self.n], after[self.n :], memory)
@@ -164,7 +165,7 @@ class Plant:
         holding = dict(zip(now.contact.stuck, torques))
         for j in resting:
             way = copysign(1.0, holding.get(j, 0.0))
-            if j in holding and abs(holding[j]) > self.friction.level(t, now.x[j], now.tau[j], j, way):
+            if j in holding and abs(holding[j]) > self.friction.level(t, now.x[j], now.tau[j], j, way, now.memory):
                 return j, way
             if j not in holding and now.contact.slide[j] * moving[j] < 0:
                 return j, 0.0

@@ -67,7 +67,7 @@ def prepared(folder: Path) -> tuple[Problem, Evidence]:
     train, test, _ = split([log], None, BAND)
     origins = {log.name: float(log.t[0])}
     evidence = gather(rig, train, BAND, origins)
-    held = judged(rig, test, BAND, origins) if test else evidence
+    held = judged(rig, test, BAND, origins, {log.name: log}) if test else evidence
     return Problem.of(evidence, reduce(rig, base=shaken(rig, train))), held
 
 

@@ -124,7 +124,7 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     """``x - acting(x)``: what a drive takes from a torque, whitened, (rows,): it stands beside the model's columns."""
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
-    loss = [x[:, j] - signal.along(x[:, j], p.dt, y) for p, x, y in zip(evidence.parts, torque, borne)]
+    loss = [x[:, j] - p.acted(signal, x[:, j], j, y) for p, x, y in zip(evidence.parts, torque, borne)]
     white, whole = evidence.whiten(loss, j), [x[:, j] for x in torque]
     taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
     if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything

@@ -79,7 +79,7 @@ def diagnose(
     check_moved(evidence, train[0].name)
     base = moved(rig, train)
     check_columns(rig, train, base, Filtering())
-    held = judged(rig, test, filtering, origins) if test else evidence
+    held = judged(rig, test, filtering, origins, {one.log.name: one.log for one in audits}) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints

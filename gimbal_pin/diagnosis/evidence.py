@@ -9,15 +9,18 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.noise import floor
-from gimbal_pin.effects import Sample
+from gimbal_pin.effects import Sample, Signal
 from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.platform import Platform
@@ -28,6 +31,7 @@ from gimbal_pin.rows import (
     Channels,
     Filtering,
     Flags,
+    Logged,
     Stretch,
     carrying,
     impulse,
@@ -73,6 +77,8 @@ class Part(NamedTuple):
         rows: How many rows it gives.
         impulse: What the smoother takes off the torque's impulse at the nearest turn of a joint, N m s, (m, n).
         corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
+        losses: What each motor turned into heat since its log began, (n); None: nobody knows.
+        logged: The torque before it was smoothed; None: nobody knows.
     """
 
     channels: Channels
@@ -85,6 +91,8 @@ class Part(NamedTuple):
     rows: int
     impulse: Array
     corner: Array | float = 0.0
+    losses: tuple[Losses, ...] | None = None
+    logged: Logged | None = None
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
@@ -92,6 +100,17 @@ class Part(NamedTuple):
         wide = signal.ndim == 2
         spectrum = fft.rfft(signal * (gate[:, None] if wide else gate), axis=0)[: len(gain)]
         return fft.irfft(spectrum * (gain[:, None] if wide else gain), self.rows, axis=0) * (self.rows / len(gate))
+
+    def acted(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:
+        """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).
+
+        What jumps with the command does so at each sample of the log: a torque that crosses the edge from one sample to
+        the next lies far from it once it is smoothed.
+        """
+        if signal.abrupt and self.logged is not None and np.array_equal(torque, self.channels.tau[:, joint]):
+            command = self.logged.tau[:, joint]
+            return torque - self.logged.smoothed(command - signal.acting(command, self.dt))
+        return signal.along(torque, self.dt, borne)
 
     @property
     def still(self) -> Flags:
@@ -131,7 +150,8 @@ class Part(NamedTuple):
         turns = [np.exp(1j * q)]
         for _ in range(1, OCTAVES):
             turns.append(turns[-1] ** 2)
-        return Sample(self.time, q, v, a, slide, tau, warm, turns=np.stack(turns))
+        losses = None if self.losses is None else self.losses[joint]
+        return Sample(self.time, q, v, a, slide, tau, warm, turns=np.stack(turns), losses=losses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +215,13 @@ class Evidence:
         return np.mean(np.concatenate([part.gate**2 for part in self.parts]), axis=0)
 
 
-def judged(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping[str, float]) -> Evidence:
+def judged(
+    rig: Rig,
+    logs: Sequence[Log],
+    filtering: Filtering,
+    origins: Mapping[str, float],
+    wholes: Mapping[str, Log] = MappingProxyType({}),
+) -> Evidence:
     """Return what can be judged of logs that nothing is fitted to.
 
     Where holes leave too little of the time in stretches that the filters can settle in, every sample away from the
@@ -206,16 +232,17 @@ def judged(rig: Rig, logs: Sequence[Log], filtering: Filtering, origins: Mapping
         logs: As for `gather`.
         filtering: As for `gather`.
         origins: As for `gather`.
+        wholes: As for `gather`.
 
     Raises:
         DataError: Not even that.
     """
     whole = sum(float(log.t[-1] - log.t[0]) for log in logs)
     with contextlib.suppress(DataError):
-        found = gather(rig, logs, filtering, origins)
+        found = gather(rig, logs, filtering, origins, wholes=wholes)
         if found.seconds >= COVERED * whole:
             return found
-    return gather(rig, logs, filtering, origins, settling(filtering), SHARP)
+    return gather(rig, logs, filtering, origins, settling(filtering), SHARP, wholes)
 
 
 def gather(
@@ -225,6 +252,7 @@ def gather(
     origins: Mapping[str, float],
     across: float = 0.0,
     taper: float = TAPER,
+    wholes: Mapping[str, Log] = MappingProxyType({}),
 ) -> Evidence:
     """Return the logs' evidence in the band below the filtering's cutoff.
 
@@ -235,12 +263,13 @@ def gather(
         origins: Name of a log → the time at which it began, s.
         across: Holes up to so long, s, do not end a stretch; the gate is closed in them.
         taper: Width over which the gate opens, in periods of the band.
+        wholes: Name of a log → the whole log that it is a part of, where it is one: its motors were warm already.
 
     Raises:
         DataError: No stretch is long enough.
     """
     found = [
-        part(rig, stretch, filtering, origins[log.name], taper)
+        part(rig, stretch, filtering, origins[log.name], taper, wholes.get(log.name))
         for log in logs
         for stretch in stretches(log, filtering.cutoff, across)
     ]
@@ -251,7 +280,14 @@ def gather(
     return Evidence(rig, parts, filtering.cutoff, blocks_of(parts, filtering.cutoff), ranges(rig, parts, filtering))
 
 
-def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper: float = TAPER) -> Part | None:
+def part(
+    rig: Rig,
+    stretch: Stretch,
+    filtering: Filtering,
+    origin: float,
+    taper: float = TAPER,
+    whole: Log | None = None,
+) -> Part | None:
     """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
     step = max(1, int(1 / (FINE * stretch.dt)))
     # The last few samples go where that makes the Fourier transforms quick.
@@ -265,6 +301,7 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
     shock = at_turns(impulse(stretch, filtering, channels.t), channels.v)[rows]
+    logged = Logged.of(stretch, filtering, channels.t, step)
     channels = channels.every(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
@@ -278,8 +315,17 @@ def part(rig: Rig, stretch: Stretch, filtering: Filtering, origin: float, taper:
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
+    losses = losses_of(stretch.log if whole is None else whole, channels.t)
     # Each joint's gate side by side in memory: every column is multiplied by it.
-    return Part(channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock)
+    return Part(
+        channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock, 0.0, losses, logged
+    )
+
+
+def losses_of(log: Log, t: Array) -> tuple[Losses, ...]:
+    """What each motor turned into heat along a log, at times of it, s, (m,)."""
+    assert log.tau is not None
+    return tuple(Losses.along(log.t, tau, t) for tau in log.tau.T)
 
 
 def at_turns(values: Array, v: Array) -> Array:
@@ -331,6 +377,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
             warm,
             bool(upright[j]),
             float(np.max(q[:, j]) + np.min(q[:, j])) / 2,
+            float(np.sqrt(np.mean(tau[:, j] ** 2))),
         )
         for j in range(rig.n)
     )

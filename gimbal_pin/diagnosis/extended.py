@@ -31,7 +31,7 @@ class Extended:
         out = part.channels.tau.copy()
         for signal in self.model.drive:
             j = self.model.rig.joint_index(signal.joint)
-            out[:, j] = signal.along(out[:, j], part.dt, self.borne(part, j) if signal.geared else None)
+            out[:, j] = part.acted(signal, out[:, j], j, self.borne(part, j) if signal.geared else None)
         return out
 
     def borne(self, part: Part, joint: int) -> Borne:
@@ -41,7 +41,7 @@ class Extended:
         brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
         others = np.arange(c.a.shape[1]) != joint
         asked, whole = (
-            self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform)[:, joint]
+            self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
         return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked)

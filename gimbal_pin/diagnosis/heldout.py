@@ -69,7 +69,7 @@ def filtered(part: Part, torque: Array, band: float) -> Array:
 def torque_error(part: Part, model: Extended) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
     c = part.channels
-    wanted = model.model.inverse(c.q, c.v, c.a, part.slide, part.time, part.temperature, c.platform)
+    wanted = model.model.inverse(c.q, c.v, c.a, part.slide, part.time, part.temperature, c.platform, part.losses)
     return model.acting(part) - wanted
 
 
@@ -87,7 +87,7 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
         plant = Plant(model.model, model.model.carried(part.time, part.platform))
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part)
-        memory = plant.friction.remembered(part.channels.q)
+        memory = plant.friction.remembered(part.sample)
         for start in starts(part, horizon):
             held = tuple(one[..., start].tolist() for one in memory)
             state = State(part.channels.q[start], part.channels.v[start], held)

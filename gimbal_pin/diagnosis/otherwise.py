@@ -41,7 +41,7 @@ def otherwise(
 ) -> Otherwise:
     """Fit the causes of a state to other logs; without held-out ones these stand for them too."""
     rig = found.problem.evidence.rig
-    origins = {log.name: float(log.t[0]) for log in (*train, *test)}
+    origins = {log.name: float(log.t[0]) for log in (*test, *train)}  # a log began where its first part did
     evidence = gather(rig, train, filtering, origins)
     problem = Problem.of(evidence, reduce(rig, base=base))
     plain = solved(problem, (), solved(problem, ()))

@@ -206,5 +206,5 @@ def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cau
     best: dict[tuple[object, ...], Cause] = {}
     for _, one in ranked(base, others):
         best.setdefault(form(one.cause), one.cause)
-    found = [refined(base, other) for other in best.values()]
+    found = [refined(base, other) for other in (*best.values(), *cause.akin())]
     return [(measure(base, other), other) for other in found]

@@ -226,7 +226,7 @@ def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bear
     out = []
     for part, x, y in zip(evidence.parts, torque, borne):
         changed = x.copy()
-        changed[:, j] = signal.along(x[:, j], part.dt, y)
+        changed[:, j] = part.acted(signal, x[:, j], j, y)
         out.append(changed)
     return out
 

@@ -39,6 +39,7 @@ class Sample(NamedTuple):
         temperature: Motor temperature, °C.
         memory: What the effect remembers of the way so far, see `Effect.evolve`; None where nobody keeps it.
         turns: ``exp(iq), exp(2iq), exp(4iq), …``, (octaves, N), where many harmonics are asked for; see `around`.
+        losses: What the motor turned into heat since the log began, a `Losses`; None where nobody knows.
     """
 
     t: float | Array
@@ -50,6 +51,7 @@ class Sample(NamedTuple):
     temperature: float | Array = AMBIENT
     memory: Held | None = None
     turns: Array | Turns | None = None
+    losses: Any = None
 
     def around(self, k: float) -> tuple[float | Array, float | Array]:
         """``cos kq, sin kq``: of a whole k a product of `turns`, a tenth of the work of a cosine and a sine."""
@@ -103,6 +105,10 @@ class Effect(Cause):
 
     def evolve(self, memory: Held, moved: float | Array) -> Held:
         """Return the memory after the joint has moved by `moved` rad in one direction."""
+        return memory
+
+    def warmed(self, memory: Held, tau: float, dt: float) -> Held:
+        """Return the memory after the motor has given `tau` N m for `dt` s."""
         return memory
 
     def remembered(self, at: Sample) -> Held:

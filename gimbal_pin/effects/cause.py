@@ -66,6 +66,10 @@ class Cause(ABC):
         """Return it with one shape parameter at another value, and with it what a fit would move along."""
         return replace(self, **{name: value})
 
+    def akin(self) -> tuple[Cause, ...]:
+        """Return other forms of it to go on from where a search has found it: such as are too dear for a grid."""
+        return ()
+
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
         return ()

@@ -25,19 +25,23 @@ HALVINGS = 40
 
 @dataclass(frozen=True)
 class DeadZone(Static):
-    """``y = x - clip(x, -width, width)``, or with a sharpness n ``y = x |x|^n / (|x|^n + width^n)``.
+    """``y = x - clip(x, -width, width)``; with a sharpness n ``y = x |x|^n / (|x|^n + width^n)``; or x beyond it.
 
     An amplifier with a gap loses the width of every command. A drive that ignores what is small, or whose switches
-    need a shortest pulse, makes up for it beyond: it passes half of a command of the width and all of a large one.
+    need a shortest pulse, makes up for it beyond: it passes half of a command of the width and all of a large one. A
+    threshold, as in a drive's firmware, passes nothing up to the width, and all beyond it: it tells every sample by
+    itself from the next.
 
     Attributes:
         joint: The joint whose drive it is.
         width: Largest command that gives no torque, N m; with a sharpness, that which gives half of itself.
-        sharpness: Power of the command with which it comes through; 0 for a gap.
+        sharpness: Power of the command with which it comes through; 0 for a gap or a threshold.
+        whole: True for a threshold.
     """
 
     width: float
     sharpness: float = 0.0
+    whole: bool = False
 
     name: ClassVar[str] = "dead-zone"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -55,7 +59,7 @@ class DeadZone(Static):
         if self.width <= 0:
             return torque
         gentle = min(1.0, abs(torque) / (RAMP * self.width))
-        if not self.sharpness:
+        if not (self.sharpness or self.whole):
             return torque + copysign(self.width * gentle, torque)
         low, high = abs(torque), abs(torque) + 2 * self.width
         for _ in range(HALVINGS):
@@ -65,11 +69,22 @@ class DeadZone(Static):
 
     def passed(self, x: Value) -> Value:
         """Take the lost part off."""
+        if self.whole:
+            return x * (size(x) > self.width)
         if not self.sharpness or self.width <= 0:
             return x - cut(x, -self.width, self.width)
         # Beyond 1e150 a power would overflow, and all has long come through.
         small = cut(self.width / larger(size(x), 1e-300), 0.0, 10.0 ** (150 / max(self.sharpness, 1.0)))
         return x / (1.0 + small**self.sharpness)
+
+    @property
+    def abrupt(self) -> bool:
+        """True for a threshold."""
+        return self.whole
+
+    def akin(self) -> tuple[Cause, ...]:
+        """A threshold where a sharp edge has been found: on the grid it would have to be met within a few per cent."""
+        return (replace(self, sharpness=0.0, whole=True),) if self.sharpness else ()
 
     def moved(self, name: str, value: float) -> Cause:
         """Keep the command that loses a fourth with another sharpness: what is lost there is what a log shows best."""
@@ -89,6 +104,8 @@ class DeadZone(Static):
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the width."""
+        if self.whole:
+            return f"the drive gives nothing for commands up to {self.width:.3g} N m, and all of larger ones"
         if self.sharpness:
             return f"the drive gives next to nothing for commands under {self.width:.3g} N m"
         return f"the drive gives nothing for the first {self.width:.3g} N m of every command"

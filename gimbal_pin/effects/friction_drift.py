@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import exp as decay
 from math import inf
 from typing import ClassVar
 
-from gimbal_pin.effects.base import AMBIENT, Effect, Sample
+from gimbal_pin.effects.base import AMBIENT, Effect, Held, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp
 from gimbal_pin.effects.seen import Seen
@@ -22,19 +23,26 @@ KELVIN = 10.0
 class FrictionDrift(Effect):
     """``tau = x (coulomb slide + viscous v)``: what warming up adds, or takes.
 
-    ``x = 1 - exp(-t/span)`` with the time, ``x = (T - 25 °C)/(10 K)`` with the temperature.
+    ``x = 1 - exp(-t/span)`` with the time, ``x = (T - 25 °C)/(10 K)`` with the temperature. A motor warms by its own
+    losses, which go with the square of its torque: ``span dx/dt = (τ/held)² - x``, from cold.
 
     Attributes:
         joint: The joint it acts on.
         span: Time constant of the warming up, s; one well over the log's length is a drift linear in time.
         thermal: True takes the motor's temperature in place of the time.
+        held: Torque of which the coefficients tell what it changes, held for ever, N m; 0: time itself is what counts.
     """
 
     span: float = 300.0
     thermal: bool = False
+    held: float = 0.0
 
     name: ClassVar[str] = "friction-drift"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("span", 300.0, "s", 1.0, 1e5),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("span", 300.0, "s", 1.0, 1e5),
+        Parameter("held", 0.0, "N m", 0.0, 1e6),
+    )
+    chosen: ClassVar[tuple[str, ...]] = ("held",)
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter("coulomb", 0.0, "N m", -inf, inf),
         Parameter("viscous", 0.0, "N m s/rad", -inf, inf),
@@ -46,20 +54,38 @@ class FrictionDrift(Effect):
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Direction and rate, times how far the change has come."""
-        x = (at.temperature - AMBIENT) / KELVIN if self.thermal else 1.0 - exp(-at.t / self.span)
+        x = (at.temperature - AMBIENT) / KELVIN if self.thermal else self.remembered(at)
         return x * at.slide, x * at.v
+
+    def start(self) -> Held | None:
+        """Cold."""
+        return 0.0 if self.held else None
+
+    def warmed(self, memory: Held, tau: float, dt: float) -> Held:
+        """Return the memory after the motor has given `tau` N m for `dt` s, exactly."""
+        return memory + (1.0 - decay(-dt / self.span)) * ((tau / self.held) ** 2 - memory) if self.held else memory
+
+    def remembered(self, at: Sample) -> Held:
+        """Return how far the change has come; where nobody knows the losses, the motor gave the torque `held`."""
+        if at.memory is not None:
+            return at.memory
+        if self.held and at.losses is not None:
+            return at.losses.warmth(self.span) / self.held**2
+        return 1.0 - exp(-at.t / self.span)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """A drift that levels off within the log, and one that does not; by temperature where there is one."""
+        """A drift that levels off within the log, and one that does not; by temperature, or by what makes it."""
+        own = [cls(joint, span, held=seen.rms) for span in (seen.seconds / 6, seen.seconds)] if seen.rms else []
         return (
             cls(joint, seen.seconds / 3),
             cls(joint, 20 * seen.seconds),
-            *((cls(joint, thermal=True),) if seen.warm else ()),
+            *((cls(joint, thermal=True),) if seen.warm else own),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the whole change."""
         way = "rises" if values[0] >= 0 else "falls"
         over = f"with every {KELVIN:g} K of warming" if self.thermal else f"over some {self.span:.3g} s of running"
+        over = f"{over} at {self.held:.3g} N m, which warms the motor" if self.held else over
         return f"dry friction {way} by {abs(values[0]):.3g} N m ({values[1]:+.3g} N m per rad/s) {over}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from gimbal_pin.effects.base import AMBIENT, Held, Sample, Term
@@ -10,7 +10,7 @@ from gimbal_pin.log import Array
 
 Memory = tuple[Held, ...]
 sampled = partial(tuple.__new__, Sample)
-"""A `Sample` of its nine entries: a named tuple's own way is three times as long, and this runs at every stage."""
+"""A `Sample` of its ten entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
 class Resistance:
@@ -41,8 +41,8 @@ class Resistance:
         self.dry_joints = [j for j, terms in enumerate(by_joint) if any(t.effect.dry for t in terms)]
         keeping = [(j, term) for j, terms in self.rest for term in terms if term.effect.start() is not None]
         self.keeping = keeping
-        slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
-        self.torques = [(j, [(term.torque, slots.get(id(term))) for term in terms]) for j, terms in self.rest]
+        self.slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
+        self.torques = [(j, [(term.torque, self.slots.get(id(term))) for term in terms]) for j, terms in self.rest]
         self.warm = [AMBIENT] * len(by_joint)
         self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
 
@@ -54,9 +54,13 @@ class Resistance:
         """Return the memory after the joints have moved from angles `before` to `after`, rad."""
         return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
 
-    def remembered(self, q: Array) -> list[Array]:
-        """What the memories hold at each of the consecutive angles q, rad, (N, n), from rest: (N,) or (k, N) each."""
-        return [term.effect.scan(q[:, j]) for j, term in self.keeping]
+    def warmed(self, memory: Memory, tau: Sequence[float], dt: float) -> Memory:
+        """Return the memory after the motors have given the torques `tau`, N m, for `dt` s."""
+        return tuple([t.effect.warmed(m, tau[j], dt) for m, (j, t) in zip(memory, self.keeping)])
+
+    def remembered(self, along: Callable[[int], Sample]) -> list[Array]:
+        """What the memories hold at consecutive samples of a joint each, from rest and cold: (N,) or (k, N)."""
+        return [term.effect.remembered(along(j)) for j, term in self.keeping]
 
     def net(
         self,
@@ -74,15 +78,18 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None))))
+                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, None))))
             out[j] -= taken
         return out
 
-    def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
+    def level(self, t: float, q: float, tau: float, j: int, way: float, memory: Memory = ()) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
-        terms = self.dry[j]
-        held = way * total(terms, Sample(t, q, 0.0, 0.0, way, tau, self.warm[j])) if terms else 0.0
-        return self.per_slide[j] + held
+        held = 0.0
+        for term in self.dry[j]:
+            slot = self.slots.get(id(term)) if memory else None
+            at = Sample(t, q, 0.0, 0.0, way, tau, self.warm[j], None if slot is None else memory[slot])
+            held += float(term.torque(at))
+        return self.per_slide[j] + way * held
 
 
 def total(terms: Sequence[Term], at: Sample) -> float:

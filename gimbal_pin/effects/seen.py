@@ -24,6 +24,7 @@ class Seen(NamedTuple):
         warm: Whether the motor's temperature was logged.
         upright: Whether the joint's axis is vertical throughout: gravity is then no torque there.
         middle: Half way between the largest and the smallest angle, rad.
+        rms: Root mean square of the torques, N m; 0: not told.
     """
 
     seconds: float
@@ -37,6 +38,7 @@ class Seen(NamedTuple):
     warm: bool = False
     upright: bool = False
     middle: float = 0.0
+    rms: float = 0.0
 
 
 def ladder(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:

@@ -66,6 +66,11 @@ class Signal(Cause):
         return False
 
     @property
+    def abrupt(self) -> bool:
+        """True if it jumps with the command: it acts on each sample of a log, not on a smoothed torque."""
+        return False
+
+    @property
     def springy(self) -> bool:
         """True if the link swings behind it, by what the link is asked for."""
         return False

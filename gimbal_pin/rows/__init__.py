@@ -5,7 +5,7 @@ log → uniform grid → smoothed q, v, a → columns at full rate → low-pass 
 
 from gimbal_pin.rows.blocks import CHUNK, Block, Rows
 from gimbal_pin.rows.carrier import base_motion, carrying
-from gimbal_pin.rows.channels import Channels, Flags, impulse, smoothed
+from gimbal_pin.rows.channels import Channels, Flags, Logged, impulse, smoothed
 from gimbal_pin.rows.filtering import Filtering, settling
 from gimbal_pin.rows.grid import Stretch, stretches
 from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, memory, sliding, slow, standstill
@@ -21,6 +21,7 @@ __all__ = [
     "Channels",
     "Filtering",
     "Flags",
+    "Logged",
     "Regression",
     "Rows",
     "Stretch",

@@ -93,6 +93,37 @@ def torque(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
     return signals.resample(log.t[near] + aligned(stretch, filtering), log.tau[near], grid)
 
 
+class Logged(NamedTuple):
+    """The torque of a stretch before it was smoothed, and how another comes from it to the samples of its channels.
+
+    Attributes:
+        t: Times at which the samples of the log act, s, (L,).
+        tau: Its torque, N m, (L, n).
+        grid: The uniform grid on which it is smoothed, s, (M,).
+        sections: The smoother.
+        step: Samples of the grid from one of the channels to the next.
+    """
+
+    t: Array
+    tau: Array
+    grid: Array
+    sections: Array
+    step: int
+
+    @staticmethod
+    def of(stretch: Stretch, filtering: Filtering, grid: Array, step: int) -> Logged:
+        """What `smoothed` was given to come to every `step`-th sample of a grid."""
+        log, near = stretch.log, rows_of(stretch, filtering, grid)
+        assert log.tau is not None
+        sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / stretch.dt)
+        return Logged(log.t[near] + aligned(stretch, filtering), log.tau[near], grid, sections, step)
+
+    def smoothed(self, torque: Array) -> Array:
+        """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,)."""
+        even = signals.resample(self.t, torque[:, None], self.grid)
+        return np.asarray(signals.zero_phase(even, self.sections)[:: self.step, 0])
+
+
 def impulse(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
     """``∫τ dt - h * ∫τ dt``: what the smoother h takes off the torque's impulse, N m s, (m, n)."""
     tau = torque(stretch, filtering, grid)

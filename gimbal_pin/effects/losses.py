@@ -1,0 +1,47 @@
+"""Heat that a motor makes of its torque: copper losses go with the square of the current, as the torque with it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gimbal_pin.log import Array
+
+STEP = 0.02
+"""Time over which losses are averaged, s: of what warms over seconds nothing is lost."""
+
+
+class Losses(NamedTuple):
+    """``τ²`` of one motor since its log began, whichever part of the log the samples are of.
+
+    Attributes:
+        power: Its mean over each `STEP`, N² m², (M,).
+        t: Time of the samples since the log began, s, (N,).
+    """
+
+    power: Array
+    t: Array
+
+    @staticmethod
+    def along(t: Array, tau: Array, at: Array) -> Losses:
+        """Losses of a torque held from each time to the next.
+
+        Args:
+            t: Times of the whole log, s, (L,).
+            tau: Torque of the motor, N m, (L,).
+            at: Times of the samples, s, (N,), on the same clock.
+        """
+        energy = np.concatenate([[0.0], np.cumsum(tau[:-1] ** 2 * np.diff(t))])
+        grid = np.arange(t[0], t[-1] + STEP, STEP)
+        return Losses(np.diff(np.interp(grid, t, energy)) / STEP, at - t[0])
+
+    def warmth(self, span: float) -> Array:
+        """Return x of ``span dx/dt = τ² - x`` from cold, N² m², (N,), exact for losses constant over each `STEP`.
+
+        A motor on a mount that stays cold: one thermal resistance and one capacity (IEC 60034-1).
+        """
+        kept = np.exp(-STEP / span)
+        warm = np.concatenate([[0.0], lfilter([1.0 - kept], [1.0, -kept], self.power)])
+        return np.asarray(np.interp(self.t, STEP * np.arange(len(warm)), warm))
