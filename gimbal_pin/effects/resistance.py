@@ -10,7 +10,7 @@ from gimbal_pin.log import Array
 
 Memory = tuple[Held, ...]
 sampled = partial(tuple.__new__, Sample)
-"""A `Sample` of its nine entries: a named tuple's own way is three times as long, and this runs at every stage."""
+"""A `Sample` of its ten entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
 class Resistance:
@@ -23,6 +23,7 @@ class Resistance:
         start: What the terms with a memory remember at rest.
         dry_joints: Joints that can stick.
         warm: Temperature of each motor, °C.
+        weighed: Whether a term may read the joint's weight.
     """
 
     def __init__(self, by_joint: Sequence[Sequence[Term]]) -> None:
@@ -43,6 +44,7 @@ class Resistance:
         self.keeping = keeping
         slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
         self.torques = [(j, [(term.torque, slots.get(id(term))) for term in terms]) for j, terms in self.rest]
+        self.weighed = any(term.effect.weighed for terms in by_joint for term in terms)
         self.warm = [AMBIENT] * len(by_joint)
         self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
 
@@ -67,6 +69,7 @@ class Resistance:
         slide: Sequence[float],
         tau: Sequence[float],
         memory: Memory,
+        weight: Sequence[float],
     ) -> list[float]:
         """Torque that the terms leave, N m, of `left` (see there), given the memory at this stage."""
         out = [rest - c * rate for rest, c, rate in zip(left, self.per_rate, v)]
@@ -74,14 +77,15 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None))))
+                at = sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, weight[j]))
+                taken += float(torque(at))
             out[j] -= taken
         return out
 
-    def level(self, t: float, q: float, tau: float, j: int, way: float) -> float:
+    def level(self, t: float, q: float, tau: float, j: int, way: float, weight: float = 0.0) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
         terms = self.dry[j]
-        held = way * total(terms, Sample(t, q, 0.0, 0.0, way, tau, self.warm[j])) if terms else 0.0
+        held = way * total(terms, Sample(t, q, 0.0, 0.0, way, tau, self.warm[j], weight=weight)) if terms else 0.0
         return self.per_slide[j] + held
 
 
