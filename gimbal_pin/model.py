@@ -108,6 +108,11 @@ class Model:
         """Whether a term depends on the total torque."""
         return any(term.effect.loaded for term in self.terms)
 
+    def weight(self, q: Array, platform: Platform | None = None) -> Array:
+        """Torque that the rig asks for at rest, N m, (N, n); zero where no term reads it."""
+        still = np.zeros_like(q)
+        return rnea(self.rig, q, still, still, platform) if any(t.effect.weighed for t in self.terms) else still
+
     def carried(self, t: Array, platform: Platform | None = None) -> Platform | None:
         """Motion of the base at the times t, s, (N,), where what it stands on moves as `platform`; None: it stands."""
         for change in self.changes:
@@ -138,10 +143,11 @@ class Model:
             losses: What each motor turned into heat, (n); None: nobody knows.
         """
         direction = np.sign(v) if slide is None else slide
-        rigid = rnea(self.rig, q, v, a, platform if t is None else self.carried(t, platform))
+        carrier = platform if t is None else self.carried(t, platform)
+        rigid, weight = rnea(self.rig, q, v, a, carrier), self.weight(q, carrier)
 
         def total(tau: Array) -> Array:
-            return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses)
+            return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses, weight)
 
         return consistent(total, rigid) if self.loaded else total(rigid)
 
@@ -155,13 +161,18 @@ class Model:
         t: Array | None = None,
         temperature: Array | None = None,
         losses: Sequence[Losses] | None = None,
+        weight: Array | None = None,
     ) -> Array:
-        """Torque of all terms, N m, (N, n); `tau` is the total torque, which load-dependent terms see."""
+        """Torque of all terms, N m, (N, n); `tau` is the total torque, which load-dependent terms see.
+
+        `weight`: what of it the rig asks for at rest, N m, (N, n); None: on a base that stands.
+        """
         out = np.zeros_like(q)
+        pull = self.weight(q) if weight is None else weight
         times = np.zeros(len(q)) if t is None else t
         warm = np.full_like(q, AMBIENT) if temperature is None else temperature
         for j, terms in enumerate(self.by_joint):
-            at = Sample(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j], warm[:, j])
+            at = Sample(*(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j], warm[:, j]), weight=pull[:, j])
             at = at if losses is None else at._replace(losses=losses[j])
             for term in terms:
                 out[:, j] += term.torque(at)

@@ -87,6 +87,7 @@ class Plant:
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
         self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
+        self.none = [0.0] * self.n
         # Pinocchio takes the thirds of one array as they are, and filling it is cheaper than making three new ones.
         self.scratch = np.zeros(3 * self.n)
         self.q, self.v, self.tau = np.split(self.scratch, 3)
@@ -163,9 +164,11 @@ class Plant:
         """
         moving, torques = self.constrained(t, now.x, now, body)
         holding = dict(zip(now.contact.stuck, torques))
+        weight = self.weight(t, now.x) if self.friction.weighed else self.none
         for j in resting:
             way = copysign(1.0, holding.get(j, 0.0))
-            if j in holding and abs(holding[j]) > self.friction.level(t, now.x[j], now.tau[j], j, way, now.memory):
+            level = self.friction.level(t, now.x[j], now.tau[j], j, way, now.memory, weight[j])
+            if j in holding and abs(holding[j]) > level:
                 return j, way
             if j not in holding and now.contact.slide[j] * moving[j] < 0:
                 return j, 0.0
@@ -186,7 +189,15 @@ class Plant:
         """Torque that the terms leave for the rigid body, N m."""
         friction = self.friction
         memory = friction.evolved(now.memory, now.x, x) if now.memory else now.memory
-        return friction.net(now.left, t, x, x[self.n :], now.contact.slide, now.tau, memory)
+        weight = self.weight(t, x) if friction.weighed else self.none
+        return friction.net(now.left, t, x, x[self.n :], now.contact.slide, now.tau, memory, weight)
+
+    def weight(self, t: float, x: Floats) -> list[float]:
+        """Torque that the rig asks for at rest, N m."""
+        if self.carrier is not None:
+            return self.carrier.bias(t, [*x[: self.n], *self.none])
+        weight: list[float] = pin.computeGeneralizedGravity(self.pin, self.data, np.array(x[: self.n])).tolist()
+        return weight
 
     def slope(self, t: float, x: Floats, now: Step) -> list[float]:
         """dx/dt: rates, rad/s, then accelerations, rad/s²."""

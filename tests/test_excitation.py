@@ -123,17 +123,18 @@ def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> N
 
 def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
     rig = Rig.load("thesis")
-    effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"))
+    effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"), LoadDependentFriction("tilt", True, 0.5, 0.2))
     at = problem(rig, Determinant(), effects)
     x = at.start(np.random.default_rng(3))
     rough = differences(at.objective, x)
     assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
-    assert len(at.columns.scale) == len(problem(rig).columns.scale) + 2
+    assert len(at.columns.scale) == len(problem(rig).columns.scale) + 3
 
 
 def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
     rig = Rig.load("thesis")
-    terms = (*nominal(rig).terms, Term(LoadDependentFriction("roll"), (0.1,)), Term(Stribeck("tilt", 0.2), (0.02,)))
+    carrying = Term(LoadDependentFriction("roll"), (0.1,)), Term(LoadDependentFriction("tilt", True, 0.5, 0.2), (0.1,))
+    terms = (*nominal(rig).terms, *carrying, Term(Stribeck("tilt", 0.2), (0.02,)))
     at = problem(moved(rig, effort=1.0, acceleration=inf), model=Model(moved(rig, effort=1.0), terms))
     assert at.driven.all()
     x = at.start(np.random.default_rng(4))

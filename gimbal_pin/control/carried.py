@@ -149,8 +149,9 @@ class CarriedTorque:
             slide = [share(rate, a * half) for rate, a in zip(v, wanted)]
             rows = zip(tau, friction.constant, slide, friction.per_slide, v, friction.per_rate)
             tau = [rigid + c + s * dry + rate * viscous for rigid, c, s, dry, rate, viscous in rows]
+            weight = self.workspace.weight(there) if friction.weighed else tau
             for j, terms in friction.rest:
-                at = Sample(t, float(there.q[j]), v[j], y[j], slide[j], tau[j])
+                at = Sample(t, float(there.q[j]), v[j], y[j], slide[j], tau[j], weight=weight[j])
                 tau[j] += added(terms, at, tau[j])
         if self.trusted:
             own = self.workspace.inertia(there.q)
@@ -185,6 +186,10 @@ class Workspace:
         self.force[:], self.turning[:], self.swing[:] = there.base
         torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.a).tolist()[6:]
         return torque
+
+    def weight(self, there: Ahead) -> list[float]:
+        """Rigid torque with the joints at rest, N m."""
+        return self.rnea(there._replace(v=np.zeros(self.n)), [0.0] * self.n)
 
     def inertia(self, q: Array) -> list[float]:
         """Diagonal of D, kg m²."""

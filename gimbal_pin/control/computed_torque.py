@@ -86,9 +86,10 @@ class ComputedTorque:
         """Torque of the model at measured q, v, with accelerations y and terms at the rates `sliding`, N m."""
         rigid = pin.rnea(self.model.rig.model, self.workspace, q, v, np.array(y)).tolist()
         still, out = self.still, []
-        for terms, angle, a, rate, tau in zip(self.model.by_joint, q.tolist(), y, sliding, rigid):
+        weight = self.model.weight(q[None])[0].tolist()
+        for terms, angle, a, rate, tau, pull in zip(self.model.by_joint, q.tolist(), y, sliding, rigid, weight):
             slide = 0.0 if -still < rate < still else (1.0 if rate > 0 else -1.0)
-            at = Sample(t, angle, rate, a, slide, tau)
+            at = Sample(t, angle, rate, a, slide, tau, weight=pull)
             out.append(tau + added(terms, at, tau))
         return [passed(*pair) for pair in zip(self.model.drives, out)] if self.model.drive else out
 

@@ -156,9 +156,11 @@ def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform:
     """Torque per unit of each estimated parameter, (N, n, k): base columns, then the terms' own bases."""
     rig = model.rig
     tau, parts = rnea(rig, q, v, a, platform), [regressor(rig, q, v, a, platform)[:, :, places]]
+    weight = model.weight(q, platform)
     for term in model.terms:
         j = rig.joint_index(term.effect.joint)
-        at = Sample(np.zeros(len(q)), q[:, j], v[:, j], a[:, j], np.sign(v[:, j]), tau[:, j])
+        own = (x[:, j] for x in (q, v, a, np.sign(v), tau))
+        at = Sample(np.zeros(len(q)), *own, weight=weight[:, j])
         part = np.zeros((*q.shape, len(term.values)))
         for k, basis in enumerate(term.effect.basis(at)):
             part[:, j, k] = basis

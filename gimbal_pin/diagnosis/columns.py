@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -81,35 +82,33 @@ def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list
     return np.stack([evidence.whiten([x[:, j] for x in full], j) for j in joints], axis=1), full
 
 
-def effect_columns(evidence: Evidence, effect: Effect, torque: list[Array]) -> Array:
-    """Columns of a torque effect at its joint, whitened, (rows, c); `torque`: the model's, N m, (m, n) per part."""
+def effect_columns(evidence: Evidence, effect: Effect, load: Load) -> Array:
+    """Columns of a torque effect at its joint, whitened, (rows, c)."""
     j = evidence.rig.joint_index(effect.joint)
-    return evidence.whiten(plain_columns(evidence, effect, torque), j)
+    return evidence.whiten(plain_columns(evidence, effect, load), j)
 
 
-def plain_columns(evidence: Evidence, effect: Effect, torque: list[Array]) -> list[Array]:
+def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]:
     """Columns of a torque effect at its joint as they are, (m, c) per part."""
     j = evidence.rig.joint_index(effect.joint)
-    out = []
-    for sample, tau in zip(evidence.samples[j], torque):
-        basis = effect.basis(sample._replace(tau=tau[:, j]))
-        out.append(
-            np.stack([np.broadcast_to(x, len(tau)) for x in basis]).T
-        )  # side by side in memory: quicker to whiten
-    return out
+    samples = [sample._replace(tau=tau[:, j]) for sample, tau in zip(evidence.samples[j], load.torque)]
+    if effect.weighed:
+        samples = [sample._replace(weight=weight[:, j]) for sample, weight in zip(samples, load.weight)]
+    # Side by side in memory: quicker to whiten.
+    return [np.stack([np.broadcast_to(x, len(at.t)) for x in effect.basis(at)]).T for at in samples]
 
 
-def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], torque: list[Array]) -> bool:
+def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], load: Load) -> bool:
     """Whether one joint's friction would drive it: ``rms min(τ sign v, 0) > PUSHED rms τ``, away from standstill.
 
     Args:
         evidence: The logs.
         friction: All that brakes the joint, each with its coefficients.
-        torque: The model's total torque, N m, (m, n) per part.
+        load: What effects read of the model.
     """
     j = evidence.rig.joint_index(friction[0][0].joint)
     sizes = [0.0, 0.0]
-    each = [[x @ values for x in plain_columns(evidence, effect, torque)] for effect, values in friction]
+    each = [[x @ values for x in plain_columns(evidence, effect, load)] for effect, values in friction]
     for part, *parts in zip(evidence.parts, *each):
         braking = np.sum(parts, axis=0) * part.slide[:, j] * part.gate[:, j]
         sizes = [sizes[0] + float(np.sum(np.minimum(braking, 0.0) ** 2)), sizes[1] + float(np.sum(braking**2))]
@@ -147,10 +146,40 @@ class Stand(NamedTuple):
 
     def torque(self, part: Part) -> Array:
         """Torque that it asks for along a part, N m, (m, n)."""
-        rig, platform, c = self.rig, part.platform, part.channels
+        c = part.channels
+        return self.asked(part, c.v, c.a)
+
+    def weight(self, part: Part) -> Array:
+        """What of that it asks for at rest, N m, (m, n)."""
+        rest = np.zeros_like(part.channels.q)
+        return self.asked(part, rest, rest)
+
+    def asked(self, part: Part, v: Array, a: Array) -> Array:
+        """Torque at a part's angles and these rates and accelerations, N m, (m, n)."""
+        rig, platform = self.rig, part.platform
         for change in self.changes:
             rig, platform = change.apply(rig), change.carried(part.time, platform)
-        return rnea(rig, c.q, c.v, c.a, platform)
+        return rnea(rig, part.channels.q, v, a, platform)
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """What effects read of the model.
+
+    Attributes:
+        evidence: The logs.
+        torque: Best estimate of the torque that acts, N m, (m, n) per part.
+        stand: The rig as fitted.
+    """
+
+    evidence: Evidence
+    torque: list[Array]
+    stand: Stand
+
+    @cached_property
+    def weight(self) -> list[Array]:
+        """What of the torque the rig asks for at rest, N m, (m, n) per part; worked out where it is asked for."""
+        return [self.stand.weight(part) for part in self.evidence.parts]
 
 
 def turned(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> Array:
@@ -164,7 +193,7 @@ def build(
     evidence: Evidence,
     cause: Cause,
     stand: Stand,
-    torque: list[Array],
+    load: Load,
     acting: list[Array],
     bearing: Bearing | None = None,
 ) -> Columns:
@@ -174,7 +203,7 @@ def build(
         evidence: The logs.
         cause: The cause.
         stand: The rig with the inertias fitted so far, and what it was found to be changed by.
-        torque: Best estimate of the torque that acts, N m, (m, n) per part: what load-dependent causes read.
+        load: What torque effects read of the model.
         acting: The measured torque after the drives' signals found so far, N m, (m, n) per part: what a further
             signal changes. Its noise is in the column, too, and by itself lets no signal gain: what a filter takes off
             the noise it takes off the torque many times over.
@@ -185,7 +214,7 @@ def build(
     if cause.coupled and evidence.rig.n == 1:
         own, bounds = np.zeros((evidence.rows, 1)), [(-np.inf, np.inf)]
     elif isinstance(cause, Effect):
-        own, bounds = effect_columns(evidence, cause, torque), [(c.lower, c.upper) for c in cause.coefficients]
+        own, bounds = effect_columns(evidence, cause, load), [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
         own, bounds = lost(evidence, cause, acting, bearing)[:, None], [ALIKE]
     elif isinstance(cause, RigEffect):

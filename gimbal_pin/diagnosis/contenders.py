@@ -141,7 +141,7 @@ def falls(state: State, found: Score, cause: Cause) -> bool:
     effects, at = state.problem.friction, len(state.problem.reduction.independent)
     theta = refitted_beside(state, found, cause)[at:]
     evidence, j = state.problem.evidence, state.problem.evidence.rig.joint_index(cause.joint)
-    own = np.concatenate(plain_columns(evidence, cause, state.torque)) @ found.beta
+    own = np.concatenate(plain_columns(evidence, cause, state.load)) @ found.beta
     rate = np.concatenate([part.channels.v[:, j] for part in evidence.parts])
     viscous = [x for one, x in zip(effects, theta) if not one.dry and one.joint == cause.joint]
     return bool(viscous[0] * np.linalg.norm(rate) < -PUSHED * np.linalg.norm(own))
@@ -161,7 +161,7 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
         for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
         if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or resists(effect))
     ]
-    return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.torque)
+    return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.load)
 
 
 def resists(effect: Effect) -> bool:
@@ -219,7 +219,7 @@ def on_model(state: State, cause: Signal) -> float:
     """Gain of a drive's signal by what it takes from the torque that the model asks for, in place of the measured."""
     asked: list[Array] = [x - y for x, y in zip(state.acting, state.unexplained)]
     bearing = state.bearing_for(cause, asked)
-    columns = build(state.problem.evidence, cause, Stand(state.rig), state.torque, asked, bearing)
+    columns = build(state.problem.evidence, cause, Stand(state.rig), state.load, asked, bearing)
     return gained(state.fit, columns, fixed=True).gain
 
 

@@ -79,7 +79,9 @@ class Library:
         if what in ("inertias", ""):
             return Read([state.rig.phi, self.turns(state)] if what else [])
         j = self.problem.evidence.rig.joint_index(place)
-        return Read([x[:, j] for x in (state.acting if what == "acting" else state.torque)])
+        if what == "acting":
+            return Read([x[:, j] for x in state.acting])
+        return Read([x[:, j] for x in (*state.torque, *(state.load.weight if what == "weight" else ()))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,8 @@ class Read:
 
 def source(cause: Cause) -> tuple[str, str]:
     """What a cause's columns depend on besides the log, and where: a torque at its joint, the inertias, or nothing."""
+    if isinstance(cause, Effect) and cause.weighed:
+        return "weight", cause.place
     if isinstance(cause, RigEffect):
         return "inertias", ""
     if isinstance(cause, Effect) and not cause.loaded:

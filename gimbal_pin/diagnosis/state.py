@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Bearing, Columns, Stand, build, magnitude, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.diagnosis.swinging import swinging
@@ -108,6 +108,13 @@ class State:
     learned: State | None = None
 
     @cached_property
+    def load(self) -> Load:
+        """What effects read of it; without one of its causes a fit takes inertias for that one's load."""
+        if self.alike is not None:
+            return self.alike.load
+        return Load(self.problem.evidence, self.torque, mounted(self.rig, self.causes))
+
+    @cached_property
     def bearing(self) -> list[Bearing]:
         """What each joint bears along each part; all that is neither inertia nor friction is the link's."""
         if self.alike is not None:
@@ -119,7 +126,7 @@ class State:
         braked: list[Array] = [np.zeros(x.shape) for x in self.acting]
         for effect, values in [*known, *((c, self.coefficients(c)) for c in dry)]:
             j = problem.evidence.rig.joint_index(effect.joint)
-            for brake, columns in zip(braked, plain_columns(problem.evidence, effect, self.torque)):
+            for brake, columns in zip(braked, plain_columns(problem.evidence, effect, self.load)):
                 brake[:, j] += columns @ values
         inertial = [(x - y) @ theta[:at] for x, y in zip(problem.rigid_full, problem.resting)]
         totals = [x - y for x, y in zip(self.acting, self.unexplained)]
@@ -135,9 +142,8 @@ class State:
 
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
-        stand = mounted(self.rig, self.causes) if isinstance(cause, RigEffect) else Stand(self.rig)
         bearing = self.bearing_for(cause, self.acting)
-        return build(self.problem.evidence, cause, stand, self.torque, self.acting, bearing)
+        return build(self.problem.evidence, cause, mounted(self.rig, self.causes), self.load, self.acting, bearing)
 
     def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
@@ -158,7 +164,7 @@ class State:
         brakes = [np.zeros(len(x)) for x in loads]
         for effect, value in zip(self.problem.friction, phi):
             if effect.joint == spring.joint:
-                columns = plain_columns(evidence, effect, self.torque)
+                columns = plain_columns(evidence, effect, self.load)
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
         rows = zip(brakes, loads, own, torque, evidence.parts)
         return [Borne.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
@@ -201,18 +207,17 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     """
     evidence = problem.evidence
     rig = before.rig if before else evidence.rig
-    model = before.torque if before else evidence.torque
+    load = before.load if before else Load(evidence, evidence.torque, Stand(rig))
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
             acting = acted(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
     b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    stands = [mounted(rig, causes, c) if isinstance(c, RigEffect) else Stand(rig) for c in effects]
-    built = (build(evidence, c, stand, model, acting) for c, stand in zip(effects, stands))
+    built = (build(evidence, c, mounted(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *(one.values for one in built)], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
-    total = predicted(problem, effects, now.theta, model)
+    total = predicted(problem, effects, now.theta, load)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     rig, alike = refitted(problem, now.theta), before if keep else None
@@ -239,7 +244,7 @@ def refitted(problem: Problem, theta: Array) -> Rig:
     return rig.with_phi(phi)
 
 
-def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, torque: list[Array]) -> list[Array]:
+def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, load: Load) -> list[Array]:
     """The model's total torque at full rate, N m, (m, n) per part."""
     width_ = len(problem.reduction.independent)
     out: list[Array] = [x @ theta[:width_] for x in problem.rigid_full]
@@ -248,7 +253,7 @@ def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, torque: 
         size = width(effect)
         if isinstance(effect, Effect):
             j = problem.evidence.rig.joint_index(effect.joint)
-            for total, x in zip(out, plain_columns(problem.evidence, effect, torque)):
+            for total, x in zip(out, plain_columns(problem.evidence, effect, load)):
                 total[:, j] += x @ theta[at : at + size]
         at += size
     return out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, Stand, build
+from gimbal_pin.diagnosis.columns import Columns, Load, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import NOISY
@@ -163,7 +163,8 @@ def at_rest(base: State, cause: Cause, gravity: list[Array]) -> tuple[Columns, .
     """Columns of a loaded cause that feels gravity alone, as a bearing does that the motor's torque goes past."""
     if not isinstance(cause, Effect) or not cause.loaded:
         return ()
-    return (build(base.problem.evidence, cause, Stand(base.rig), gravity, base.acting),)
+    load = Load(base.problem.evidence, gravity, base.load.stand)
+    return (build(base.problem.evidence, cause, load.stand, load, base.acting),)
 
 
 def share(state: State, found: Score) -> float:

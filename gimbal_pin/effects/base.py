@@ -39,6 +39,7 @@ class Sample(NamedTuple):
         temperature: Motor temperature, °C.
         memory: What the effect remembers of the way so far, see `Effect.evolve`; None where nobody keeps it.
         turns: ``exp(iq), exp(2iq), exp(4iq), …``, (octaves, N), where many harmonics are asked for; see `around`.
+        weight: What of `tau` the rig asks for at rest, N m: gravity, and what a base that moves adds to it.
         losses: What the motor turned into heat since the log began, a `Losses`; None where nobody knows.
     """
 
@@ -51,6 +52,7 @@ class Sample(NamedTuple):
     temperature: float | Array = AMBIENT
     memory: Held | None = None
     turns: Array | Turns | None = None
+    weight: float | Array = 0.0
     losses: Any = None
 
     def around(self, k: float) -> tuple[float | Array, float | Array]:
@@ -84,6 +86,8 @@ class Effect(Cause):
     """True if its basis is ``c0 + c1 slide + c2 v`` and reads nothing else: the simulation evaluates it but once."""
     loaded: ClassVar[bool] = False
     """True if its basis reads `tau`: the model's total torque then depends on itself, and is iterated."""
+    weighed: ClassVar[bool] = False
+    """True if its basis may read `weight`, which is worked out where an effect does."""
     rising: ClassVar[bool] = False
     """True if it is friction that grows faster than the rate, beside viscous friction."""
     lasting: ClassVar[bool] = False

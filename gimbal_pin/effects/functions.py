@@ -32,6 +32,11 @@ def size(x: Value) -> Value:
     return abs(x) if isinstance(x, float) else np.abs(x)
 
 
+def hypot(x: Value, y: Value) -> Value:
+    """``sqrt(x² + y²)``."""
+    return math.hypot(x, y) if isinstance(x, float) and isinstance(y, float) else np.hypot(x, y)
+
+
 def sign(x: Value) -> Value:
     """``±1``, of zero too."""
     return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)

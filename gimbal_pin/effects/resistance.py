@@ -10,7 +10,7 @@ from gimbal_pin.log import Array
 
 Memory = tuple[Held, ...]
 sampled = partial(tuple.__new__, Sample)
-"""A `Sample` of its ten entries: a named tuple's own way is three times as long, and this runs at every stage."""
+"""A `Sample` of its eleven entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
 class Resistance:
@@ -23,6 +23,7 @@ class Resistance:
         start: What the terms with a memory remember at rest.
         dry_joints: Joints that can stick.
         warm: Temperature of each motor, °C.
+        weighed: Whether a term may read the joint's weight.
     """
 
     def __init__(self, by_joint: Sequence[Sequence[Term]]) -> None:
@@ -43,6 +44,7 @@ class Resistance:
         self.keeping = keeping
         self.slots = {id(term): slot for slot, (_, term) in enumerate(keeping)}
         self.torques = [(j, [(term.torque, self.slots.get(id(term))) for term in terms]) for j, terms in self.rest]
+        self.weighed = any(term.effect.weighed for terms in by_joint for term in terms)
         self.warm = [AMBIENT] * len(by_joint)
         self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
 
@@ -71,6 +73,7 @@ class Resistance:
         slide: Sequence[float],
         tau: Sequence[float],
         memory: Memory,
+        weight: Sequence[float],
     ) -> list[float]:
         """Torque that the terms leave, N m, of `left` (see there), given the memory at this stage."""
         out = [rest - c * rate for rest, c, rate in zip(left, self.per_rate, v)]
@@ -78,17 +81,20 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                taken += float(torque(sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, None))))
+                at = sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, weight[j], None))
+                taken += float(torque(at))
             out[j] -= taken
         return out
 
-    def level(self, t: float, q: float, tau: float, j: int, way: float, memory: Memory = ()) -> float:
+    def level(
+        self, t: float, q: float, tau: float, j: int, way: float, memory: Memory = (), weight: float = 0.0
+    ) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
         held = 0.0
         for term in self.dry[j]:
             slot = self.slots.get(id(term)) if memory else None
-            at = Sample(t, q, 0.0, 0.0, way, tau, self.warm[j], None if slot is None else memory[slot])
-            held += float(term.torque(at))
+            known = None if slot is None else memory[slot]
+            held += float(term.torque(Sample(t, q, 0.0, 0.0, way, tau, self.warm[j], known, weight=weight)))
         return self.per_slide[j] + way * held
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,9 +73,10 @@ class Columns:
         out = np.empty((len(motion), self.rig.n, len(self.places) + constant.shape[1]))
         out[:, :, : len(self.places)] = regressor(self.rig, motion.q, motion.v, motion.a)[:, :, self.places]
         out[:, :, len(self.places) :] = constant + per_slide * slide[..., None] + per_rate * motion.v[..., None]
-        tau = self.load(motion)
+        tau, weight = self.load(motion), self.weight(motion)
         for j, span, effect in self.others:
-            at = Sample(motion.t, *(array[:, j] for array in (motion.q, motion.v, motion.a, slide, tau)))
+            own = (array[:, j] for array in (motion.q, motion.v, motion.a, slide, tau))
+            at = Sample(motion.t, *own, weight=weight[:, j])
             for column, basis in zip(range(len(self.places) + span.start, out.shape[2]), effect.basis(at)):
                 out[:, j, column] = basis
         return out
@@ -106,6 +107,11 @@ class Columns:
         """The rigid torque that load-dependent effects see, N m, (N, n); zero where there is no such effect."""
         loaded = any(effect.loaded for effect in self.effects)
         return rnea(self.rig, motion.q, motion.v, motion.a) if loaded else np.zeros_like(motion.q)
+
+    def weight(self, motion: Motion) -> Array:
+        """The torque at rest that such effects see, N m, (N, n); zero where there is none."""
+        still = np.zeros_like(motion.q)
+        return rnea(self.rig, motion.q, still, still) if any(effect.weighed for effect in self.effects) else still
 
     def unit(self, motion: Motion, slide: Array) -> Array:
         """``W`` in unit torque, stacked, (N n, p)."""
@@ -140,18 +146,23 @@ class Columns:
 
     def effects_gradient(self, motion: Motion, step: float, weights: Array) -> Array:
         """The effects' part of `gradient`; weights (N, n, coefficients)."""
-        arrays = (motion.q, motion.v, motion.a, sliding(motion, step), self.load(motion))
+        arrays = (motion.q, motion.v, motion.a, sliding(motion, step), self.load(motion), self.weight(motion))
         bars = np.zeros((len(arrays), *motion.q.shape))
         bars[3], bars[1] = (np.einsum("tjc,jc->tj", weights, per) for per in self.affine[1:])
         for j, place, effect in self.others:
             weight = weights[:, j, place].T
 
             def total(*at: Array, effect: Effect = effect, weight: Array = weight) -> Array:
-                return sum((w * b for w, b in zip(weight, effect.basis(Sample(motion.t, *at)))), np.zeros(len(motion)))
+                sample = Sample(motion.t, *at[:-1], weight=at[-1])
+                return sum((w * b for w, b in zip(weight, effect.basis(sample))), np.zeros(len(motion)))
 
             bars[:, :, j] += slopes(total, [array[:, j] for array in arrays])
         out = bars[:3] + sliding_gradient(motion, step, bars[3])
-        return out + self.sweep(motion, self.rig.phi, bars[4]) if bars[4].any() else out
+        out += self.sweep(motion, self.rig.phi, bars[4]) if bars[4].any() else 0.0
+        if bars[5].any():
+            still = np.zeros_like(motion.q)
+            out[0] += self.sweep(replace(motion, v=still, a=still), self.rig.phi, bars[5])[0]
+        return out
 
 
 def sliding_gradient(motion: Motion, step: float, weights: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,17 +78,23 @@ class Envelope:
     def torque_slopes(self, model: Model, motion: Motion) -> Array:
         """Derivative of `torques` of each joint to each joint's q, v, a, (2, 3, N, n, n).
 
-        ``tau = rnea + passive(tau)``, hence ``d tau = (d rnea + d passive) / (1 - d passive/d tau)``.
+        ``tau = rnea + passive(tau)``, hence ``d tau = (d rnea + d passive) / (1 - d passive/d tau)``; what a
+        term reads of the weight changes with every joint's angle.
         """
         rigid, out = rnea_slopes(model.rig.model, motion), []
+        still = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
+        weight = model.weight(motion.q)
         for sign in SIGNS:
 
-            def passive(q: Array, v: Array, a: Array, tau: Array, sign: float = sign) -> Array:
-                return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t)
+            def passive(q: Array, v: Array, a: Array, tau: Array, weight: Array, sign: float = sign) -> Array:
+                return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t, weight=weight)
 
-            *own, per_tau = slopes(passive, [motion.q, motion.v, motion.a, pushed(model, motion, sign)])
-            diagonal = np.stack(own)[..., None] * np.eye(model.rig.n)
-            out.append(sign * (rigid + diagonal) / (1 - per_tau)[..., None])
+            at = [motion.q, motion.v, motion.a, pushed(model, motion, sign), weight]
+            *own, per_tau, per_weight = slopes(passive, at)
+            change = np.stack(own)[..., None] * np.eye(model.rig.n)
+            if per_weight.any():
+                change[0] += per_weight[..., None] * rnea_slopes(model.rig.model, still)[0]
+            out.append(sign * (rigid + change) / (1 - per_tau)[..., None])
         return np.stack(out) / self.torque[:, None]
 
     def shares(self, model: Model, motion: Motion) -> Array:

@@ -152,9 +152,13 @@ class Rows:
         slide = np.sign(channels.v)
         width = sum(len(effect.coefficients) for effect in self.effects)
         out, column = np.zeros((*channels.q.shape, width)), 0
+        weight = rest = np.zeros_like(channels.q)
+        if any(effect.weighed for effect in self.effects):
+            weight = rnea(self.rig, channels.q, rest, rest, channels.platform)
         for effect in self.effects:
             j = self.rig.joint_index(effect.joint)
-            at = Sample(channels.t, *(x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau)))
+            own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
+            at = Sample(channels.t, *own, weight=weight[:, j])
             for basis in effect.basis(at):
                 out[:, j, column] = basis
                 column += 1
