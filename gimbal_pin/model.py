@@ -168,7 +168,8 @@ class Model:
         times = np.zeros(len(q)) if t is None else t
         warm = np.full_like(q, AMBIENT) if temperature is None else temperature
         for j, terms in enumerate(self.by_joint):
-            at = Sample(*(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j], warm[:, j]), weight=pull[:, j])
+            own = (x[:, j] for x in (q, v, a, slide, tau, warm))
+            at = Sample(times, *own)._replace(weight=pull[:, j])
             for term in terms:
                 out[:, j] += term.torque(at)
         return out
