@@ -172,8 +172,9 @@ class Model:
         times = np.zeros(len(q)) if t is None else t
         warm = np.full_like(q, AMBIENT) if temperature is None else temperature
         for j, terms in enumerate(self.by_joint):
-            at = Sample(*(times, q[:, j], v[:, j], a[:, j], slide[:, j], tau[:, j], warm[:, j]), weight=pull[:, j])
-            at = at if losses is None else at._replace(losses=losses[j])
+            own = (x[:, j] for x in (q, v, a, slide, tau, warm))
+            heat = None if losses is None else losses[j]
+            at = Sample(times, *own)._replace(weight=pull[:, j], losses=heat)
             for term in terms:
                 out[:, j] += term.torque(at)
         return out

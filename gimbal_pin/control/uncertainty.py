@@ -160,7 +160,7 @@ def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform:
     for term in model.terms:
         j = rig.joint_index(term.effect.joint)
         own = (x[:, j] for x in (q, v, a, np.sign(v), tau))
-        at = Sample(np.zeros(len(q)), *own, weight=weight[:, j])
+        at = Sample(np.zeros(len(q)), *own)._replace(weight=weight[:, j])
         part = np.zeros((*q.shape, len(term.values)))
         for k, basis in enumerate(term.effect.basis(at)):
             part[:, j, k] = basis

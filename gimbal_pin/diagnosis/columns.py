@@ -95,7 +95,7 @@ def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]
     if effect.weighed:
         samples = [sample._replace(weight=weight[:, j]) for sample, weight in zip(samples, load.weight)]
     # Side by side in memory: quicker to whiten.
-    return [np.stack([np.broadcast_to(x, len(at.t)) for x in effect.basis(at)]).T for at in samples]
+    return [np.stack([np.broadcast_to(x, np.shape(at.t)) for x in effect.basis(at)]).T for at in samples]
 
 
 def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], load: Load) -> bool:

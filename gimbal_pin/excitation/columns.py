@@ -76,7 +76,7 @@ class Columns:
         tau, weight = self.load(motion), self.weight(motion)
         for j, span, effect in self.others:
             own = (array[:, j] for array in (motion.q, motion.v, motion.a, slide, tau))
-            at = Sample(motion.t, *own, weight=weight[:, j])
+            at = Sample(motion.t, *own)._replace(weight=weight[:, j])
             for column, basis in zip(range(len(self.places) + span.start, out.shape[2]), effect.basis(at)):
                 out[:, j, column] = basis
         return out
@@ -153,7 +153,7 @@ class Columns:
             weight = weights[:, j, place].T
 
             def total(*at: Array, effect: Effect = effect, weight: Array = weight) -> Array:
-                sample = Sample(motion.t, *at[:-1], weight=at[-1])
+                sample = Sample(motion.t, *at[:-1])._replace(weight=at[-1])
                 return sum((w * b for w, b in zip(weight, effect.basis(sample))), np.zeros(len(motion)))
 
             bars[:, :, j] += slopes(total, [array[:, j] for array in arrays])

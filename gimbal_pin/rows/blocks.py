@@ -158,7 +158,7 @@ class Rows:
         for effect in self.effects:
             j = self.rig.joint_index(effect.joint)
             own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
-            at = Sample(channels.t, *own, weight=weight[:, j])
+            at = Sample(channels.t, *own)._replace(weight=weight[:, j])
             for basis in effect.basis(at):
                 out[:, j, column] = basis
                 column += 1
