@@ -197,7 +197,8 @@ def test_where_a_pid_becomes_safer() -> None:
     found = Sweep(sizes, {}, 2e-4, 3.0)
     assert found.safer == (pytest.approx(-0.15), pytest.approx(0.2))
     assert "-15 % or +20 %" in found.sentence and found.to_dict()["scaled"][-1] == [0.2, None]
-    assert replace(found, pid=1e-5).safer == (0.0, 0.0)
+    hopeless = replace(found, pid=1e-5)
+    assert hopeless.safer == (0.0, 0.0) and hopeless.sentence == "here a PID is safer even with a model that is right"
     calm = replace(found, scaled={-0.2: 1e-4, 0.0: 1e-4, 0.2: 1e-4})
     assert calm.safer == (None, None) and "up to 20 % wrong" in calm.sentence
 

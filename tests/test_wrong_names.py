@@ -26,6 +26,7 @@ from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, Residual, judge
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
 from gimbal_pin.diagnosis.noiselike import uneven
+from gimbal_pin.diagnosis.reported import rough
 from gimbal_pin.diagnosis.score import NOTHING
 from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.diagnosis.shapes import measure
@@ -46,6 +47,7 @@ from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
+from gimbal_pin.parameter import Parameter
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
@@ -309,3 +311,16 @@ def test_beside_harmonics_that_gain_alike_none_is_a_line() -> None:
     assert not [one for _, one in lines(state, alike) if 20 < one.cause.harmonic[0] < 80]
     assert [one for _, one in lines(state, [*alike[:49], (10.0, every[49]), *alike[50:]])] == [every[49]]
     assert lines(state, alike[:3]) == alike[:3]
+
+
+def test_a_size_that_the_log_hardly_tells_is_told_as_rough() -> None:
+    """Half of itself or more; not what may have either sign, which may be near zero and known, nor what was set."""
+    limit, phase = Parameter("limit", 1.0, "N m", 0.0, 10.0), Parameter("phase", 0.0, "rad", -3.0, 3.0)
+    assert rough([replace(limit, std=0.1), replace(phase, std=0.1), limit]) == ""
+    assert rough([replace(limit, std=0.5), replace(limit, name="knee", std=2.0)]) == " (limit, knee only roughly)"
+
+
+def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
+    left = {"pan": Residual("noise", 0.1, 1.0, ""), "tilt": Residual("structured", 0.1, 9.0, "slow")}
+    assert wrong.unsure(SimpleNamespace(residual=left)).endswith("unknown is left at tilt)")  # type: ignore[arg-type]
+    assert wrong.unsure(SimpleNamespace(residual={"pan": left["pan"]})) == ""  # type: ignore[arg-type]

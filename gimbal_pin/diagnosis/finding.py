@@ -50,7 +50,8 @@ class Finding:
         gain: Held-out torque and rollout errors without and with it, at its joint.
         p_value: Chance that a log without it shows as much anywhere in the library.
         selection_frequency: Share of block bootstraps in which it beats every rival.
-        explained_share: Share of the baseline's held-out residual power that it removes.
+        explained_share: Share of the baseline's held-out residual power that it removes; one where it removes more,
+            of a model whose other findings only fit beside it.
         visible_fraction: Share of its column that the rigid model and friction do not explain.
         rivals: The nearest other causes.
         sentence: All of it for a person.

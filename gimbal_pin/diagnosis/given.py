@@ -27,7 +27,7 @@ ALONE = 0.001
 MATTERS = 2e-4
 """A shift smaller than this, m, is nothing that a hand can mend."""
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
-MASS, MOMENTS, INERTIA, PRODUCTS = [0], [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
+MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
 
 

@@ -31,8 +31,13 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
+from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
+
+ROUGH = 0.4
+"""Standard deviation over its value from which a figure is told as rough: its interval then reaches from a fifth of it
+to nearly twice."""
 
 
 def beside(said: Diagnosis, more: Sequence[Finding]) -> Diagnosis:
@@ -150,7 +155,8 @@ def finding(
     shown = widened(state, cause, parameters(state, cause), found.shelf)
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
-    said = f"{figure.sentence(values)}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
+    said = f"{figure.sentence(values)}{rough(shown)}"
+    said = f"{said}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
     ambiguous = len(judged.alike) > 1
     return Finding(
         cause=cause.name,
@@ -166,12 +172,21 @@ def finding(
         },
         p_value=float((1 + np.sum(null <= judged.own.p)) / (1 + len(null))),
         selection_frequency=judged.frequency,
-        explained_share=float((torque[at] ** 2 - best**2) / max(base**2, 1e-300)),
+        explained_share=min(1.0, float((torque[at] ** 2 - best**2) / max(base**2, 1e-300))),
         visible_fraction=float(np.sqrt(judged.own.visible)),
         rivals=judged.rivals,
         sentence=said,
         next_experiment=cause.experiment if ambiguous else None,
     )
+
+
+def rough(figures: Sequence[Parameter]) -> str:
+    """Say which of a sentence's sizes the logs hardly tell: those that deviate by more than `ROUGH` of themselves.
+
+    What may have either sign, a phase or where a spring rests, may well be near zero and be known.
+    """
+    names = [p.name for p in figures if p.lower >= 0 and p.std > ROUGH * p.value]
+    return f" ({', '.join(names)} only roughly)" if names else ""
 
 
 def limit_of(state: State, joint: int, null: Array) -> float:

@@ -64,6 +64,8 @@ class Sweep:
     def sentence(self) -> str:
         """What it says, in one sentence."""
         below, above = self.safer
+        if self.scaled[0.0] > self.pid:
+            return "here a PID is safer even with a model that is right"
         sides = [f"{100 * edge:+.0f} %" for edge in (below, above) if edge is not None]
         tried = 100 * max(abs(error) for error in self.scaled)
         if not sides:

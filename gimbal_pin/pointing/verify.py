@@ -113,6 +113,7 @@ class Verified:
         sweep: Jitter against the model's error, where that was asked for.
         loops: Controller → the margins of its loops, joint by joint.
         missed: What was planted and the controllers do not know, in sentences.
+        failed: Whether sensors failed because that was asked for.
     """
 
     contest: Contest
@@ -126,6 +127,7 @@ class Verified:
     sweep: Sweep | None = None
     loops: Mapping[str, tuple[Margins, ...]] = field(default_factory=dict)
     missed: tuple[str, ...] = ()
+    failed: bool = False
 
     @property
     def contests(self) -> tuple[Contest, ...]:
@@ -209,6 +211,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         sweep=sweep(courses[0], roster) if asked.sweep else None,
         loops={name: roster.margins(name) for name in names},
         missed=missed(lesson.model, asked.causes, asked.find, findings, asked.log is not None),
+        failed=bool(asked.faults),
     )
 
 

@@ -111,11 +111,12 @@ def zero_line(axes: Axes) -> None:
     axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1)
 
 
-def named(axes: Axes, entries: Sequence[tuple[str, str]]) -> None:
+def named(axes: Axes, entries: Sequence[tuple[str, str]], dashed: Sequence[str] = ()) -> None:
     """Put a legend of names and colours above the axes, in one line; unlike Matplotlib's own it shows any name."""
     from matplotlib.lines import Line2D
 
-    handles = [Line2D([], [], color=colour, lw=2.2, label="x") for _, colour in entries]
+    ways = ["--" if name in dashed else "-" for name, _ in entries]
+    handles = [Line2D([], [], color=colour, lw=2.2, ls=way, label="x") for (_, colour), way in zip(entries, ways)]
     placed: Any = dict(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(entries) or 1, borderpad=0.2)
     legend = axes.legend(handles, ["x"] * len(entries), **placed)
     for text, (name, _) in zip(legend.get_texts(), entries):

@@ -167,4 +167,4 @@ def budget(found: Verified) -> list[str]:
         (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()
     ]
-    return ["", table("error budget", "% of b²", "°", "", rows=rows)]
+    return ["", table("error budget", f"% of {BASELINE}'s mean square", "°", "", rows=rows)]

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from gimbal_pin.parameter import Parameter
 
 
+DEVIATIONS = "(± is one standard deviation)"
 LIMIT = "(what would be found goes with the motion all log long; noise averages out over it, and may be larger)"
 
 
@@ -24,6 +25,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
         lines += [f"  {sized(p)}" for p in fault.answer]
     lines += [line for finding in found.findings for line in told(finding)]
+    lines += [DEVIATIONS] if any("±" in line for line in lines) else []
     lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     rows = [
         (
@@ -40,7 +42,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
         lines += [LIMIT] if any(left.state == "noise" for left in found.residual.values()) else []
     lines += tracking_gain(found)
-    lines += [] if found.given is None else [f"given model: {line}" for line in found.given.lines]
+    lines += [] if found.given is None else [f"given model{unsure(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
@@ -54,6 +56,12 @@ def doubted(found: Diagnosis) -> str:
     if found.findings and not found.lacking:
         return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
+
+
+def unsure(found: Diagnosis) -> str:
+    """What to hold of the payload's figures where something acts that the model does not know."""
+    odd = [joint for joint, left in found.residual.items() if left.state == "structured"]
+    return f" (rough: something unknown is left at {', '.join(odd)})" if odd else ""
 
 
 def told(finding: Finding) -> list[str]:

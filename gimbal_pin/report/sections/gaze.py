@@ -19,6 +19,8 @@ from gimbal_pin.view.names import controller_name
 
 EXPOSURES = 14
 """Moments that a wide picture shows on top of each other."""
+MARGIN = 1.08
+"""Picture over what is in it."""
 RED = "#d8321f"
 
 
@@ -46,8 +48,9 @@ def exposed(several: Sequence[Picture], world: Scenery) -> plots.Figure:
     figure, panels = plots.panels(2, columns, 7.2, gaps=(0.75, 0.55), left=0.75)
     for axes in panels.flat[len(several) :]:
         axes.set_axis_off()
+    across = max((reach(one) for one in several if one.long), default=0.0)
     for axes, one in zip([*panels[0, :2], *panels[1]], several):
-        long_exposure(axes, one) if one.long else wide_exposure(axes, one, world)
+        long_exposure(axes, one, across) if one.long else wide_exposure(axes, one, world)
         axes.set_title(one.title)
     return figure
 
@@ -68,13 +71,21 @@ def wide_exposure(axes: plots.Axes, one: Picture, world: Scenery) -> None:
     axes.spines[:].set_visible(True)
 
 
-def long_exposure(axes: plots.Axes, one: Picture) -> None:
-    """Draw the way of the line of sight over the target, in degrees."""
-    across = np.degrees(np.arctan(one.half))
+def way(one: Picture) -> Array:
+    """Return the way of the line of sight over the target, degrees, (N, 2)."""
+    return np.degrees(np.arctan([gaze.placed(np.array([[1.0, 0.0, 0.0]]), turned)[0] for turned in one.turned]))
+
+
+def reach(one: Picture) -> float:
+    """Half of what a picture has to hold across, degrees: what the lens does, or more where the sight leaves that."""
+    return max(float(np.degrees(np.arctan(one.half))), MARGIN * float(np.abs(way(one) * [1.0, ASPECT]).max()))
+
+
+def long_exposure(axes: plots.Axes, one: Picture, across: float) -> None:
+    """Draw the way of the line of sight over the target, `across` degrees to either side."""
     for ring in one.rings:
         axes.plot(*circle(np.zeros(2), np.degrees(ring)).T, color=RED, lw=0.9, alpha=0.6)
-    way = np.array([gaze.placed(np.array([[1.0, 0.0, 0.0]]), turned)[0] for turned in one.turned])
-    axes.plot(*np.degrees(np.arctan(way)).T, color=plots.INK, lw=0.8)
+    axes.plot(*way(one).T, color=plots.INK, lw=0.8)
     axes.set(xlim=(-across, across), ylim=(-across / ASPECT, across / ASPECT), aspect="equal")
     axes.set(xlabel="degrees", ylabel="degrees")
 

@@ -69,7 +69,8 @@ def against_error(sweep: Sweep) -> plots.Figure:
     panels[0].set(xlabel="error of masses and inertias, %", ylabel="jitter, ° rms", ylim=(0, None))
     for axes in panels[1:]:
         axes.set(xlabel="error along what is least certain, standard deviations")
-    plots.named(panels[0], [(controller_name(OURS), OWN), (controller_name(BASELINE), chart.COLOURS[BASELINE])])
+    pid = controller_name(BASELINE)
+    plots.named(panels[0], [(controller_name(OURS), OWN), (pid, chart.COLOURS[BASELINE])], dashed=[pid])
     return figure
 
 

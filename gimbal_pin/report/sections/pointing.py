@@ -29,6 +29,9 @@ SWITCH = (
     f"The {OURS} is model-based control with all that the others know; joints whose model is worth less than its "
     "uncertainty it leaves to a PID."
 )
+FAILED = "Sensors were failed on purpose while it ran."
+EVENTS = 12
+"""Most events that are told."""
 VERDICTS = {"aim": "good", "must": "good", "missed": "poor"}
 
 
@@ -38,8 +41,9 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     `note`: what the plant and the model were, as sentences.
     """
     contest = found.contest
+    said = filter(None, [headline(contest), FAILED * found.failed, missing(found)])
     parts = [
-        paragraph(" ".join(filter(None, [headline(contest), missing(found)])), f"headline {praise(found)}"),
+        paragraph(" ".join(said), f"headline {praise(found)}"),
         paragraph(" ".join(filter(None, [circumstances(contest), note, asked_for(found)]))),
         cards(numbers(found)),
         heading("What the camera sees"),
@@ -220,4 +224,5 @@ def told(found: Verified) -> list[Markup]:
     parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
     parts += [heading("Planted and not compensated"), bullets(found.missed)] if found.missed else []
     parts += [notice("Unstable", bullets(swings))] if swings else []
-    return [*parts, notice("What happened", bullets(events[:12]))] if events else parts
+    more = [f"and {len(events) - EVENTS} more, all in the JSON"] if len(events) > EVENTS else []
+    return [*parts, notice("What happened", bullets([*events[:EVENTS], *more]))] if events else parts
