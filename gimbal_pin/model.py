@@ -108,10 +108,15 @@ class Model:
         """Whether a term depends on the total torque."""
         return any(term.effect.loaded for term in self.terms)
 
+    @cached_property
+    def weighed(self) -> bool:
+        """Whether a term may read what the rig asks for at rest."""
+        return any(term.effect.weighed for term in self.terms)
+
     def weight(self, q: Array, platform: Platform | None = None) -> Array:
         """Torque that the rig asks for at rest, N m, (N, n); zero where no term reads it."""
         still = np.zeros_like(q)
-        return rnea(self.rig, q, still, still, platform) if any(t.effect.weighed for t in self.terms) else still
+        return rnea(self.rig, q, still, still, platform) if self.weighed else still
 
     def carried(self, t: Array, platform: Platform | None = None) -> Platform | None:
         """Motion of the base at the times t, s, (N,), where what it stands on moves as `platform`; None: it stands."""

@@ -86,7 +86,9 @@ class ComputedTorque:
         """Torque of the model at measured q, v, with accelerations y and terms at the rates `sliding`, N m."""
         rigid = pin.rnea(self.model.rig.model, self.workspace, q, v, np.array(y)).tolist()
         still, out = self.still, []
-        weight = self.model.weight(q[None])[0].tolist()
+        weight, own = rigid, self.model.rig.model
+        if self.model.weighed:
+            weight = pin.computeGeneralizedGravity(own, self.workspace, q).tolist()
         for terms, angle, a, rate, tau, pull in zip(self.model.by_joint, q.tolist(), y, sliding, rigid, weight):
             slide = 0.0 if -still < rate < still else (1.0 if rate > 0 else -1.0)
             at = Sample(t, angle, rate, a, slide, tau, weight=pull)

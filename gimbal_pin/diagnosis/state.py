@@ -110,9 +110,10 @@ class State:
     @cached_property
     def load(self) -> Load:
         """What effects read of it; without one of its causes a fit takes inertias for that one's load."""
-        if self.alike is not None:
-            return self.alike.load
-        return Load(self.problem.evidence, self.torque, mounted(self.rig, self.causes))
+        known = self.alike or self
+        if self.learned is None and known is not self:
+            return known.load
+        return Load(self.problem.evidence, self.torque, mounted(known.rig, known.causes))
 
     @cached_property
     def bearing(self) -> list[Bearing]:

@@ -47,7 +47,7 @@ class LoadDependentFriction(Effect):
     loaded: ClassVar[bool] = True
     weighed: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same motion with two payloads, or well out of balance and balanced"
-    compensation: ClassVar[str] = "friction feed-forward in proportion to the model's torque"
+    compensation: ClassVar[str] = "friction feed-forward by what the model says that the joint carries"
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """What the load adds to what the preload makes, in the direction of sliding."""
