@@ -93,7 +93,8 @@ def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]
     j = evidence.rig.joint_index(effect.joint)
     samples = [sample._replace(tau=tau[:, j]) for sample, tau in zip(evidence.samples[j], load.torque)]
     if effect.weighed:
-        samples = [sample._replace(weight=weight[:, j]) for sample, weight in zip(samples, load.weight)]
+        rows = zip(samples, load.borne, load.weight)
+        samples = [sample._replace(tau=tau[:, j], weight=weight[:, j]) for sample, tau, weight in rows]
     # Side by side in memory: quicker to whiten.
     return [np.stack([np.broadcast_to(x, np.shape(at.t)) for x in effect.basis(at)]).T for at in samples]
 
@@ -169,11 +170,13 @@ class Load:
     Attributes:
         evidence: The logs.
         torque: Best estimate of the torque that acts, N m, (m, n) per part.
-        stand: The rig as fitted.
+        borne: The same with every cause in that was found: what reads the weight is a load's share beside it.
+        stand: The rig as fitted with every cause in.
     """
 
     evidence: Evidence
     torque: list[Array]
+    borne: list[Array]
     stand: Stand
 
     @cached_property

@@ -81,7 +81,9 @@ class Library:
         j = self.problem.evidence.rig.joint_index(place)
         if what == "acting":
             return Read([x[:, j] for x in state.acting])
-        return Read([x[:, j] for x in (*state.torque, *(state.load.weight if what == "weight" else ()))])
+        if what == "weight":
+            return Read([x[:, j] for x in (*state.load.borne, *state.load.weight)])
+        return Read([x[:, j] for x in state.torque])
 
 
 @dataclass(frozen=True, eq=False)

@@ -109,11 +109,10 @@ class State:
 
     @cached_property
     def load(self) -> Load:
-        """What effects read of it; without one of its causes a fit takes inertias for that one's load."""
+        """What effects read of it; without one of its causes a fit takes inertias for what that one bears."""
         known = self.alike or self
-        if self.learned is None and known is not self:
-            return known.load
-        return Load(self.problem.evidence, self.torque, mounted(known.rig, known.causes))
+        borne = self.torque if self.learned is not None else known.torque
+        return Load(self.problem.evidence, self.torque, borne, mounted(known.rig, known.causes))
 
     @cached_property
     def bearing(self) -> list[Bearing]:
@@ -208,7 +207,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     """
     evidence = problem.evidence
     rig = before.rig if before else evidence.rig
-    load = before.load if before else Load(evidence, evidence.torque, Stand(rig))
+    load = before.load if before else Load(evidence, evidence.torque, evidence.torque, Stand(rig))
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):

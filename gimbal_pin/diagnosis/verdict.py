@@ -163,7 +163,7 @@ def at_rest(base: State, cause: Cause, gravity: list[Array]) -> tuple[Columns, .
     """Columns of a loaded cause that feels gravity alone, as a bearing does that the motor's torque goes past."""
     if not isinstance(cause, Effect) or not cause.loaded:
         return ()
-    load = Load(base.problem.evidence, gravity, base.load.stand)
+    load = Load(base.problem.evidence, gravity, gravity, base.load.stand)
     return (build(base.problem.evidence, cause, load.stand, load, base.acting),)
 
 
