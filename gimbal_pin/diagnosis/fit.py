@@ -140,6 +140,15 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     return Fit(theta, stacked, target, left[:, seen], residual, weight, information, np.repeat(block, n))
 
 
+def refit(now: Fit, own: Array, joint: int, used: Array) -> Fit:
+    """Fit whitened columns at one joint, (rows, c), beside those of a fit, the joints weighted as there."""
+    n = len(now.scale)
+    stack, target = (x.reshape(len(own), n, -1) / now.scale[:, None] for x in (now.stack, now.target))
+    beside = np.zeros((len(own), n, own.shape[1]))
+    beside[:, joint] = own
+    return fit(np.concatenate([stack, beside], axis=2), target[:, :, 0], used, now.block[::n], now.scale)
+
+
 def triangles(A: Array, b: Array) -> Array:
     """Triangular factor of each joint's ``[A_j b_j]``, (r, n, k + 1): the same sums of squares in as few rows."""
     return np.stack([np.linalg.qr(np.column_stack([x, y]), mode="r") for x, y in zip(A.swapaxes(0, 1), b.T)], axis=1)

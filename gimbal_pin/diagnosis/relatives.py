@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.fit import fit
+from gimbal_pin.diagnosis.fit import refit
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Effect, Signal
 
@@ -51,9 +51,5 @@ def sags(state: State, cause: Cause) -> bool:
     columns = [cause.sagging(tau, rate) for tau, rate in rows]
     if not any(np.any(column) for column in columns):
         return False
-    beside = np.zeros((evidence.rows, n, 1))
-    beside[:, j, 0] = evidence.whiten(columns, j)
-    stack, target = (x.reshape(len(x) // n, n, -1) / now.scale[:, None] for x in (now.stack, now.target))
-    A = np.concatenate([stack, beside], axis=2)
-    after = fit(A, target[:, :, 0], evidence.used(), now.block[::n], now.scale).residual[j::n]
+    after = refit(now, evidence.whiten(columns, j)[:, None], j, evidence.used()).residual[j::n]
     return float(after @ after) < (1 - TAKEN) * float(np.sum(now.residual[j::n] ** 2))

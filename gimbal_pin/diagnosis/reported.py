@@ -27,6 +27,7 @@ from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.diagnosis.together import combined, doubled, once
 from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.diagnosis.wandering import wandering
 from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
@@ -155,7 +156,7 @@ def finding(
     shown = widened(state, cause, parameters(state, cause), found.shelf)
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
-    said = f"{figure.sentence(values)}{rough(shown)}"
+    said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}"
     said = f"{said}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
     ambiguous = len(judged.alike) > 1
     return Finding(
@@ -178,6 +179,12 @@ def finding(
         sentence=said,
         next_experiment=cause.experiment if ambiguous else None,
     )
+
+
+def swing(state: State, cause: Cause) -> str:
+    """Say by how much a delay wanders, if it does."""
+    found = wandering(state, cause)
+    return "" if found is None else f", and wanders about that by {1e3 * found.rms:.2g} ms rms over seconds"
 
 
 def rough(figures: Sequence[Parameter]) -> str:

@@ -18,6 +18,7 @@ from gimbal_pin.diagnosis.restart import composed
 from gimbal_pin.diagnosis.search import polished, pruned
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.wandering import calmed, reconsidered
 from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array
@@ -68,7 +69,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
-    state = polished(state, step=FINE)
+    state = reconsidered(polished(state, step=FINE), shelf)
     final = believed(first, state)
     lost = [cause for cause in state.causes if cause not in final.causes]
     doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
@@ -91,8 +92,8 @@ def untrusted(first: State, state: State, cause: Cause) -> bool:
 
 def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:
     """What is left at each joint: never noise where something was found that deserves no trust."""
-    joints = state.problem.evidence.rig.joints
-    return tuple(doubted(left, joint, doubtful) for left, joint in zip(leftover.judge(state, rng), joints))
+    joints, judged = state.problem.evidence.rig.joints, calmed(state, leftover.judge(state, rng))
+    return tuple(doubted(left, joint, doubtful) for left, joint in zip(judged, joints))
 
 
 def comparable(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:

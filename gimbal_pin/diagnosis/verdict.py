@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibili
 from gimbal_pin.diagnosis.search import rivals_of
 from gimbal_pin.diagnosis.shapes import free, measure, moved, worth
 from gimbal_pin.diagnosis.state import State, without
+from gimbal_pin.diagnosis.wandering import hides, steady
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
@@ -219,17 +220,19 @@ def minor(state: State, cause: Cause) -> bool:
     """Whether a cause is smaller than what is left unexplained at its joint, where that is much.
 
     What of it the rigid model takes over to a joint that is explained badly, and so counts for little, is no measure.
+    What a delay leaves by wandering does not count where the cause shows beside that.
     """
     size = measure(without(state, cause), cause).size
     j = state.problem.evidence.rig.joint_index(cause.place) if cause.of_joint else int(np.argmax(size))
-    return bool(state.fit.dispersion[j] > MUCH and size[j] ** 2 < state.fit.dispersion[j])
+    less = bool(state.fit.dispersion[j] > MUCH and size[j] ** 2 < state.fit.dispersion[j])
+    return less and not (cause.of_joint and hides(state, cause))
 
 
 def doubtful(first: State, state: State, cause: Cause) -> bool:
     """Whether so much is left at the cause's joint that no name deserves trust."""
     joints = state.problem.evidence.rig.joints
     at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
-    before, after = first.fit.dispersion[list(at)], state.fit.dispersion[list(at)]
+    before, after = first.fit.dispersion[list(at)], steady(state)[list(at)]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))

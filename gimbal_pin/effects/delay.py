@@ -27,6 +27,7 @@ class Delay(Signal):
     name: ClassVar[str] = "delay"
     shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time", nan, "s", 0.0, 0.2),)
     linear: ClassVar[bool] = True
+    wanders: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
     compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
 

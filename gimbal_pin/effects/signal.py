@@ -58,6 +58,8 @@ class Signal(Cause):
 
     linear: ClassVar[bool] = False
     """True if it is linear and passes a constant on: its impulse response then says all of it."""
+    wanders: ClassVar[bool] = False
+    """True if it passes on the command of some time ago, and that time may change slowly."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
     @property
