@@ -23,8 +23,9 @@ LEANS = 0.1
 """Specific force that is off what an upright base at rest feels by more than this counts as a lean, m/s² rms."""
 TURNS = 0.02
 """A rate that varies by more than this counts as turning, rad/s rms; a constant one is the gyro's own bias."""
-SWAYS = 0.005
-"""The same of its means over `SWAY`: slower motion stands clear of the gyro's noise where it is smaller."""
+SWAYS = 0.002
+"""The same of its means over `SWAY`: slower motion stands clear of the gyro's noise where it is smaller. A gyro of
+0.01 °/s/√Hz has 0.0004 rad/s there, and a base that sways by more moves what it carries by more than drives err."""
 SWAY = 0.1
 """Time over which a rate is averaged to see slow turning, s."""
 CUTOFF = 20.0

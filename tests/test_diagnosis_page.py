@@ -11,7 +11,7 @@ import pytest
 from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.diagnosis.heat import heat
 from gimbal_pin.diagnosis.leftover import Residual
-from gimbal_pin.diagnosis.likeness import cosine
+from gimbal_pin.diagnosis.nearness import cosine
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log

@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies
 from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked
-from gimbal_pin.diagnosis.contenders import contenders, falls, holds_fast, hushes, lines
+from gimbal_pin.diagnosis.contenders import contenders, explains_others, falls, holds_fast, hushes, lines
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
@@ -25,6 +25,7 @@ from gimbal_pin.diagnosis.heldout import CONFIRMED
 from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, Residual, judge
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
+from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.noiselike import uneven
 from gimbal_pin.diagnosis.reported import rough
 from gimbal_pin.diagnosis.score import NOTHING
@@ -341,11 +342,24 @@ def test_beside_harmonics_that_gain_alike_none_is_a_line() -> None:
     rig = Rig.load("thesis")
     log = recorded(rig)
     state = solved(Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig)), ())
-    every = [SimpleNamespace(cause=Cogging(rig.joints[0], (float(k),))) for k in range(1, 101)]
+    every = [state.columns(Cogging(rig.joints[0], (float(k),))) for k in range(1, 101)]
     alike = [(1.0 + 0.5 * np.cos(k), one) for k, one in enumerate(every)]
     assert not [one for _, one in lines(state, alike) if 20 < one.cause.harmonic[0] < 80]
     assert [one for _, one in lines(state, [*alike[:49], (10.0, every[49]), *alike[50:]])] == [every[49]]
     assert lines(state, alike[:3]) == alike[:3]
+
+
+def test_what_others_gain_by_what_they_share_with_a_line_speaks_for_it() -> None:
+    """Of a line's gain another harmonic takes up cos² of the angle; what all gain alike is no line's."""
+    rig = Rig.load("thesis")
+    log = recorded(rig)
+    state = solved(Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig)), ())
+    every = [state.columns(Cogging(rig.joints[0], (float(k),))) for k in range(1, 101)]
+    near = nearness(state.fit, span(state.fit, every[49]), every)
+    for shared, line in ((0.0, True), (20.0, False)):
+        rows = [(100.0 * x**2 + shared, one) for x, one in zip(near.tolist(), every)]
+        rows = sorted(rows, key=lambda row: -row[0])
+        assert rows[0][1] is every[49] and explains_others(state, rows[0], rows) == line
 
 
 def test_a_size_that_the_log_hardly_tells_is_told_as_rough() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import PUSHED, Columns, Stand, build, plain_columns, pushes
 from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.score import Score, all_gained, gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
@@ -38,6 +39,8 @@ FEWEST = 20
 """Fewest of them by which it is judged."""
 LINE = 5.0
 """Gain of a harmonic over the median of those from which it is a line."""
+UNLIKE = 0.5
+"""Cosine under which two harmonics are functions of their own on a log."""
 CLEARED = 0.25
 """What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
 
@@ -74,7 +77,8 @@ def lines(state: State, rows: Sequence[tuple[float, Columns]]) -> list[tuple[flo
     """Leave out harmonics that gain no more than those beside them: a part of what no harmonic explains, and no line.
 
     What is left of a cause that the library lacks is spread over all harmonics, and some of them gain most. Over whole
-    turns it is not: each harmonic is then a function of its own.
+    turns it is not: each harmonic is then a function of its own. A joint that moves in small strokes, as by a chirp,
+    parts fewer of them than its travel would: the first of all gains is then compared with what is unlike it.
     """
     evidence = state.problem.evidence
     travels = dict(zip(evidence.rig.joints, (seen.travel for seen in evidence.seen)))
@@ -92,7 +96,31 @@ def lines(state: State, rows: Sequence[tuple[float, Columns]]) -> list[tuple[flo
         beside = gains[(apart > unparted) & (apart < unparted + BESIDE)]
         return len(beside) < FEWEST or gain > LINE * float(np.median(beside))
 
-    return [(gain, one) for gain, one in rows if stands_out(gain, one.cause)]
+    out = [stands_out(gain, one.cause) for gain, one in rows]
+    if rows and not out[0]:
+        out[0] = explains_others(state, rows[0], rows)
+    return [row for row, stands in zip(rows, out) if stands]
+
+
+def explains_others(state: State, row: tuple[float, Columns], rows: Sequence[tuple[float, Columns]]) -> bool:
+    """Whether the harmonics that are unlike one gain little more than what they have in common with it.
+
+    Of what one harmonic explains, with a gain G, another takes up ``G cos²`` of the angle between them.
+    """
+    gain, one = row
+    others = [(x, other) for x, other in rows if other is not one and same(other.cause, one.cause)]
+    near = nearness(state.fit, span(state.fit, one), [other for _, other in others])
+    apart = np.array([harmonic(other.cause) - harmonic(one.cause) for _, other in others])
+    beyond = np.array([x for x, _ in others]) - gain * near**2
+    unlike = [side * apart[(near < UNLIKE) & (side * apart > 0)] for side in (-1, 1)]
+    first = [float(np.min(side, initial=np.inf)) for side in unlike]
+    beside = (near < UNLIKE) & (np.abs(apart) < np.where(apart < 0, *first) + BESIDE)
+    return bool(np.sum(beside) >= FEWEST and gain > LINE * float(np.median(np.maximum(beyond[beside], 0.0))))
+
+
+def harmonic(cause: Cause) -> float:
+    """Which multiple of the angle a cause turns with; its first."""
+    return cause.harmonic[0] if isinstance(cause, Harmonic) else 0.0
 
 
 def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
