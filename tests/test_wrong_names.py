@@ -356,7 +356,7 @@ def test_what_others_gain_by_what_they_share_with_a_line_speaks_for_it() -> None
     state = solved(Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig)), ())
     every = [state.columns(Cogging(rig.joints[0], (float(k),))) for k in range(1, 101)]
     near = nearness(state.fit, span(state.fit, every[49]), every)
-    for shared, line in ((0.0, True), (20.0, False)):
+    for shared, line in ((0.0, True), (50.0, False)):
         rows = [(100.0 * x**2 + shared, one) for x, one in zip(near.tolist(), every)]
         rows = sorted(rows, key=lambda row: -row[0])
         assert rows[0][1] is every[49] and explains_others(state, rows[0], rows) == line
