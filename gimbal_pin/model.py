@@ -16,7 +16,7 @@ from gimbal_pin.effects.plain import cause_from, term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log import Array
 from gimbal_pin.platform import Platform
-from gimbal_pin.regressor import rnea
+from gimbal_pin.regressor import rnea, weight
 from gimbal_pin.rig import Rig
 
 ITERATIONS = 50
@@ -115,8 +115,7 @@ class Model:
 
     def weight(self, q: Array, platform: Platform | None = None) -> Array:
         """Torque that the rig asks for at rest, N m, (N, n); zero where no term reads it."""
-        still = np.zeros_like(q)
-        return rnea(self.rig, q, still, still, platform) if self.weighed else still
+        return weight(self.rig, q, platform) if self.weighed else np.zeros_like(q)
 
     def carried(self, t: Array, platform: Platform | None = None) -> Platform | None:
         """Motion of the base at the times t, s, (N,), where what it stands on moves as `platform`; None: it stands."""

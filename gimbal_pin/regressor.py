@@ -50,6 +50,12 @@ def regressor(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None 
     return out
 
 
+def weight(rig: Rig, q: Array, platform: Platform | None = None) -> Array:
+    """``G(q)``: `rnea` at rest, N m, (N, n); on a platform that moves with what that asks of joints that stand."""
+    still = np.zeros_like(q)
+    return rnea(rig, q, still, still, platform)
+
+
 def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n).
 

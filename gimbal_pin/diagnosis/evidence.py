@@ -24,7 +24,7 @@ from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.platform import Platform
-from gimbal_pin.regressor import rnea
+from gimbal_pin.regressor import weight
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import (
     STANDSTILL,
@@ -363,7 +363,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
     seconds = sum(part.dt * len(part.gate) for part in parts)
     warm = any(np.ptp(part.temperature) > 0 for part in parts)
     rate_std = np.mean([part.channels.rate_std for part in parts], axis=0)
-    upright = ~np.any(weight(rig, parts), axis=0)
+    upright = ~np.any(heavy(rig, parts), axis=0)
     return tuple(
         Seen(
             seconds,
@@ -383,10 +383,10 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
     )
 
 
-def weight(rig: Rig, parts: Sequence[Part]) -> Flags:
+def heavy(rig: Rig, parts: Sequence[Part]) -> Flags:
     """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
     q = np.concatenate([part.channels.q for part in parts])
     some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
-    pull = np.abs(rnea(rig, some, 0 * some, 0 * some))
+    pull = np.abs(weight(rig, some))
     moving = any(part.platform is not None for part in parts)
     return np.asarray((pull > FELT * np.max(pull, initial=1e-300)) | moving)

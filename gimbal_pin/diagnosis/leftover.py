@@ -32,7 +32,9 @@ FLIPS = 999
 SEEN = 0.3
 """Size under which structure does not matter, in units of what is left, or of the noise floor where that is more."""
 MUCH = 4.0
-"""Dispersion from which what is left must be like noise, too, not only without pattern."""
+"""Dispersion from which much is left: it must be like noise, too, not only without pattern."""
+NEARLY_ALL = 0.88
+"""Share of much that must be explained where more is left than any sensor's noise, or so as to leave nothing open."""
 NOISY = 40.0
 """Dispersion from which what is left must be as small and as even as the slow noise of a torque sensor."""
 ACCURATE = 0.02

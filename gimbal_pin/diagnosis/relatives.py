@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from gimbal_pin.diagnosis.fit import refit
+from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Effect, Signal
 
@@ -20,8 +21,6 @@ SLID = 20.0
 of bristles of many lengths the shortest are then Coulomb friction to such a log."""
 TAKEN = 0.25
 """Share of what is left at a joint that a relative's parameter explains, from which the relative it is."""
-MUCH = 4.0
-"""Dispersion from which so much is left that the question arises."""
 
 
 def related(state: State, cause: Cause) -> bool:

@@ -15,6 +15,8 @@ COARSE = 2.0
 """Factor by which a shape parameter is moved first."""
 FINE = 2.0 ** (1 / 64)
 """The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
+TOLD = 10.0
+"""Gain from which a log tells one shape or form from another: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
 
 
 def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:

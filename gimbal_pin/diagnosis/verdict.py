@@ -10,17 +10,17 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns, Load, build
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.leftover import NOISY
+from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, NOISY
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
 from gimbal_pin.diagnosis.search import rivals_of
-from gimbal_pin.diagnosis.shapes import free, measure, moved, worth
+from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.wandering import hides, steady
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
-from gimbal_pin.regressor import rnea
+from gimbal_pin.regressor import weight
 
 APART = 2.0
 """Vuong's z from which two causes are told apart."""
@@ -33,10 +33,6 @@ FAINT = 0.25
 into the model lowers the error by three per cent."""
 EXPLAINED = 0.5
 """Share of a joint's excess over noise that its findings must explain where much is left."""
-MUCH = 4.0
-"""Dispersion from which much is left."""
-NEARLY_ALL = 0.88
-"""Share that they must explain where more is left than any sensor's noise."""
 OUTSPOKEN = 250.0
 """Dispersion from which a drive's clip or gap is none: its formula leaves nothing open that could leave so much."""
 PLAIN = 0.97
@@ -45,8 +41,6 @@ EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 INSIDE = 4.0
 """A shape parameter this factor from its bound is well inside."""
-TOLD = 10.0
-"""Gain from which a log tells a shape parameter from another: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
 BOOTSTRAPS = 200
 
 
@@ -146,7 +140,7 @@ def imitations(base: State, cause: Cause, name: str, shelf: Library) -> Iterator
     rest = project(base.fit, base.columns(cause))
     mine = rest @ (measure(base, cause).beta if len(measure(base, cause).beta) else np.ones(rest.shape[1]))
     positions = [part.channels.q for part in base.problem.evidence.parts]
-    gravity = [rnea(base.rig, q, 0 * q, 0 * q) for q in positions]
+    gravity = [weight(base.rig, q) for q in positions]
     for other in shelf.causes:
         if other.name != name or (other.of_joint and cause.of_joint and other.place != cause.place):
             continue

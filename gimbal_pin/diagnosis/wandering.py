@@ -16,21 +16,15 @@ from scipy.linalg import block_diag
 
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.fit import norms, refit
-from gimbal_pin.diagnosis.leftover import Residual
+from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, Residual
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.shapes import refined, worth
+from gimbal_pin.diagnosis.shapes import TOLD, refined, worth
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Array
 
 STEP = 0.5
 """Time between the corners of w(t), s: a swing of some seconds is followed, the torque's own swings are not."""
-MUCH = 4.0
-"""Dispersion from which so much is left that the question arises."""
-NEARLY_ALL = 0.88
-"""Share of what is left that the wandering must explain, each of its corners counted, so as to leave nothing open."""
-TOLD = 10.0
-"""Gain in twice the log-likelihood from which a delay is told from a lag: ten of AIC (Burnham and Anderson 2002)."""
 
 
 class Wander(NamedTuple):

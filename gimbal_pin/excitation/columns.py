@@ -15,7 +15,7 @@ from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import friction_effects
 from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import columns, regressor, rnea
+from gimbal_pin.regressor import columns, regressor, rnea, weight
 from gimbal_pin.rig import Rig
 
 TINY = 1e-12
@@ -110,8 +110,8 @@ class Columns:
 
     def weight(self, motion: Motion) -> Array:
         """The torque at rest that such effects see, N m, (N, n); zero where there is none."""
-        still = np.zeros_like(motion.q)
-        return rnea(self.rig, motion.q, still, still) if any(effect.weighed for effect in self.effects) else still
+        weighed = any(effect.weighed for effect in self.effects)
+        return weight(self.rig, motion.q) if weighed else np.zeros_like(motion.q)
 
     def unit(self, motion: Motion, slide: Array) -> Array:
         """``W`` in unit torque, stacked, (N n, p)."""

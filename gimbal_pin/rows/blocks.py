@@ -12,7 +12,7 @@ from gimbal_pin import signals
 from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.log import Array, Log
 from gimbal_pin.reduction import Reduction
-from gimbal_pin.regressor import columns, regressor, rnea
+from gimbal_pin.regressor import columns, regressor, rnea, weight
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows.carrier import carrying
 from gimbal_pin.rows.channels import Channels, smoothed
@@ -152,13 +152,13 @@ class Rows:
         slide = np.sign(channels.v)
         width = sum(len(effect.coefficients) for effect in self.effects)
         out, column = np.zeros((*channels.q.shape, width)), 0
-        weight = rest = np.zeros_like(channels.q)
+        pull = np.zeros_like(channels.q)
         if any(effect.weighed for effect in self.effects):
-            weight = rnea(self.rig, channels.q, rest, rest, channels.platform)
+            pull = weight(self.rig, channels.q, channels.platform)
         for effect in self.effects:
             j = self.rig.joint_index(effect.joint)
             own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
-            at = Sample(channels.t, *own)._replace(weight=weight[:, j])
+            at = Sample(channels.t, *own)._replace(weight=pull[:, j])
             for basis in effect.basis(at):
                 out[:, j, column] = basis
                 column += 1
