@@ -11,6 +11,7 @@ from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model, brakes
 from gimbal_pin.plant import State
+from gimbal_pin.regressor import inertia
 from gimbal_pin.rig import Rig
 
 
@@ -27,14 +28,26 @@ class Drive:
         """Return the mean torque that acts over the next interval, N m, (n,), from a state of the plant."""
         if not self.chain:
             return command
-        out = command.tolist()
+        out = np.array(command, dtype=float)
         for i, (j, signal) in enumerate(self.chain):
-            beside = 0.0
+            given, load = float(out[j]), None
             if signal.geared and self.plant is not None and state is not None:
-                beside = float(signal.beside(borne(self.plant, j, state, out[j], signal.leaning(self.memory[i]))))
-            self.memory[i], passed = signal.step(self.memory[i], out[j] + beside, self.dt)
-            out[j] = passed - beside
-        return np.array(out)
+                load = borne(self.plant, j, state, given, signal.leaning(self.memory[i]))
+            beside = 0.0 if load is None else float(signal.beside(load))
+            self.memory[i], passed = signal.step(self.memory[i], given + beside, self.dt)
+            loss = given + beside - passed
+            if load is None or not signal.unseen:
+                out[j] -= loss
+            else:
+                assert self.plant is not None and state is not None
+                out -= signal.spread(loss, j, pushed(self.plant, state, j))
+        return out
+
+
+def pushed(plant: Model, state: State, joint: int) -> Array:
+    """``M_j / M_jj`` of a plant in a state, (n,): what 1 N m at a joint's link asks of every joint."""
+    row = inertia(plant.rig, state.q[None], joint)[0]
+    return row / (row[joint] + plant.armature[joint])
 
 
 def borne(plant: Model, joint: int, state: State, torque: float, leaning: float | None = None) -> Borne:

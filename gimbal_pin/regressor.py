@@ -56,6 +56,13 @@ def weight(rig: Rig, q: Array, platform: Platform | None = None) -> Array:
     return rnea(rig, q, still, still, platform)
 
 
+def inertia(rig: Rig, q: Array, joint: int) -> Array:
+    """``M_j(q)``: torque at every joint for a unit acceleration of one, kg m², (N, n); angles (N, n)."""
+    unit = np.zeros_like(q)
+    unit[:, joint] = 1.0
+    return rnea(rig, q, np.zeros_like(q), unit) - weight(rig, q)
+
+
 def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n).
 

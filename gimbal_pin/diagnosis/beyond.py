@@ -40,7 +40,7 @@ def surprise(state: State, held: Evidence) -> Array:
     """
     n, model = held.rig.n, extended(state)
     errors = [torque_error(part, model) for part in held.parts]
-    white = np.stack([held.whiten([x[:, j] for x in errors], j) for j in range(n)], axis=1)
+    white = held.whiten_all(errors)
     there = solved(Problem.of(held, state.problem.reduction), state.causes).fit
     rows = there.stack.reshape(held.rows, n, -1) / there.scale[:, None]
     used = np.maximum(held.used() * held.rows, 1.0)

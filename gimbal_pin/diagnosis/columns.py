@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -63,6 +63,10 @@ class Columns:
         """How many coefficients."""
         return self.own.shape[-1]
 
+    def at(self, joint: int) -> Columns:
+        """What of them acts at one joint."""
+        return self if self.joint is not None else replace(self, joint=joint, own=self.own[:, joint])
+
     @property
     def values(self) -> Array:
         """All rows, zero at the other joints, (rows, n, c)."""
@@ -78,8 +82,7 @@ def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list
     places = columns_of(evidence.rig, reduction)
     channels = [part.channels for part in evidence.parts]
     full = [regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
-    joints = range(evidence.rig.n)
-    return np.stack([evidence.whiten([x[:, j] for x in full], j) for j in joints], axis=1), full
+    return evidence.whiten_all(full), full
 
 
 def effect_columns(evidence: Evidence, effect: Effect, load: Load) -> Array:
@@ -121,17 +124,23 @@ Bearing = Sequence[Borne]
 
 
 def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> Array:
-    """``x - acting(x)``: what a drive takes from a torque, whitened, (rows,): it stands beside the model's columns."""
+    """``x - acting(x)``: what a drive takes from the torques, whitened, (rows,), or (rows, n) where it pushes others.
+
+    It stands beside the model's columns.
+    """
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
-    loss = [x[:, j] - p.acted(signal, x[:, j], j, y) for p, x, y in zip(evidence.parts, torque, borne)]
-    white, whole = evidence.whiten(loss, j), [x[:, j] for x in torque]
+    spread = [part.lost(signal, x, j, y) for part, x, y in zip(evidence.parts, torque, borne)]
+    loss, whole = [x[:, j] for x in spread], [x[:, j] for x in torque]
+    white = evidence.whiten(loss, j)
     taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
     if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything
         taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
     capped = np.mean(signal.biting(np.concatenate(whole))) > MOST_CAPPED
     silenced = taken > MOST_TAKEN**2 * most and not signal.springy  # what adds what its model says silences nothing
-    return np.zeros_like(white) if capped or silenced else white
+    everywhere = any(y is not None and (y.across is not None or y.taken is not None) for y in borne)
+    found = evidence.whiten_all(spread) if everywhere and evidence.rig.n > 1 else white
+    return np.zeros_like(found) if capped or silenced else found
 
 
 class Stand(NamedTuple):
@@ -189,7 +198,7 @@ def turned(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> A
     """``(rnea(changed rig) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
     other = Stand(stand.rig, (*stand.changes, cause))
     change = [(other.torque(part) - stand.torque(part)) / size for part in evidence.parts]
-    return np.stack([evidence.whiten([x[:, j] for x in change], j) for j in range(evidence.rig.n)], axis=1)
+    return evidence.whiten_all(change)
 
 
 def build(
@@ -219,7 +228,8 @@ def build(
     elif isinstance(cause, Effect):
         own, bounds = effect_columns(evidence, cause, load), [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        own, bounds = lost(evidence, cause, acting, bearing)[:, None], [ALIKE]
+        own, bounds = lost(evidence, cause, acting, bearing)[..., None], [ALIKE]
+        joint = joint if own.ndim == 2 else None
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
         own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [limits(cause)]

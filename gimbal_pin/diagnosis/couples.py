@@ -46,9 +46,10 @@ def candidates(base: State, joint: str, shelf: Library) -> list[Columns]:
 
     Two causes that make up for each other are told by their shapes: those with one are tried twice as closely.
     """
-    every = [one for one in shelf.columns(base, joint) if one.joint is not None and one.cause.of_joint]
+    j = base.problem.evidence.rig.joint_index(joint)
+    every = [one.at(j) for one in shelf.columns(base, joint) if one.cause.of_joint]
     plain = [one for one in every if not isinstance(one.cause, Harmonic)]
-    plain += [base.columns(cause) for one in plain for cause in between(one.cause)]
+    plain += [base.columns(cause).at(j) for one in plain for cause in between(one.cause)]
     shown = [one for one, seen in zip(plain, visibility(base.fit, plain)) if seen > HIDDEN]
     harmonics = alone(base, [one for one in every if isinstance(one.cause, Harmonic)])
     return [*shown, *(one for _, one in harmonics[:HARMONICS])]

@@ -112,6 +112,14 @@ class Part(NamedTuple):
             return torque - self.logged.smoothed(command - signal.acting(command, self.dt))
         return signal.along(torque, self.dt, borne)
 
+    def lost(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:
+        """What a signal at a joint takes from the torques of all, N m, (m, n), that it is given, (m, n)."""
+        if borne is not None and borne.taken is not None:
+            return borne.taken
+        loss = torque[:, joint] - self.acted(signal, torque[:, joint], joint, borne)
+        nowhere = np.zeros(torque.shape[1])
+        return signal.spread(loss, joint, nowhere if borne is None or borne.across is None else borne.across)
+
     @property
     def still(self) -> Flags:
         """Where a joint stands, as far as its rate tells, (m, n)."""
@@ -185,6 +193,10 @@ class Evidence:
     def whiten(self, signals: Sequence[Array], joint: int) -> Array:
         """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
         return np.concatenate([part.whiten(signal, joint) for part, signal in zip(self.parts, signals)])
+
+    def whiten_all(self, signals: Sequence[Array]) -> Array:
+        """Whiten torques of all joints, (m, n) or (m, n, k) per part: (rows, n) or (rows, n, k)."""
+        return np.stack([self.whiten([x[:, j] for x in signals], j) for j in range(self.rig.n)], axis=1)
 
     @cached_property
     def samples(self) -> list[list[Sample]]:

@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Part
-from gimbal_pin.diagnosis.state import State, refitted, sized
+from gimbal_pin.diagnosis.links import begun
+from gimbal_pin.diagnosis.state import State, pushing, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
+from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import units
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model, brakes
+from gimbal_pin.regressor import inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +34,12 @@ class Extended:
         out = part.channels.tau.copy()
         for signal in self.model.drive:
             j = self.model.rig.joint_index(signal.joint)
-            out[:, j] = part.acted(signal, out[:, j], j, self.borne(part, j) if signal.geared else None)
+            out -= part.lost(signal, out, j, self.borne(part, signal, out[:, j]) if signal.geared else None)
         return out
 
-    def borne(self, part: Part, joint: int) -> Borne:
-        """What a joint bears along a part."""
+    def borne(self, part: Part, signal: Signal, command: Array) -> Borne:
+        """What a signal's joint bears along a part, N m, (m,)."""
+        joint = self.model.rig.joint_index(signal.joint)
         c, sample = part.channels, part.sample(joint)
         terms = [term for term in self.model.by_joint[joint] if brakes(term.effect)]
         brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
@@ -44,7 +48,12 @@ class Extended:
             self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
-        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked)
+        if isinstance(signal, JointFlexibility) and signal.springy:
+            link = begun(self.model.rig, part, signal, command - whole)
+            if link is not None:
+                return Borne(brake, asked - brake, taken=link.asked)
+        across = pushing(inertia(self.model.rig, c.q, joint), joint)
+        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, across)
 
 
 def extended(state: State) -> Extended:

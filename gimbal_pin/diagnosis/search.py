@@ -9,7 +9,9 @@ import numpy as np
 
 from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hushes, net, possible, ranked
 from gimbal_pin.diagnosis.fit import improves
+from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.linked import left, linked
 from gimbal_pin.diagnosis.score import Score
 from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, consistent, solved, without
@@ -39,11 +41,22 @@ def forward(state: State, shelf: Library) -> State:
             break
         new = foremost(state, rows)
         after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
+        if np.max(after.fit.dispersion) > MUCH:
+            new, after = min([(new, after), *sprung(state, rows, new)], key=lambda one: left(one[1]))
         if left(after) > left(state) + WORSE or undone(after, new):
             closed.add(new.place)
         else:
             state = after
     return state
+
+
+def sprung(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> list[tuple[Cause, State]]:
+    """States with each spring among the contenders in place of a `new` cause.
+
+    At the encoder's angle a spring whose link swings far explains less than another cause may.
+    """
+    springs = [cause for _, cause in rows if cause is not new and isinstance(cause, Signal) and cause.springy]
+    return [(one, polished(solved(state.problem, with_cause(state.causes, one), state), only=one)) for one in springs]
 
 
 def undone(state: State, new: Cause) -> bool:
@@ -53,11 +66,6 @@ def undone(state: State, new: Cause) -> bool:
     """
     merged = next(cause for cause in state.causes if same(cause, new))
     return isinstance(merged, Harmonic) and len(merged.harmonic) > 1 and worth(without(state, merged), merged) <= 0
-
-
-def left(state: State) -> float:
-    """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
-    return float(np.sum(np.log(state.fit.dispersion)))
 
 
 def foremost(state: State, rows: Sequence[tuple[Score, Cause]]) -> Cause:
@@ -80,10 +88,10 @@ def polished(state: State, only: Cause | None = None, step: float = COARSE) -> S
     What a shape that is a little off leaves over would be named next.
     """
     for cause in state.causes:
-        if shape_names(cause) and only in (None, cause):
+        if shape_names(cause) and only in (None, cause) and cause not in state.swings:
             better = refined(without(state, cause), cause, step)
             state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
-    return consistent(state)
+    return linked(consistent(state), again=step < COARSE)
 
 
 def spot(cause: Cause) -> str | None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -76,6 +76,22 @@ class Problem:
         return loads, [x - y for x, y in zip(whole, loads)]
 
     @cached_property
+    def masses(self) -> list[list[Array]]:
+        """Base columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
+        rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
+        out: list[list[Array]] = [[] for _ in rig.joints]
+        for q in (part.channels.q for part in self.evidence.parts):
+            nil = np.zeros_like(q)
+            rest = regressor(rig, q, nil, nil)[:, :, places]
+            for one, unit in zip(out, np.eye(rig.n)):
+                one.append(regressor(rig, q, nil, nil + unit)[:, :, places] - rest)
+        return out
+
+    def across(self, j: int, beta: Array) -> list[Array]:
+        """What base parameters, (b,), say that 1 N m at one joint's link asks of every joint, (m, n) per part."""
+        return [pushing(columns @ beta, j) for columns in self.masses[j]]
+
+    @cached_property
     def friction(self) -> tuple[Effect, ...]:
         """Coulomb and viscous friction of every joint."""
         return friction_effects(self.evidence.rig.joints)
@@ -95,6 +111,8 @@ class State:
         unexplained: What of it the fit does not predict, N m, (m, n) per part.
         alike: A state whose joints are taken to bear the same; None: what the fit says.
         learned: The state of logs that a motion which nobody has made yet is imagined from; None: this is of logs.
+        swings: What springs take from the torques of all joints, N m, (m, n) per part, where their links' motion has
+            been worked out (`linked`).
     """
 
     problem: Problem
@@ -106,6 +124,7 @@ class State:
     unexplained: list[Array]
     alike: State | None = None
     learned: State | None = None
+    swings: Mapping[Cause, list[Array]] = field(default_factory=dict)
 
     @cached_property
     def load(self) -> Load:
@@ -136,7 +155,10 @@ class State:
             (x, y, z, part.channels.tau, part.still) for x, y, z, part in zip(braked, loads, inertial, evidence.parts)
         ]
         return [
-            [Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j]) for x, y, z, tau, still in rows]
+            [
+                Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], across)
+                for (x, y, z, tau, still), across in zip(rows, problem.across(j, theta[:at]))
+            ]
             for j in range(evidence.rig.n)
         ]
 
@@ -149,6 +171,8 @@ class State:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
         if not isinstance(cause, Signal) or not cause.geared:
             return None
+        if cause in self.swings:
+            return [Borne(0.0, 0.0, taken=taken) for taken in self.swings[cause]]
         if cause.springy:
             return self.sprung(cause, torque)
         return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]
@@ -212,7 +236,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     for cause in causes:
         if isinstance(cause, Signal):
             acting = acted(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
-    b = np.stack([evidence.whiten([x[:, j] for x in acting], j) for j in range(evidence.rig.n)], axis=1)
+    b = evidence.whiten_all(acting)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     built = (build(evidence, c, mounted(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *(one.values for one in built)], axis=2)
@@ -221,19 +245,21 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     rig, alike = refitted(problem, now.theta), before if keep else None
-    return State(problem, tuple(causes), now, rig, mixed, acting, unexplained, alike)
+    swings = before.swings if before else {}
+    return State(problem, tuple(causes), now, rig, mixed, acting, unexplained, alike, swings=swings)
 
 
 def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
     """Let a drive's signal act on the torques of its joint."""
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
-    out = []
-    for part, x, y in zip(evidence.parts, torque, borne):
-        changed = x.copy()
-        changed[:, j] = part.acted(signal, x[:, j], j, y)
-        out.append(changed)
-    return out
+    return [x - part.lost(signal, x, j, y) for part, x, y in zip(evidence.parts, torque, borne)]
+
+
+def pushing(inertia: Array, j: int) -> Array:
+    """``M_j / M_jj``, (m, n), of a joint's row of the mass matrix, (m, n); nothing where that is of no body's."""
+    own = inertia[:, j]
+    return inertia / own[:, None] if np.all(own > 0) else np.zeros_like(inertia)
 
 
 def refitted(problem: Problem, theta: Array) -> Rig:

@@ -51,6 +51,11 @@ class Backlash(Signal):
         """The gap is behind the motor's bearing."""
         return True
 
+    @property
+    def unseen(self) -> float:
+        """The link's share, with the encoder on the rotor."""
+        return 1 - self.rotor_share if self.rotor_share else 0.0
+
     def beside(self, borne: Borne) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
 

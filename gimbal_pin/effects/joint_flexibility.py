@@ -88,6 +88,11 @@ class JointFlexibility(Signal):
         return self.geared
 
     @property
+    def unseen(self) -> float:
+        """The link's share, with the encoder on the rotor."""
+        return 1 - self.rotor_share if self.geared else 0.0
+
+    @property
     def held(self) -> JointFlexibility:
         """N: the link alone on its spring, the rotor held; it swings at F's zero, where the rotor hardly moves."""
         damping = max(self.damping * sqrt(self.rotor_share), self.shapes[1].lower)

@@ -29,18 +29,31 @@ class Borne(NamedTuple):
         load: What the link asks for while this joint does not accelerate: its weight, the other joints' motion, N m.
         inertial: What this joint's own acceleration asks for, N m.
         still: Whether the joint stands, so that nobody knows its friction.
+        across: ``M_j / M_jj``: what 1 N m that speeds its link up asks of every joint, (n,) or (N, n); None: nobody
+            knows.
+        taken: What a signal takes there from the torque of every joint, N m, (N, n), if that is worked out already.
     """
 
     brake: Value
     load: Value
     inertial: Value = 0.0
     still: bool | Flags = False
+    across: Array | None = None
+    taken: Array | None = None
 
     @classmethod
-    def along(cls, brake: Array, load: Array, command: Array, still: Flags, inertial: Value = 0.0) -> Borne:
+    def along(
+        cls,
+        brake: Array,
+        load: Array,
+        command: Array,
+        still: Flags,
+        inertial: Value = 0.0,
+        across: Array | None = None,
+    ) -> Borne:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
         most = np.abs(brake)
-        return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still)
+        return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still, across)
 
 
 @dataclass(frozen=True)
@@ -76,6 +89,11 @@ class Signal(Cause):
     def springy(self) -> bool:
         """True if the link swings behind it, by what the link is asked for."""
         return False
+
+    @property
+    def unseen(self) -> float:
+        """Share of the joint's inertia that swings behind it unseen by the encoder; zero for most."""
+        return 0.0
 
     def felt(self, load: Array, inertial: Array, dt: float) -> Array:
         """What a motor at rest in its own friction feels of some loads and of its own acceleration, N m, (N, k)."""
@@ -120,6 +138,16 @@ class Signal(Cause):
             return self.acting(command, dt)
         beside = self.beside(borne)
         return np.asarray(self.acting(command + beside, dt) - beside)
+
+    def spread(self, loss: Value, joint: int, across: Array) -> Array:
+        """``M_ij / ((1 - r) M_jj) loss``: what a signal takes from every joint, N m, (..., n), where it takes one loss.
+
+        The loss is what the link's unseen acceleration asks for, ``(1 - r) M_jj δ''``, and that asks it of the other
+        joints too (Spong, J. Dyn. Sys. Meas. Control 109, 1987: joints that give, the rotors' spin left out).
+        """
+        taken = np.asarray(loss)[..., None] * across * (1 / self.unseen if self.unseen else 0.0)
+        taken[..., joint] = loss
+        return np.asarray(taken)
 
     @property
     def largest(self) -> float:

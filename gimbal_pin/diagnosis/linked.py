@@ -1,0 +1,170 @@
+"""A spring's shape and the rigid model, fitted together with the link where it swings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.diagnosis.links import Link, carried, swung
+from gimbal_pin.diagnosis.state import State, refitted, solved, without
+from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.log import Array
+from gimbal_pin.regressor import regressor
+from gimbal_pin.rows import columns_of
+
+SHAPES = ("frequency", "damping", "rotor_share")
+FIRST, ROUNDS = 4, 2
+"""Rounds in which the model and the link's motion, each worked out from the other, come to agree: at first, and from
+shapes that are near."""
+EVALUATIONS = 6
+"""Most steps of the shapes' least squares, twice: what is left at each joint weighs it the second time."""
+STEP = 1e-4
+"""Step of their derivatives, in logarithms."""
+QUIET = 1.0
+"""Dispersion up to which nothing is left that a link's motion could explain."""
+FAR = 1e3
+"""Residual of shapes with which the link has no motion."""
+
+
+class Agreed(NamedTuple):
+    """A model and a link's motion that agree.
+
+    Attributes:
+        fit: The fit with the rigid columns at the link's motion.
+        theta: Coefficients of the rigid model and of what stands beside it.
+        begun: How much the link swings in its own ways since each part began, (parts, 2).
+        links: The link along each part; none yet.
+    """
+
+    fit: Fit
+    theta: Array
+    begun: Array
+    links: tuple[Link, ...] = ()
+
+
+def linked(state: State, again: bool = False) -> State:
+    """Work out where each spring's link swings, as far as that leaves less than a spring at the encoder's angle.
+
+    Args:
+        state: Causes found, springs among them.
+        again: Those too that have been worked out, from where they are.
+    """
+    for cause in state.causes:
+        new = isinstance(cause, JointFlexibility) and cause.springy and (again or cause not in state.swings)
+        if new and np.max(state.fit.dispersion) > QUIET:
+            state = worked_out(state, cause)
+    return state
+
+
+def worked_out(state: State, spring: JointFlexibility) -> State:
+    """The state with a spring's link where it swings, its shape refitted; as it was if that leaves no less."""
+    here = Swinging(state, spring)
+    none = np.zeros((len(state.acting), 2))
+    start = here.agree(spring, Agreed(state.fit, state.fit.theta, none), state.fit.scale, FIRST)
+    if start is None:
+        return state
+    best, agreed = here.fitted(*here.fitted(spring, start))
+    causes = tuple(best if cause is spring else cause for cause in state.causes)
+    others = {cause: taken for cause, taken in state.swings.items() if cause is not spring}
+    taken = [link.asked for link in agreed.links]
+    after = solved(state.problem, causes, replace(state, swings={**others, best: taken}))
+    return after if left(after) < left(state) else state
+
+
+def left(state: State) -> float:
+    """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
+    return float(np.sum(np.log(state.fit.dispersion)))
+
+
+@dataclass(frozen=True, eq=False)
+class Swinging:
+    """A spring whose link is worked out.
+
+    Attributes:
+        state: A state with the spring.
+        spring: The spring in it.
+    """
+
+    state: State
+    spring: JointFlexibility
+
+    @cached_property
+    def acting(self) -> list[Array]:
+        """What acts but for the spring, N m, (m, n) per part."""
+        return without(self.state, self.spring).acting
+
+    @cached_property
+    def beside(self) -> Array:
+        """Whitened columns of all that stands beside the rigid model, (rows, n, k)."""
+        fitted, at = self.state.fit, len(self.state.problem.reduction.independent)
+        return (fitted.stack.reshape(-1, len(fitted.scale), len(fitted.theta)) / fitted.scale[:, None])[:, :, at:]
+
+    @cached_property
+    def places(self) -> Array:
+        """Where the base parameters stand in `Rig.phi`, (b,)."""
+        return columns_of(self.state.problem.evidence.rig, self.state.problem.reduction)
+
+    def fitted(self, start: JointFlexibility, known: Agreed) -> tuple[JointFlexibility, Agreed]:
+        """Least squares over the logarithms of the shapes, from a start and what agrees with it."""
+        bounds = {shape.name: (max(shape.lower, 1e-3), shape.upper) for shape in start.shapes}
+        low, high = np.log([bounds[name] for name in SHAPES]).T
+
+        def shaped(x: Array) -> JointFlexibility:
+            return replace(start, **dict(zip(SHAPES, np.exp(x).tolist())))
+
+        def residual(x: Array) -> Array:
+            agreed = self.agree(shaped(x), known, known.fit.scale)
+            return np.full(len(known.fit.target), FAR) if agreed is None else agreed.fit.residual
+
+        x = np.clip(np.log([getattr(start, name) for name in SHAPES]), low + STEP, high - STEP)
+        best = shaped(least_squares(residual, x, bounds=(low, high), diff_step=STEP, max_nfev=EVALUATIONS).x)
+        agreed = self.agree(best, known, None)
+        return (start, known) if agreed is None else (best, agreed)
+
+    def agree(self, shape: JointFlexibility, known: Agreed, scale: Array | None, rounds: int = ROUNDS) -> Agreed | None:
+        """Fit the model at the link's motion, then the motion by the model, and again.
+
+        At its own joint the link's motion follows the model as on a spring at the encoder's angle, exactly but for the
+        pose; the rest of it, and what other joints feel, is taken as the last model has it.
+
+        Args:
+            shape: The spring's shape.
+            known: What agreed with a shape near it.
+            scale: Weights of the joints; None: by what is left.
+            rounds: How often.
+
+        Returns:
+            None where the link has no motion about its motor.
+        """
+        problem, evidence = self.state.problem, self.state.problem.evidence
+        n, at, j = evidence.rig.n, len(problem.reduction.independent), evidence.rig.joint_index(shape.joint)
+        loads, inertials = problem.apart[j]
+        felt = [shape.felt(x, y, part.dt) for x, y, part in zip(loads, inertials, evidence.parts)]
+        for _ in range(rounds):
+            rig, links = refitted(problem, known.theta), list[Link]()
+            for k, part in enumerate(evidence.parts):
+                link = swung(rig, part, shape, known.begun[k], known.links[k].motion if known.links else None)
+                if link is None:
+                    return None
+                links.append(link)
+            columns, target = [], []
+            for k, (part, link) in enumerate(zip(evidence.parts, links)):
+                full = regressor(evidence.rig, *carried(part, j, link.motion), part.platform)[:, :, self.places]
+                full[:, j] = problem.rigid_full[k][:, j]
+                full[:, j, problem.felt[j]] = felt[k]
+                # Every part begins with a swing of its own.
+                free = np.zeros((*full.shape[:2], known.begun.size))
+                free[:, :, 2 * k : 2 * k + 2] = link.ways
+                columns.append(np.concatenate([full, free], axis=2))
+                rest = (full - problem.rigid_full[k]) @ known.theta[:at] + link.ways @ known.begun[k]
+                target.append(self.acting[k] - link.asked + rest)
+            A, b = (evidence.whiten_all(rows) for rows in (columns, target))
+            now = fit(np.concatenate([A, self.beside], axis=2), b, evidence.used(), evidence.block, scale)
+            rigid, begun, others = np.split(now.theta, [at, at + known.begun.size])
+            known = Agreed(now, np.concatenate([rigid, others]), begun.reshape(-1, 2), tuple(links))
+        return known

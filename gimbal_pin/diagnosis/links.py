@@ -1,0 +1,155 @@
+"""A link that swings behind a spring, unseen by its encoder: where it is, and what every joint feels of that.
+
+A spring on the rigid model at the encoder's angle leaves out that the link is somewhere else: there its weight pulls
+another way, its inertia is another, and its acceleration pushes the other joints (Spong, J. Dyn. Sys. Meas. Control
+109, 1987). Here the rigid model is taken at the link's own motion, for fit and held-out part alike.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.log import Array
+from gimbal_pin.regressor import inertia, rnea
+from gimbal_pin.rig import PHI, Rig
+
+PASSES = 8
+"""Most rounds in which a link's motion settles: its weight and its inertia depend on where it is."""
+SETTLED = 3e-3
+"""Change of its angle, as a share, under which it has."""
+ROUNDS = 2
+"""Rounds in which how it swings since a log began is found."""
+WEIGHTLESS = 1e-12
+"""Mass of a body that has but an inertia, kg: one of no mass has no centre."""
+FARTHEST = 1.0
+"""Angle by which no link stands off its motor, rad: a motion farther than that is no solution."""
+
+
+class Swing(NamedTuple):
+    """How far a link is from its encoder's angle, rad, its rate and acceleration, (m,) each."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+def swing(rig: Rig, part: Part, spring: JointFlexibility, own: float, free: Swing, about: Swing) -> Swing | None:
+    """``I x'' + d x' + k x = -(τ_link(q + x) - I x'')``, by turns: x moves the link, and that what it asks for.
+
+    Args:
+        rig: The rig with its inertias, the rotor's within the link's.
+        part: The log.
+        spring: The spring, ``k = r (1 - r) M ω²`` and ``d = 2 ζ r (1 - r) M ω`` for a mean inertia M.
+        own: M, kg m².
+        free: How the link swings by itself since the log began; but for that it was at rest before.
+        about: A motion that is near.
+
+    Returns:
+        The motion; None where it has none within `FARTHEST`.
+    """
+    c, j, r, w = part.channels, rig.joint_index(spring.joint), spring.rotor_share, 2 * np.pi * spring.frequency
+    rotor, link = r * own, (1 - r) * own
+    count = fft.next_fast_len(2 * len(c.q), real=True)
+    s = 2j * np.pi * fft.rfftfreq(count, part.dt)
+    gives = 1 / (link * (s * s + 2 * spring.damping * r * w * s + r * w * w))
+    x, held = about, rotor * c.a[0, j] - moved(rig, part, j)[0, j]
+    for _ in range(PASSES):
+        push = link * x.a - moved(rig, part, j, x)[:, j] + rotor * (c.a[:, j] + x.a)
+        spectrum = fft.rfft(push - held, count) * gives
+        q, v, a = (fft.irfft(spectrum * s**k, count)[: len(push)] for k in range(3))
+        before, x = x, Swing(q + held * gives[0].real + free.q, v + free.v, a + free.a)
+        if not np.max(np.abs(x.q)) < FARTHEST:
+            return None
+        if np.linalg.norm(x.q - before.q) <= SETTLED * np.linalg.norm(x.q):
+            break
+    return x
+
+
+def moved(rig: Rig, part: Part, joint: int, x: Swing | None = None) -> Array:
+    """Torque that the rigid rig asks for with one joint's link moved on, N m, (m, n); None: it is not."""
+    c = part.channels
+    return rnea(rig, *(carried(part, joint, x) if x else (c.q, c.v, c.a)), part.platform)
+
+
+def carried(part: Part, joint: int, x: Swing) -> tuple[Array, Array, Array]:
+    """Angles, rates and accelerations with one joint's link moved on, (m, n) each."""
+    c = part.channels
+    out = c.q.copy(), c.v.copy(), c.a.copy()
+    for values, more in zip(out, x):
+        values[:, joint] += more
+    return out
+
+
+def ringing(part: Part, spring: JointFlexibility) -> list[Swing]:
+    """The two ways in which the link swings by itself, its motor held: ``Re e^(pt)`` and ``Im e^(pt)``."""
+    r, w = spring.rotor_share, 2 * np.pi * spring.frequency
+    pole = np.roots([1.0, 2 * spring.damping * r * w, r * w * w]).astype(complex)[0]
+    free = [pole**k * np.exp(pole * part.dt * np.arange(len(part.gate))) for k in range(3)]
+    return [Swing(*(x.real for x in free)), Swing(*(x.imag for x in free))]
+
+
+class Link(NamedTuple):
+    """A link that swings where it is.
+
+    Attributes:
+        motion: How far it is from its encoder's angle.
+        asked: What that asks of every joint beyond the rigid rig at the encoder's angle, N m, (m, n).
+        ways: The same of each way in which it may swing by itself, per unit, (m, n, 2).
+    """
+
+    motion: Swing
+    asked: Array
+    ways: Array
+
+
+def swung(rig: Rig, part: Part, spring: JointFlexibility, begun: Array, about: Swing | None = None) -> Link | None:
+    """Work out a link's motion and what it asks of all joints; None where it has none within `FARTHEST`.
+
+    Args:
+        rig: The rig with its inertias.
+        part: The log.
+        spring: The spring.
+        begun: How much it swings in each of its own ways since the log began, (2,).
+        about: A motion that is near: from there it settles sooner.
+    """
+    j = rig.joint_index(spring.joint)
+    mass = inertia(rig, part.channels.q, j)
+    own = float(np.mean(mass[:, j]))
+    rotor, ways = spring.rotor_share * own, ringing(part, spring)
+    free = Swing(*(x * begun[0] + y * begun[1] for x, y in zip(*ways)))
+    if not own > 0 or (x := swing(rig, part, spring, own, free, about or free)) is None:
+        return None
+    stays = rotor * axes(rig, part.channels.q, j)
+    mass -= stays
+    asked = moved(rig, part, j, x) - moved(rig, part, j) - stays * x.a[:, None]
+    return Link(x, asked, np.stack([mass * way.a[:, None] for way in ways], axis=2))
+
+
+def axes(rig: Rig, q: Array, joint: int) -> Array:
+    """``z_i · z_j``, (m, n), of a joint and those that carry it: what a round rotor there asks of every joint."""
+    phi = np.zeros_like(rig.phi)
+    phi[:: len(PHI)] = WEIGHTLESS
+    phi[[10 * joint + PHI.index(symbol) for symbol in ("Ixx", "Iyy", "Izz")]] = 1.0
+    unit = np.zeros_like(q)
+    unit[:, joint] = 1.0
+    return rnea(rig.with_phi(phi), q, np.zeros_like(q), unit)
+
+
+def begun(rig: Rig, part: Part, spring: JointFlexibility, left: Array) -> Link | None:
+    """Work out a link's motion from what is left of its joint's torque, N m, (m,), beside the rigid rig and all else.
+
+    How the link swings when the log begins is what explains most of that.
+    """
+    j, sizes = rig.joint_index(spring.joint), np.zeros(2)
+    sure = ~part.still[:, j] & (part.gate[:, j] > 0)
+    for _ in range(ROUNDS):
+        link = swung(rig, part, spring, sizes)
+        if link is None or not np.any(sure):
+            return link
+        sizes = sizes + np.linalg.lstsq(link.ways[sure, j], (left - link.asked[:, j])[sure], rcond=1e-10)[0]
+    return swung(rig, part, spring, sizes)
