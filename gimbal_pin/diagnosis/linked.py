@@ -55,8 +55,9 @@ def linked(state: State, again: bool = False) -> State:
         again: Those too that have been worked out, from where they are.
     """
     for cause in state.causes:
-        new = isinstance(cause, JointFlexibility) and cause.springy and (again or cause not in state.swings)
-        if new and np.max(state.fit.dispersion) > QUIET:
+        if not isinstance(cause, JointFlexibility) or not cause.springy or np.max(state.fit.dispersion) <= QUIET:
+            continue
+        if again or cause not in state.swings:
             state = worked_out(state, cause)
     return state
 
@@ -142,7 +143,7 @@ class Swinging:
             None where the link has no motion about its motor.
         """
         problem, evidence = self.state.problem, self.state.problem.evidence
-        n, at, j = evidence.rig.n, len(problem.reduction.independent), evidence.rig.joint_index(shape.joint)
+        at, j = len(problem.reduction.independent), evidence.rig.joint_index(shape.joint)
         loads, inertials = problem.apart[j]
         felt = [shape.felt(x, y, part.dt) for x, y, part in zip(loads, inertials, evidence.parts)]
         for _ in range(rounds):
