@@ -25,9 +25,11 @@ class Extended:
 
     Attributes:
         model: Rig, inertias, terms and drives.
+        swinging: Springs of it whose links are taken where they swing.
     """
 
     model: Model
+    swinging: frozenset[Cause] = frozenset()
 
     def acting(self, part: Part) -> Array:
         """Torque that acts along a part of a log, N m, (m, n)."""
@@ -48,7 +50,7 @@ class Extended:
             self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
-        if isinstance(signal, JointFlexibility) and signal.springy:
+        if isinstance(signal, JointFlexibility) and signal in self.swinging:
             link = begun(self.model.rig, part, signal, command - whole)
             if link is not None:
                 return Borne(brake, asked - brake, taken=link.asked)
@@ -69,7 +71,8 @@ def extended(state: State) -> Extended:
     found = [c for c in state.causes if isinstance(c, Effect)]
     terms += [Term(effect, tuple(state.coefficients(effect).tolist())) for effect in found]
     drive = tuple(c for c in state.causes if isinstance(c, Signal))
-    return Extended(Model(rig, tuple(terms), estimated(state, terms), drive, changes))
+    model = Model(rig, tuple(terms), estimated(state, terms), drive, changes)
+    return Extended(model, frozenset(state.swings) & frozenset(drive))
 
 
 def estimated(state: State, terms: Sequence[Term]) -> Estimated:

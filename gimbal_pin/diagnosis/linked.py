@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.diagnosis.links import Link, carried, swung
 from gimbal_pin.diagnosis.state import State, refitted, solved, without
-from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.effects.joint_flexibility import SHARE, JointFlexibility
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rows import columns_of
@@ -25,6 +25,11 @@ EVALUATIONS = 6
 """Most steps of the shapes' least squares, twice: what is left at each joint weighs it the second time."""
 STEP = 1e-4
 """Step of their derivatives, in logarithms."""
+USUAL = 1.0
+"""How far a rotor's share usually is from `SHARE`, in logarithms: a log that shows the link's swing alone does not tell
+it, and without that the other shapes would follow it to their bounds."""
+LEAST, MOST = 0.05, 0.6
+"""Rotor's shares between which the fit begins."""
 QUIET = 1.0
 """Dispersion up to which nothing is left that a link's motion could explain."""
 FAR = 1e3
@@ -66,15 +71,23 @@ def worked_out(state: State, spring: JointFlexibility) -> State:
     """The state with a spring's link where it swings, its shape refitted; as it was if that leaves no less."""
     here = Swinging(state, spring)
     none = np.zeros((len(state.acting), 2))
-    start = here.agree(spring, Agreed(state.fit, state.fit.theta, none), state.fit.scale, FIRST)
+    near = usual(spring)
+    start = here.agree(near, Agreed(state.fit, state.fit.theta, none), state.fit.scale, FIRST)
     if start is None:
         return state
-    best, agreed = here.fitted(*here.fitted(spring, start))
+    best, agreed = here.fitted(*here.fitted(near, start))
     causes = tuple(best if cause is spring else cause for cause in state.causes)
     others = {cause: taken for cause, taken in state.swings.items() if cause is not spring}
     taken = [link.asked for link in agreed.links]
     after = solved(state.problem, causes, replace(state, swings={**others, best: taken}))
     return after if left(after) < left(state) else state
+
+
+def usual(spring: JointFlexibility) -> JointFlexibility:
+    """The spring with the same zero, and a rotor's share such as rotors have: at the encoder's angle it goes astray."""
+    share = min(max(spring.rotor_share, LEAST), MOST)
+    other = spring.moved("frequency", spring.frequency * (spring.rotor_share / share) ** 0.5)
+    return other if isinstance(other, JointFlexibility) else spring
 
 
 def left(state: State) -> float:
@@ -120,7 +133,8 @@ class Swinging:
 
         def residual(x: Array) -> Array:
             agreed = self.agree(shaped(x), known, known.fit.scale)
-            return np.full(len(known.fit.target), FAR) if agreed is None else agreed.fit.residual
+            far = np.full(len(known.fit.target), FAR) if agreed is None else agreed.fit.residual
+            return np.append(far, (x[-1] - np.log(SHARE)) / USUAL)
 
         x = np.clip(np.log([getattr(start, name) for name in SHAPES]), low + STEP, high - STEP)
         best = shaped(least_squares(residual, x, bounds=(low, high), diff_step=STEP, max_nfev=EVALUATIONS).x)
