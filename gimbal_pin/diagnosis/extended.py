@@ -11,8 +11,8 @@ from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.links import begun
 from gimbal_pin.diagnosis.state import State, pushing, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
-from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.identification import units
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model, brakes
@@ -50,7 +50,7 @@ class Extended:
             self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
-        if isinstance(signal, JointFlexibility) and signal in self.swinging:
+        if isinstance(signal, Sprung) and signal in self.swinging:
             link = begun(self.model.rig, part, signal, command - whole)
             if link is not None:
                 return Borne(brake, asked - brake, taken=link.asked)

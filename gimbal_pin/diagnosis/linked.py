@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.diagnosis.links import Link, carried, swung
 from gimbal_pin.diagnosis.state import State, refitted, solved, without
-from gimbal_pin.effects.joint_flexibility import SHARE, JointFlexibility
+from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rows import columns_of
@@ -60,14 +59,14 @@ def linked(state: State, again: bool = False) -> State:
         again: Those too that have been worked out, from where they are.
     """
     for cause in state.causes:
-        if not isinstance(cause, JointFlexibility) or not cause.springy or np.max(state.fit.dispersion) <= QUIET:
+        if not isinstance(cause, Sprung) or not cause.springy or np.max(state.fit.dispersion) <= QUIET:
             continue
         if again or cause not in state.swings:
             state = worked_out(state, cause)
     return state
 
 
-def worked_out(state: State, spring: JointFlexibility) -> State:
+def worked_out(state: State, spring: Sprung) -> State:
     """The state with a spring's link where it swings, its shape refitted; as it was if that leaves no less."""
     here = Swinging(state, spring)
     none = np.zeros((len(state.acting), 2))
@@ -83,11 +82,11 @@ def worked_out(state: State, spring: JointFlexibility) -> State:
     return after if left(after) < left(state) else state
 
 
-def usual(spring: JointFlexibility) -> JointFlexibility:
+def usual(spring: Sprung) -> Sprung:
     """The spring with the same zero, and a rotor's share such as rotors have: at the encoder's angle it goes astray."""
     share = min(max(spring.rotor_share, LEAST), MOST)
     other = spring.moved("frequency", spring.frequency * (spring.rotor_share / share) ** 0.5)
-    return other if isinstance(other, JointFlexibility) else spring
+    return other if isinstance(other, Sprung) else spring
 
 
 def left(state: State) -> float:
@@ -105,7 +104,7 @@ class Swinging:
     """
 
     state: State
-    spring: JointFlexibility
+    spring: Sprung
 
     @cached_property
     def acting(self) -> list[Array]:
@@ -123,12 +122,14 @@ class Swinging:
         """Where the base parameters stand in `Rig.phi`, (b,)."""
         return columns_of(self.state.problem.evidence.rig, self.state.problem.reduction)
 
-    def fitted(self, start: JointFlexibility, known: Agreed) -> tuple[JointFlexibility, Agreed]:
+    def fitted(self, start: Sprung, known: Agreed) -> tuple[Sprung, Agreed]:
         """Least squares over the logarithms of the shapes, from a start and what agrees with it."""
+        from scipy.optimize import least_squares
+
         bounds = {shape.name: (max(shape.lower, 1e-3), shape.upper) for shape in start.shapes}
         low, high = np.log([bounds[name] for name in SHAPES]).T
 
-        def shaped(x: Array) -> JointFlexibility:
+        def shaped(x: Array) -> Sprung:
             return replace(start, **dict(zip(SHAPES, np.exp(x).tolist())))
 
         def residual(x: Array) -> Array:
@@ -141,7 +142,7 @@ class Swinging:
         agreed = self.agree(best, known, None)
         return (start, known) if agreed is None else (best, agreed)
 
-    def agree(self, shape: JointFlexibility, known: Agreed, scale: Array | None, rounds: int = ROUNDS) -> Agreed | None:
+    def agree(self, shape: Sprung, known: Agreed, scale: Array | None, rounds: int = ROUNDS) -> Agreed | None:
         """Fit the model at the link's motion, then the motion by the model, and again.
 
         At its own joint the link's motion follows the model as on a spring at the encoder's angle, exactly but for the

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.evidence import Part
-from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import inertia, rnea
 from gimbal_pin.rig import PHI, Rig
@@ -38,7 +38,7 @@ class Swing(NamedTuple):
     a: Array
 
 
-def swing(rig: Rig, part: Part, spring: JointFlexibility, own: float, free: Swing, about: Swing) -> Swing | None:
+def swing(rig: Rig, part: Part, spring: Sprung, own: float, free: Swing, about: Swing) -> Swing | None:
     """``I x'' + d x' + k x = -(τ_link(q + x) - I x'')``, by turns: x moves the link, and that what it asks for.
 
     Args:
@@ -85,7 +85,7 @@ def carried(part: Part, joint: int, x: Swing) -> tuple[Array, Array, Array]:
     return out
 
 
-def ringing(part: Part, spring: JointFlexibility) -> list[Swing]:
+def ringing(part: Part, spring: Sprung) -> list[Swing]:
     """The two ways in which the link swings by itself, its motor held: ``Re e^(pt)`` and ``Im e^(pt)``."""
     r, w = spring.rotor_share, 2 * np.pi * spring.frequency
     pole = np.roots([1.0, 2 * spring.damping * r * w, r * w * w]).astype(complex)[0]
@@ -107,7 +107,7 @@ class Link(NamedTuple):
     ways: Array
 
 
-def swung(rig: Rig, part: Part, spring: JointFlexibility, begun: Array, about: Swing | None = None) -> Link | None:
+def swung(rig: Rig, part: Part, spring: Sprung, begun: Array, about: Swing | None = None) -> Link | None:
     """Work out a link's motion and what it asks of all joints; None where it has none within `FARTHEST`.
 
     Args:
@@ -140,7 +140,7 @@ def axes(rig: Rig, q: Array, joint: int) -> Array:
     return rnea(rig.with_phi(phi), q, np.zeros_like(q), unit)
 
 
-def begun(rig: Rig, part: Part, spring: JointFlexibility, left: Array) -> Link | None:
+def begun(rig: Rig, part: Part, spring: Sprung, left: Array) -> Link | None:
     """Work out a link's motion from what is left of its joint's torque, N m, (m,), beside the rigid rig and all else.
 
     How the link swings when the log begins is what explains most of that.

@@ -12,26 +12,25 @@ import numpy as np
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Borne, Memory, Signal
+from gimbal_pin.effects.signal import Borne, Memory
+from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 WITHIN = 1.2
 """Zero over band up to which the link is seen to swing."""
-SHARE = 0.25
-"""The rotor's share that is tried: as a log tells the zero first, any does."""
 ZETA = 0.1
 """Damping of the link's swing that is tried: as wide as two of the zeros that are tried are apart."""
 
 
 @dataclass(frozen=True)
-class JointFlexibility(Signal):
+class JointFlexibility(Sprung):
     """``y = F(s) x``, ``F = (s²/(r ω²) + 2 ζ s/ω + 1)/(s²/ω² + 2 ζ s/ω + 1)``: what a torsion spring passes on.
 
     Two masses J (rotor) and I (link) on a spring k: from the motor's torque to the encoder's angle they are exactly
     the rigid joint with inertia I + J behind F, with ω² = k (1/J + 1/I). With the encoder on the rotor
     r = J/(I + J), the rotor's share; with the encoder on the link the first term is missing. A pose that changes I
-    moves ω and r, which this leaves out.
+    moves ω and r, and the link's own angle its weight: a diagnosis takes the link where it swings.
 
     Attributes:
         joint: The joint that gives.
@@ -39,10 +38,6 @@ class JointFlexibility(Signal):
         damping: ζ.
         rotor_share: r; 0 for an encoder on the link.
     """
-
-    frequency: float
-    damping: float = 0.05
-    rotor_share: float = 0.0
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -68,11 +63,6 @@ class JointFlexibility(Signal):
         damping = float(cut(self.damping * factor, *limits["damping"]))
         return replace(self, frequency=value, rotor_share=share, damping=damping)
 
-    @property
-    def geared(self) -> bool:
-        """With the encoder on the rotor, whose friction the spring is behind."""
-        return self.rotor_share > 0
-
     def beside(self, borne: Borne) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
         return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
@@ -81,16 +71,6 @@ class JointFlexibility(Signal):
         """What the spring is bent by and its damping, on a rotor."""
         bent = memory[0] + self.damping / (pi * self.frequency) * memory[1]
         return (1 - self.rotor_share) * bent if self.geared else None
-
-    @property
-    def springy(self) -> bool:
-        """With the encoder on the rotor it is the link that no encoder sees."""
-        return self.geared
-
-    @property
-    def unseen(self) -> float:
-        """The link's share, with the encoder on the rotor."""
-        return 1 - self.rotor_share if self.geared else 0.0
 
     @property
     def held(self) -> JointFlexibility:
