@@ -15,12 +15,13 @@ from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
 from gimbal_pin.diagnosis.parting import NAMED, Apart
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, Cause
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.io import read_motion
 from gimbal_pin.io.diagnosis import write_diagnosis
-from gimbal_pin.log import Log, Motion
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
@@ -183,16 +184,36 @@ def test_deviations_and_share_are_both_worth_something() -> None:
     assert Apart(5.0, 0.5).worth > least.worth and Apart(4.0, 0.6).worth > least.worth
 
 
-def test_a_spring_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig) -> None:
+@cache
+def cogged() -> Diagnosis:
+    """What a log of a cogging motor says."""
+    log = recorded(Rig.load("turret"), small(0.8), "cogging:pan:amplitude=0.05,harmonic=3", 0)
+    return said(Rig.load("turret"), [log], few("cogging"))
+
+
+@pytest.mark.parametrize(
+    "cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3), Backlash("tilt", 1e-3, 1e-3, 0.25)]
+)
+def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig, cause: Cause) -> None:
     """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
-    log = recorded(rig, small(0.8), "cogging:pan:amplitude=0.05,harmonic=3", 0)
-    found = said(rig, [log], few("cogging"))
-    assert found.state is not None and found.held is not None
-    spring = JointFlexibility("tilt", 30.0, 0.1, 0.3)
-    state = solved(found.state.problem, (*found.state.causes, spring), found.state)
-    parting = contest(state, spring, "actuator-lag", few("actuator-lag"))
+    found = cogged()
+    assert found.state is not None
+    state = solved(found.state.problem, (*found.state.causes, cause), found.state)
+    parting = contest(state, cause, "actuator-lag", few("actuator-lag"))
     assert parting is not None
     evidence, torque = imagined(state.problem.evidence, small(0.8, 9.0), nominal(rig), replace(BAND, alignment=0.0))
     on = parting.on(Problem.of(evidence, state.problem.reduction), torque)
     after = parting.expected(on, parting.common(on))
     assert np.isfinite(after.deviations) and after.deviations >= 0
+
+
+def test_a_joint_bears_on_the_same_motion_imagined_what_it_bears_along_the_log() -> None:
+    """The logs' fit asked on the logs' own rows and torque: nothing is lost by way of the imagination."""
+    found = cogged()
+    assert found.state is not None
+    state = solved(found.state.problem, found.state.causes, found.state)
+    asked: list[Array] = [x - y for x, y in zip(state.acting, state.unexplained)]
+    again = replace(state, torque=asked, acting=asked, learned=state)
+    for one, other in zip(state.bearing, again.bearing):
+        np.testing.assert_allclose(other[0].load, one[0].load, atol=1e-9)
+        np.testing.assert_allclose(other[0].brake, one[0].brake, atol=1e-9)
