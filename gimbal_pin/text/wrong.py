@@ -41,6 +41,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
         lines += [LIMIT] if any(left.state == "noise" for left in found.residual.values()) else []
+    lines += [] if found.timing is None else [found.timing.sentence]
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model{unsure(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
