@@ -12,7 +12,7 @@ import pytest
 from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
 from gimbal_pin.diagnosis.contest import contest, imagined, unexplained
 from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
-from gimbal_pin.diagnosis.parting import NAMED, Apart
+from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.backlash import Backlash
@@ -99,6 +99,7 @@ def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) ->
     plan = follows(planted)
     promised = next(p for p in plan.partings if {p.cause, p.rival} == {name, rival})
     assert plan.motion is not None and promised.expected is not None
+    assert all(p.expected is None or p.expected.deviations >= p.now.deviations for p in plan.partings)
     assert promised.expected.named and promised.expected.deviations > 3 * promised.now.deviations
     after = said(rig, [first, recorded(rig, plan.motion, planted, 1)], causes)
     assert after.verdict == "named" and [(f.cause, f.joint) for f in after.findings] == [(name, planted.split(":")[1])]
@@ -165,7 +166,23 @@ def test_no_motion_parts_a_bias_from_asymmetric_friction(rig: Rig) -> None:
     plan = designed(found, causes, tries=6)
     assert plan.motion is None and plan.seconds == 0.0
     assert [p.expected for p in plan.partings] == [None]
-    assert "no motion parts them" in plan.lines[0] and "holds at rest" in plan.lines[0]
+    assert "one torque" not in plan.lines[0] and "holds at rest" in plan.lines[0] and len(plan.lines) == 1
+    assert "the same torque in every motion that was tried; what else may part them" in plan.lines[0]
+
+
+def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
+    return Parting("cogging", "pan", rival, now, expected, ("slow sweeps", f"what shows {rival}"))
+
+
+def test_rivals_that_fare_alike_are_told_together() -> None:
+    """One line for each thing that is to be said, with every figure, and no figure of what is one to the last digit."""
+    far, near, none = Apart(12.0, 0.6), Apart(1.4, 0.5), Apart(6.8e-13, 1e-15)
+    rivals = [("a", near, far), ("b", near, far), ("c", none, far), ("d", near, near), ("e", none, None)]
+    lines = NextExperiment(("pan",), None, tuple(parted(*row) for row in rivals)).lines
+    assert "lie 1.4, 1.4 standard" in lines[0]
+    assert not any("e-1" in line for line in lines) and all(line.count("slow sweeps") <= 1 for line in lines)
+    whom = ("cogging and a, b lie", "cogging and c are one", "cogging and d lie", "cogging and e are the same")
+    assert all(words in line for words, line in zip(whom, lines, strict=True))
 
 
 def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:

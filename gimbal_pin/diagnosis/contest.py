@@ -91,16 +91,16 @@ class Contest:
             at = end
         return Apart(min(found), min(found) / max(whole, 1e-300))
 
-    def closest(self, state: State, common: Array) -> Apart:
-        """As `expected`, the rival free to move its shape to where it imitates the finding best on all rows."""
+    def closest(self, state: State, common: Array) -> Contest:
+        """The contest with one form of the rival, its shape where it imitates the finding best on all rows."""
 
-        def against(form: Cause) -> Apart:
-            return replace(self, forms=(form,)).expected(state, common)
+        def against(form: Cause) -> float:
+            return replace(self, forms=(form,)).expected(state, common).deviations
 
-        form = min(self.forms, key=lambda one: against(one).deviations)
+        form = min(self.forms, key=against)
         for step in STEPS if shape_names(form) else ():
-            form = min((form, *neighbours(form, step)), key=lambda one: against(one).deviations)
-        return against(form)
+            form = min((form, *neighbours(form, step)), key=against)
+        return replace(self, forms=(form,))
 
 
 def neighbours(cause: Cause, step: float) -> Iterator[Cause]:

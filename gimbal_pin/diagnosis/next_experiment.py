@@ -88,19 +88,31 @@ class Bench:
     seconds: float
     tries: int
 
-    def apart(self, motion: Motion, final: bool = False) -> tuple[tuple[Apart, ...], float]:
-        """What a motion would part, and what share of it counts; `final` lets the rivals' shapes follow it."""
+    def apart(self, motion: Motion) -> tuple[tuple[Apart, ...], float]:
+        """What a motion would part, and what share of it counts."""
+        problem, torque = self.on(motion)
+        used = problem.evidence.used()[[problem.evidence.rig.joint_index(joint) for joint in self.joints]]
+        return tuple(each.expected(*row) for each, row in self.rows(problem, torque)), float(used.min())
+
+    def closest(self, motion: Motion) -> list[tuple[Contest, Apart]]:
+        """The contests with the rivals' shapes where they imitate best with a motion, and what it then would part."""
+        found = [(each.closest(*row), row) for each, row in self.rows(*self.on(motion))]
+        return [(each, each.expected(*row)) for each, row in found]
+
+    def on(self, motion: Motion) -> tuple[Problem, Array]:
+        """A motion's columns, and its torque, N m, (m, n)."""
         known = self.state.problem.evidence
         evidence, torque = imagined(known, motion, self.model, replace(BAND, cutoff=known.band))
-        problem = Problem.of(evidence, self.state.problem.reduction)
-        used = min(float(evidence.used()[evidence.rig.joint_index(joint)]) for joint in self.joints)
-        apart, common = list[Apart](), dict[Cause, Array]()
+        return Problem.of(evidence, self.state.problem.reduction), torque
+
+    def rows(self, problem: Problem, torque: Array) -> Iterator[tuple[Contest, tuple[State, Array]]]:
+        """Yield every contest with its state on a motion and what is common to all of its finding."""
+        common = dict[Cause, Array]()
         for each in self.contests:
             state = each.on(problem, torque)
             if each.cause not in common:
                 common[each.cause] = each.common(state)
-            apart.append((each.closest if final else each.expected)(state, common[each.cause]))
-        return tuple(apart), used
+            yield each, (state, common[each.cause])
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -169,15 +181,15 @@ def next_experiment(
     bench = Bench(found.state, tuple(each for _, each in pairs), model, seconds, tries)
     best, possible, finished = searched(bench, rng)
     partable = [largest.share > IDENTICAL for largest in possible]
-    motion, after = None, possible
+    motion, after = None, list(zip(bench.contests, possible))
     if any(partable):
         repaired = best.limits.repaired(best.x)
         if repaired is None:
             raise best.limits.infeasible()
         repaired = cleared(best.limits, repaired)[0]
         motion = bench.motion(best.limits, repaired, dt)
-        after = bench.apart(bench.motion(best.limits, repaired, bench.fine), final=True)[0]
-    partings = [parting(f, c, a if ok else None, causes) for (f, c), a, ok in zip(pairs, after, partable)]
+        after = bench.closest(bench.motion(best.limits, repaired, bench.fine))
+    partings = [parting(f, c, a if ok else None, causes) for (f, _), (c, a), ok in zip(pairs, after, partable)]
     return NextExperiment(found.state.problem.evidence.rig.joints, motion, tuple(partings), finished)
 
 
@@ -287,6 +299,6 @@ def fits(limits: Limits, x: Array) -> bool:
 
 
 def parting(finding: Finding, each: Contest, after: Apart | None, causes: Mapping[str, type[Cause]]) -> Parting:
-    """Describe a contest."""
-    instead = f"{each.cause.experiment}; or {causes[each.rival].experiment}"
+    """Describe a contest, with the rival's shape that imitates best with the next experiment: so far it did, too."""
+    instead = (each.cause.experiment, causes[each.rival].experiment)
     return Parting(finding.cause, finding.joint, each.rival, each.now, after, instead)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -48,7 +49,7 @@ class Parting:
         rival: Name of the cause that the logs cannot tell from it.
         now: How far the logs so far part them.
         expected: How far they and the next experiment will; None where no motion parts the two.
-        instead: What parts them where no motion does: experiments in words.
+        instead: What may part them where that motion does not: experiments in words.
     """
 
     cause: str
@@ -56,21 +57,31 @@ class Parting:
     rival: str
     now: Apart
     expected: Apart | None
-    instead: str
+    instead: tuple[str, ...]
 
     @property
     def sentence(self) -> str:
         """All of it for a person."""
-        who = f"{self.joint or 'rig'}: {self.cause} and {self.rival}"
+        return together([self])
+
+    @property
+    def same(self) -> bool:
+        """Whether the two are the same torque on the logs so far, to the last digits."""
+        return self.now.share <= IDENTICAL
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What partings have in common of which one sentence speaks."""
+        return self.joint, self.cause, self.outcome, self.same and self.expected is not None
+
+    @property
+    def outcome(self) -> str:
+        """What is to be said of the next experiment."""
         if self.expected is None:
-            return f"{who} can be the same torque however the rig is moved: no motion parts them; try {self.instead}"
-        said = f"{who} lie {self.now.deviations:.2g} standard deviations apart so far"
-        said += f", {self.expected.deviations:.3g} are expected with the next experiment"
+            return "none"
         if self.expected.named:
-            return said
-        if self.expected.deviations < NAMED:
-            return f"{said}: too few to name one; try also {self.instead}"
-        return f"{said}: that tells which fits better, yet the two look much alike; try also {self.instead}"
+            return "named"
+        return "few" if self.expected.deviations < NAMED else "alike"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -85,6 +96,28 @@ class Parting:
             "share_expected": None if after is None else after.share,
             "sentence": self.sentence,
         }
+
+
+def together(partings: Sequence[Parting]) -> str:
+    """What is to be said of a finding and some of its rivals that the next experiment does the same to."""
+    first = partings[0]
+    who = f"{first.joint or 'rig'}: {first.cause} and {', '.join(one.rival for one in partings)}"
+    instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
+    after = [one.expected.deviations for one in partings if one.expected is not None]
+    if not after:
+        return f"{who} are the same torque in every motion that was tried; what else may part them: {instead}"
+    expected = ", ".join(f"{x:.3g}" for x in after)
+    if first.same:
+        said = f"{who} are one torque on these logs, {expected} standard deviations apart with the next experiment"
+    else:
+        now = ", ".join(f"{one.now.deviations:.2g}" for one in partings)
+        said = f"{who} lie {now} standard deviations apart so far, {expected} with the next experiment"
+    more = {
+        "named": "",
+        "few": f": too few to name one; try also {instead}",
+        "alike": f": that tells which fits better, yet they look much alike; try also {instead}",
+    }
+    return said + more[first.outcome]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +152,12 @@ class NextExperiment:
     @property
     def lines(self) -> tuple[str, ...]:
         """All of it for a person."""
-        told = tuple(parting.sentence for parting in self.partings)
+        groups: dict[tuple[object, ...], list[Parting]] = {}
+        for one in self.partings:
+            groups.setdefault((one.joint, one.cause, one.outcome, one.same and one.expected is not None), []).append(
+                one
+            )
+        told = tuple(together(group) for group in groups.values())
         if self.motion is None:
             return told
         how = f"the motion lasts {self.seconds:.3g} s, from rest to rest within the rig's limits"
