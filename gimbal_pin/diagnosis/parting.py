@@ -50,6 +50,7 @@ class Parting:
         now: How far the logs so far part them.
         expected: How far they and the next experiment will; None where no motion parts the two.
         instead: What may part them where that motion does not: experiments in words.
+        alone: Whether the next experiment is to be diagnosed alone, and parts them so.
     """
 
     cause: str
@@ -58,6 +59,7 @@ class Parting:
     now: Apart
     expected: Apart | None
     instead: tuple[str, ...]
+    alone: bool = False
 
     @property
     def sentence(self) -> str:
@@ -109,6 +111,9 @@ def together(partings: Sequence[Parting]) -> str:
     expected = ", ".join(f"{x:.3g}" for x in after)
     if first.same:
         said = f"{who} are one torque on these logs, {expected} standard deviations apart with the next experiment"
+    elif first.alone and first.outcome == "named":
+        said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
+        return f"{said} standard deviations apart there"
     else:
         now = ", ".join(f"{one.now.deviations:.2g}" for one in partings)
         said = f"{who} lie {now} standard deviations apart so far, {expected} with the next experiment"
@@ -146,6 +151,7 @@ class NextExperiment:
         return {
             "seconds": self.seconds,
             "finished": self.finished,
+            "alone": any(parting.alone for parting in self.partings),
             "partings": [parting.to_dict() for parting in self.partings],
         }
 
@@ -162,4 +168,6 @@ class NextExperiment:
             return told
         how = f"the motion lasts {self.seconds:.3g} s, from rest to rest within the rig's limits"
         how += "" if self.finished else "; the search for it was interrupted, it is the best so far"
+        if any(one.alone for one in self.partings):
+            return (*told, f"{how}: play it, and diagnose its log alone; what either diagnosis rules out is ruled out")
         return (*told, f"{how}: play it, and diagnose its log with the others by --holdout last-third")
