@@ -11,10 +11,13 @@ import pytest
 from gimbal_pin import text
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.lateness import Late, Timing
+from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.timing import late, wider
+from gimbal_pin.diagnosis.uncertainty import slopes
+from gimbal_pin.diagnosis.walking import walk, walked
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.delay import Delay
-from gimbal_pin.log import Log
+from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 
@@ -93,3 +96,40 @@ def test_figures_without_an_end_are_null_in_json_and_words_in_text() -> None:
     timing = Timing(30.0, {"pan": (Late(np.inf), Late(0.003, 0.006))})
     assert timing.to_dict()["joints"]["pan"] == {"least": None, "least_there": 0.003, "shown_there": 0.006}
     assert "inf" not in timing.sentence and "6 ms" in timing.sentence
+
+
+@cache
+def delayed() -> tuple[State, Array, Array]:
+    """What is found of a late drive, its slope by the time, and the part of that in the upper half of the band."""
+    state = said(0.004, 30.0).state
+    assert state is not None
+    cause = state.causes[0]
+    slope = slopes(state, without(state, cause), cause)[:, 0, 0]
+    spectrum = np.fft.rfft(slope)
+    spectrum[: len(spectrum) // 2] = 0.0
+    return state, slope, np.fft.irfft(spectrum, len(slope))
+
+
+def leaving(state: State, residual: Array) -> State:
+    """The state, had its fit left this at pan, in units of the noise."""
+    left = state.fit.residual.copy()
+    left[:: RIG.n] = residual * state.fit.scale[0]
+    return replace(state, fit=replace(state.fit, residual=left))
+
+
+def test_by_chance_a_drives_time_walks_with_the_band_once_in_a_hundred() -> None:
+    state, slope, _ = delayed()
+    rng = np.random.default_rng(0)
+    walks = [walk(leaving(state, rng.standard_normal(len(slope))), 0, slope) for _ in range(300)]
+    assert np.mean([far > 0 for far in walks]) < 0.03
+
+
+def test_what_moves_a_drives_time_by_the_fast_part_of_the_band_widens_it() -> None:
+    """By as much as it moves it, give or take what the slow part tells by itself (0.9 ms here); nothing does nothing."""
+    state, slope, fast = delayed()
+    noise = np.random.default_rng(1).standard_normal(len(slope))
+    for far in (-5e-3, 5e-3):
+        assert walk(leaving(state, noise + far * fast), 0, slope) == pytest.approx(abs(far), abs=2e-3)
+    shown = said(0.004, 30.0).findings[0].parameters
+    assert walked(state, state.causes[0], shown) == shown
+    assert walked(leaving(state, noise + 5e-3 * fast), state.causes[0], shown)[0].std > 2e-3
