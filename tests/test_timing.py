@@ -125,7 +125,7 @@ def test_by_chance_a_drives_time_walks_with_the_band_once_in_a_hundred() -> None
 
 
 def test_what_moves_a_drives_time_by_the_fast_part_of_the_band_widens_it() -> None:
-    """By as much as it moves it, give or take what the slow part tells by itself (0.9 ms here); nothing does nothing."""
+    """By as much as it moves it, give or take what the slow part tells by itself (0.9 ms); nothing does nothing."""
     state, slope, fast = delayed()
     noise = np.random.default_rng(1).standard_normal(len(slope))
     for far in (-5e-3, 5e-3):
