@@ -12,7 +12,7 @@ from gimbal_pin import text
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.lateness import Late, Timing
 from gimbal_pin.diagnosis.state import State, without
-from gimbal_pin.diagnosis.timing import late, wider
+from gimbal_pin.diagnosis.timing import late, wider, worth_telling
 from gimbal_pin.diagnosis.uncertainty import slopes
 from gimbal_pin.diagnosis.walking import walk, walked
 from gimbal_pin.effects import CAUSES
@@ -90,6 +90,16 @@ def test_the_wider_band_is_one_that_the_log_allows() -> None:
     log = recorded(0.0)
     assert wider([log], BAND) == 30.0
     assert wider([log.part(slice(None, None, 2))], BAND) == 25.0
+
+
+def test_nothing_is_told_of_a_delay_that_is_found_or_that_no_loop_feels() -> None:
+    """A wider band is spoken of where it shows another delay, or much less of one than this band."""
+    found, other = Late(0.002, 0.006), Late(0.001, 0.009)
+    assert (
+        not worth_telling(found, found, DT) and worth_telling(found, other, DT) and worth_telling(Late(0.01), found, DT)
+    )
+    assert worth_telling(Late(0.01), Late(0.004), DT) and not worth_telling(Late(0.003), Late(0.001), DT)
+    assert not worth_telling(Late(0.01), Late(0.006), DT)
 
 
 def test_figures_without_an_end_are_null_in_json_and_words_in_text() -> None:

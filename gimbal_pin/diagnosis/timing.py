@@ -32,6 +32,8 @@ LEAST = 1.5
 """The same under which it shows little more."""
 BETTER = 0.5
 """Delay that would be found there over the one that would be found here from which it is worth telling."""
+AGREES = 0.1
+"""Share of a delay by which two bands may differ on it."""
 
 
 def timing(
@@ -61,13 +63,19 @@ def timing(
     here = solved(state.problem, causes, state) if len(causes) < len(state.causes) else state
     each = {joint: [one for one in delays if one.place == joint] for joint in evidence.rig.joints}
     both = {joint: (late(here, tried, limit), late(there, tried, limit)) for joint, tried in each.items()}
-    worth = {joint: row for joint, row in both.items() if worth_telling(*row)}
+    sample = max(log.dt for log in logs)
+    worth = {joint: row for joint, row in both.items() if worth_telling(*row, sample)}
     return Timing(cutoff, worth) if worth else None
 
 
-def worth_telling(here: Late, there: Late) -> bool:
-    """Whether a wider band shows much less of a delay, or one that is there and that this band does not show."""
-    return there.least < BETTER * here.least or (there.shown > 0 and not here.shown)
+def worth_telling(here: Late, there: Late, sample: float) -> bool:
+    """Whether a wider band shows another delay than this one, or would show much less of one than this.
+
+    One that is shorter than a sample, s, no loop feels.
+    """
+    if here.shown:
+        return there.shown > 0 and abs(there.shown - here.shown) > AGREES * here.shown
+    return there.shown > 0 or (here.least > sample and there.least < BETTER * here.least)
 
 
 def wider(logs: Sequence[Log], filtering: Filtering) -> float:
