@@ -107,16 +107,17 @@ def together(partings: Sequence[Parting]) -> str:
     instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
     after = [one.expected.deviations for one in partings if one.expected is not None]
     if not after:
-        return f"{who} are the same torque in every motion that was tried; what else may part them: {instead}"
+        return f"{who} can be the same torque in every motion that was tried; what else may part them: {instead}"
     expected = ", ".join(f"{x:.3g}" for x in after)
+    beside = "on the next experiment's log alone" if first.alone else "with the next experiment"
     if first.same:
-        said = f"{who} are one torque on these logs, {expected} standard deviations apart with the next experiment"
+        said = f"{who} are one torque on these logs, {expected} standard deviations apart {beside}"
     elif first.alone and first.outcome == "named":
         said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
         return f"{said} standard deviations apart there"
     else:
         now = ", ".join(f"{one.now.deviations:.2g}" for one in partings)
-        said = f"{who} lie {now} standard deviations apart so far, {expected} with the next experiment"
+        said = f"{who} lie {now} standard deviations apart so far, {expected} {beside}"
     more = {
         "named": "",
         "few": f": too few to name one; try also {instead}",

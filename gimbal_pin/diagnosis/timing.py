@@ -62,7 +62,7 @@ def timing(
     there = solved(problem, causes, solved(problem, ()) if any(map(reads, causes)) else None)
     here = solved(state.problem, causes, state) if len(causes) < len(state.causes) else state
     each = {joint: [one for one in delays if one.place == joint] for joint in evidence.rig.joints}
-    both = {joint: (late(here, tried, limit), late(there, tried, limit)) for joint, tried in each.items()}
+    both = {joint: (late(here, tried, limit), late(there, tried, limit)) for joint, tried in each.items() if tried}
     sample = max(log.dt for log in logs)
     worth = {joint: row for joint, row in both.items() if worth_telling(*row, sample)}
     return Timing(cutoff, worth) if worth else None
