@@ -57,6 +57,13 @@ def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, 
     return np.array(out)
 
 
+@given(st.floats(0.5, 500.0), st.floats(1e-3, 0.5), st.floats(1e-6, 0.95))
+def test_a_spring_within_its_bounds_is_felt(frequency: float, damping: float, share: float) -> None:
+    """Whatever a search comes by on its way can be computed: it refused a soft spring before a light rotor."""
+    load, inertial = np.ones((40, 1)), np.linspace(-1.0, 1.0, 40)[:, None]
+    assert np.all(np.isfinite(JointFlexibility(JOINT, frequency, damping, share).felt(load, inertial, 0.005)))
+
+
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
 @settings(deadline=None, max_examples=25)
 def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: float, load: float, brake: float) -> None:

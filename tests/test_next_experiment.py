@@ -12,15 +12,16 @@ import pytest
 from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
 from gimbal_pin.diagnosis.contest import contest, imagined, unexplained
 from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
-from gimbal_pin.diagnosis.parting import NAMED, Apart
+from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, Cause
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.io import read_motion
 from gimbal_pin.io.diagnosis import write_diagnosis
-from gimbal_pin.log import Log, Motion
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import nominal
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
@@ -108,6 +109,34 @@ def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) ->
     assert planned(after, causes, rng=np.random.default_rng(0)).planned is None
 
 
+def swept(rig: Rig, seconds: float) -> Motion:
+    """Three joints to and fro at two rates each, the second in small strokes."""
+    t = DT * np.arange(round(seconds / DT) + 1)
+    sizes, rates = np.array([[0.8, 0.1, 0.5], [0.1, 0.05, 0.08]]), np.array([[1.1, 0.9, 1.7], [2.9, 2.3, 3.7]])
+    turn = t[:, None, None] * rates
+    q, v, a = summed(sizes * np.sin(turn), sizes * rates * np.cos(turn), -sizes * rates**2 * np.sin(turn))
+    return Motion(t, q, v, a)
+
+
+def summed(*waves: Array) -> list[Array]:
+    """Sum over the rates, (m, 2, n) each."""
+    return [np.sum(wave, axis=1) for wave in waves]
+
+
+def test_friction_of_the_weight_is_parted_from_one_of_the_angle_where_another_joint_turns_the_weight() -> None:
+    """Beside a long log that parts them little the next one would be drowned: alone it names."""
+    rig, planted = Rig.load("handheld"), "load-dependent-friction:tilt:mu=0.2,weighs=1"
+    causes = few("load-dependent-friction", "position-dependent-friction")
+    first = recorded(rig, swept(rig, 45.0), planted, 0)
+    before = said(rig, [first], causes)
+    assert before.verdict == "ambiguous"
+    plan = designed(before, causes, tries=30)
+    assert plan.motion is not None and plan.partings[0].alone and "alone" in plan.lines[-1]
+    assert np.ptp(plan.motion.q[:, 1]) > 2 * np.ptp(first.q[:, 1])
+    after = said(rig, [recorded(rig, plan.motion, planted, 1)], causes)
+    assert after.verdict == "named" and after.findings[0].cause == "load-dependent-friction"
+
+
 @pytest.fixture(scope="module")
 def ambiguous() -> Diagnosis:
     return begun("cogging:pan:amplitude=0.05,harmonic=3")[1]
@@ -164,7 +193,23 @@ def test_no_motion_parts_a_bias_from_asymmetric_friction(rig: Rig) -> None:
     plan = designed(found, causes, tries=6)
     assert plan.motion is None and plan.seconds == 0.0
     assert [p.expected for p in plan.partings] == [None]
-    assert "no motion parts them" in plan.lines[0] and "holds at rest" in plan.lines[0]
+    assert "one torque" not in plan.lines[0] and "holds at rest" in plan.lines[0] and len(plan.lines) == 1
+    assert "can be the same torque in every motion that was tried; what else may part them" in plan.lines[0]
+
+
+def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
+    return Parting("cogging", "pan", rival, now, expected, ("slow sweeps", f"what shows {rival}"))
+
+
+def test_rivals_that_fare_alike_are_told_together() -> None:
+    """One line for each thing that is to be said, with every figure, and no figure of what is one to the last digit."""
+    far, near, none = Apart(12.0, 0.6), Apart(1.4, 0.5), Apart(6.8e-13, 1e-15)
+    rivals = [("a", near, far), ("b", near, far), ("c", none, far), ("d", near, near), ("e", none, None)]
+    lines = NextExperiment(("pan",), None, tuple(parted(*row) for row in rivals)).lines
+    assert "lie 1.4, 1.4 standard" in lines[0]
+    assert not any("e-1" in line for line in lines) and all(line.count("slow sweeps") <= 1 for line in lines)
+    whom = ("cogging and a, b lie", "cogging and c are one", "cogging and d lie", "cogging and e can be the same")
+    assert all(words in line for words, line in zip(whom, lines, strict=True))
 
 
 def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:
@@ -183,16 +228,36 @@ def test_deviations_and_share_are_both_worth_something() -> None:
     assert Apart(5.0, 0.5).worth > least.worth and Apart(4.0, 0.6).worth > least.worth
 
 
-def test_a_spring_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig) -> None:
+@cache
+def cogged() -> Diagnosis:
+    """What a log of a cogging motor says."""
+    log = recorded(Rig.load("turret"), small(0.8), "cogging:pan:amplitude=0.05,harmonic=3", 0)
+    return said(Rig.load("turret"), [log], few("cogging"))
+
+
+@pytest.mark.parametrize(
+    "cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3), Backlash("tilt", 1e-3, 1e-3, 0.25)]
+)
+def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig, cause: Cause) -> None:
     """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
-    log = recorded(rig, small(0.8), "cogging:pan:amplitude=0.05,harmonic=3", 0)
-    found = said(rig, [log], few("cogging"))
-    assert found.state is not None and found.held is not None
-    spring = JointFlexibility("tilt", 30.0, 0.1, 0.3)
-    state = solved(found.state.problem, (*found.state.causes, spring), found.state)
-    parting = contest(state, spring, "actuator-lag", few("actuator-lag"))
+    found = cogged()
+    assert found.state is not None
+    state = solved(found.state.problem, (*found.state.causes, cause), found.state)
+    parting = contest(state, cause, "actuator-lag", few("actuator-lag"))
     assert parting is not None
     evidence, torque = imagined(state.problem.evidence, small(0.8, 9.0), nominal(rig), replace(BAND, alignment=0.0))
     on = parting.on(Problem.of(evidence, state.problem.reduction), torque)
     after = parting.expected(on, parting.common(on))
     assert np.isfinite(after.deviations) and after.deviations >= 0
+
+
+def test_a_joint_bears_on_the_same_motion_imagined_what_it_bears_along_the_log() -> None:
+    """The logs' fit asked on the logs' own rows and torque: nothing is lost by way of the imagination."""
+    found = cogged()
+    assert found.state is not None
+    state = solved(found.state.problem, found.state.causes, found.state)
+    asked: list[Array] = [x - y for x, y in zip(state.acting, state.unexplained)]
+    again = replace(state, torque=asked, acting=asked, learned=state)
+    for one, other in zip(state.bearing, again.bearing):
+        np.testing.assert_allclose(other[0].load, one[0].load, atol=1e-9)
+        np.testing.assert_allclose(other[0].brake, one[0].brake, atol=1e-9)

@@ -25,6 +25,7 @@ from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import Drive, Sensors, plant_with, simulate
+from tests.command_line import Run
 
 DT = 0.001
 
@@ -92,6 +93,19 @@ def replayed(plant: Model, log: Log, acting: Array) -> Array:
 
 def test_every_cause_is_tried() -> None:
     assert set(SOME) == set(CAUSES)
+
+
+@pytest.mark.parametrize("name", sorted(SOME))
+def test_help_lists_every_parameter_of_every_cause(run: Run, name: str) -> None:
+    """With its unit, and what it is if it is not given; nothing is simulated for it."""
+    code, out, _ = run("simulate", "turret", "--effect", "help")
+    lines = out.splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith(f"{name}:"))
+    for parameter in CAUSES[name].stated():
+        told = next(row for row in lines[at + 1].strip().split("; ") if row.startswith(f"{parameter.name},"))
+        assert parameter.unit in ("", "1") or parameter.unit in told
+        assert ("if not given" in told) == np.isfinite(parameter.value)
+    assert code == 0
 
 
 @pytest.mark.parametrize("name", sorted(SOME))

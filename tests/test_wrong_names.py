@@ -6,13 +6,14 @@ import inspect
 import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from gimbal_pin.cli.diagnose import diagnose as verb
-from gimbal_pin.diagnosis import BAND, diagnose
+from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies
 from gimbal_pin.diagnosis.composed import chosen
@@ -373,3 +374,22 @@ def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
     left = {"pan": Residual("noise", 0.1, 1.0, ""), "tilt": Residual("structured", 0.1, 9.0, "slow")}
     assert wrong.unsure(SimpleNamespace(residual=left)).endswith("unknown is left at tilt)")  # type: ignore[arg-type]
     assert wrong.unsure(SimpleNamespace(residual={"pan": left["pan"]})) == ""  # type: ignore[arg-type]
+
+
+def test_noise_that_is_larger_than_what_would_be_found_is_said_to_average_out() -> None:
+    """It is no contradiction, and where none is larger nothing is said."""
+
+    def found(after: float, state: str) -> Diagnosis:
+        left = {"pan": Residual(state, 1e-3, 1.0, "")}
+        shown = SimpleNamespace(residual=left, extended={"torque_rmse": {"pan": after}}, detection_limit={"pan": 0.01})
+        return cast(Diagnosis, shown)
+
+    assert wrong.drowned(found(0.02, "noise"))
+    assert not wrong.drowned(found(0.002, "noise")) and not wrong.drowned(found(0.02, "structured"))
+
+
+@pytest.mark.parametrize(("cause", "told"), [("payload-shift", True), ("cogging", False)])
+def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) -> None:
+    """The payload's figures beside a finding about it are taken with its inertias open."""
+    found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
+    assert ("inertias left open" in wrong.freely(cast(Diagnosis, found))) == told

@@ -30,7 +30,10 @@ Map = Annotated[
 ]
 Effects = Annotated[
     UseAppendAction[tuple[str, ...]],
-    arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42"),
+    arg(
+        metavar="CAUSE:JOINT:NAME=VALUE,…",
+        help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42; 'simulate RIG --effect help' lists all",
+    ),
 ]
 PlatformSize = Annotated[float, arg(help="profile S times this")]
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]

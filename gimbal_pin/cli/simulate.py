@@ -76,8 +76,12 @@ def simulate(
     seed: Seed = 0,
 ) -> None:
     """Simulate the closed loop and write what its sensors say as a log."""
+    from gimbal_pin.effects.parse import every
     from gimbal_pin.io import read_motion, write_log
 
+    if "help" in effect:
+        print(every())
+        return
     shown_somewhere(output, live)
     loaded = load_rig(rig, payload or mounted(model))
     known = plant_of(model, loaded)

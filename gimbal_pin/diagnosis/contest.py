@@ -76,9 +76,13 @@ class Contest:
         """How far apart the two are on the logs so far."""
         return self.parted(self.known)
 
-    def expected(self, state: State, common: Array) -> Apart:
-        """How far apart they will be with a candidate motion; `state` and `common` are those `on` it."""
-        return self.parted(triangle(np.vstack([self.known, self.stack(state, common)])))
+    def expected(self, state: State, common: Array, alone: bool = False) -> Apart:
+        """How far apart they will be with a candidate motion, or on its log alone.
+
+        `state` and `common` are those `on` it.
+        """
+        new = triangle(self.stack(state, common))
+        return self.parted(new if alone else triangle(np.vstack([self.known, new])))
 
     def parted(self, rows: Array) -> Apart:
         """Separation from the form that comes nearest, from rows of `stack` or a triangular factor of them."""
@@ -91,16 +95,16 @@ class Contest:
             at = end
         return Apart(min(found), min(found) / max(whole, 1e-300))
 
-    def closest(self, state: State, common: Array) -> Apart:
-        """As `expected`, the rival free to move its shape to where it imitates the finding best on all rows."""
+    def closest(self, state: State, common: Array, alone: bool = False) -> Contest:
+        """The contest with one form of the rival, its shape where it imitates the finding best on all those rows."""
 
-        def against(form: Cause) -> Apart:
-            return replace(self, forms=(form,)).expected(state, common)
+        def against(form: Cause) -> float:
+            return replace(self, forms=(form,)).expected(state, common, alone).deviations
 
-        form = min(self.forms, key=lambda one: against(one).deviations)
+        form = min(self.forms, key=against)
         for step in STEPS if shape_names(form) else ():
-            form = min((form, *neighbours(form, step)), key=lambda one: against(one).deviations)
-        return against(form)
+            form = min((form, *neighbours(form, step)), key=against)
+        return replace(self, forms=(form,))
 
 
 def neighbours(cause: Cause, step: float) -> Iterator[Cause]:

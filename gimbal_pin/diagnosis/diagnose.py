@@ -19,6 +19,7 @@ from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt, with_motion
 from gimbal_pin.diagnosis.searched import searched
 from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.timing import timing, wanders
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.turns import opened, reopened
 from gimbal_pin.effects import CAUSES, Cause
@@ -100,6 +101,8 @@ def diagnose(
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     moving = ridden(found.final, held, train, test, filtering)
     said = said if moving is None else with_motion(said, moving)
+    late = timing(found.final, train, filtering, origins, [c for c in found.shelf.causes if wanders(c)], found.limit)
+    said = replace(said, timing=late)
     return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
 
 

@@ -11,6 +11,7 @@ from gimbal_pin.diagnosis.audit import Fault
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
+from gimbal_pin.diagnosis.lateness import Timing
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
@@ -151,6 +152,7 @@ class Diagnosis:
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
             compensated, rad; empty where nothing was found.
         likeness: For every finding, which other causes look like it on these logs.
+        timing: What of drives' delays a wider band would show; None: nothing more that is worth telling.
     """
 
     rig: str
@@ -174,6 +176,7 @@ class Diagnosis:
     planned: NextExperiment | None = None
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     likeness: tuple[Likeness, ...] = ()
+    timing: Timing | None = None
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
@@ -221,6 +224,7 @@ class Diagnosis:
                 for joint, row in self.tracking.items()
             },
             "look_alikes": [each.to_dict() for each in self.likeness],
+            "timing": None if self.timing is None else self.timing.to_dict(),
         }
 
 

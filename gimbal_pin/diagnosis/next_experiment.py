@@ -55,19 +55,21 @@ class Tried(NamedTuple):
     Attributes:
         limits: The series, and the rig's limits on it.
         x: Its free coefficients.
-        apart: What it parts, contest by contest.
+        apart: What it parts with the logs so far, contest by contest.
+        alone: What it parts by itself: long logs that part little leave two causes as alike as they are on them.
         used: Share of the samples that count, of the joint where that is least.
     """
 
     limits: Limits
     x: Array
     apart: tuple[Apart, ...]
+    alone: tuple[Apart, ...]
     used: float
 
     @property
     def value(self) -> float:
         """Sum of each contest's worth: what is parted already gains little more, what is hopeless nothing."""
-        return min(self.used / USED, 1.0) * sum(each.worth for each in self.apart)
+        return min(self.used / USED, 1.0) * max(sum(each.worth for each in way) for way in (self.apart, self.alone))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,19 +90,41 @@ class Bench:
     seconds: float
     tries: int
 
-    def apart(self, motion: Motion, final: bool = False) -> tuple[tuple[Apart, ...], float]:
-        """What a motion would part, and what share of it counts; `final` lets the rivals' shapes follow it."""
+    def apart(self, motion: Motion) -> tuple[tuple[Apart, ...], tuple[Apart, ...], float]:
+        """What a motion would part with the logs so far, what alone, and what share of it counts."""
+        problem, torque = self.on(motion)
+        used = problem.evidence.used()[[problem.evidence.rig.joint_index(joint) for joint in self.joints]]
+        rows = list(self.rows(problem, torque))
+        beside, alone = (tuple(each.expected(*row, way) for each, row in rows) for way in (False, True))
+        return beside, alone, float(used.min())
+
+    def closest(self, motion: Motion) -> tuple[list[tuple[Contest, Apart]], bool]:
+        """The contests with the rivals' shapes where they imitate best, and what a motion then would part.
+
+        With the logs so far, or, where it names more so, alone; and whether that is the case.
+        """
+        rows = list(self.rows(*self.on(motion)))
+        ways = []
+        for way in (False, True):
+            found = [(each.closest(*row, way), row) for each, row in rows]
+            ways.append([(each, each.expected(*row, way)) for each, row in found])
+        beside, alone = (sum(apart.named for _, apart in way) for way in ways)
+        return ways[alone > beside], alone > beside
+
+    def on(self, motion: Motion) -> tuple[Problem, Array]:
+        """A motion's columns, and its torque, N m, (m, n)."""
         known = self.state.problem.evidence
         evidence, torque = imagined(known, motion, self.model, replace(BAND, cutoff=known.band))
-        problem = Problem.of(evidence, self.state.problem.reduction)
-        used = min(float(evidence.used()[evidence.rig.joint_index(joint)]) for joint in self.joints)
-        apart, common = list[Apart](), dict[Cause, Array]()
+        return Problem.of(evidence, self.state.problem.reduction), torque
+
+    def rows(self, problem: Problem, torque: Array) -> Iterator[tuple[Contest, tuple[State, Array]]]:
+        """Yield every contest with its state on a motion and what is common to all of its finding."""
+        common = dict[Cause, Array]()
         for each in self.contests:
             state = each.on(problem, torque)
             if each.cause not in common:
                 common[each.cause] = each.common(state)
-            apart.append((each.closest if final else each.expected)(state, common[each.cause]))
-        return tuple(apart), used
+            yield each, (state, common[each.cause])
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -169,15 +193,15 @@ def next_experiment(
     bench = Bench(found.state, tuple(each for _, each in pairs), model, seconds, tries)
     best, possible, finished = searched(bench, rng)
     partable = [largest.share > IDENTICAL for largest in possible]
-    motion, after = None, possible
+    motion, alone, after = None, False, list(zip(bench.contests, possible))
     if any(partable):
         repaired = best.limits.repaired(best.x)
         if repaired is None:
             raise best.limits.infeasible()
         repaired = cleared(best.limits, repaired)[0]
         motion = bench.motion(best.limits, repaired, dt)
-        after = bench.apart(bench.motion(best.limits, repaired, bench.fine), final=True)[0]
-    partings = [parting(f, c, a if ok else None, causes) for (f, c), a, ok in zip(pairs, after, partable)]
+        after, alone = bench.closest(bench.motion(best.limits, repaired, bench.fine))
+    partings = [parting(f, c, a if ok else None, alone, causes) for (f, _), (c, a), ok in zip(pairs, after, partable)]
     return NextExperiment(found.state.problem.evidence.rig.joints, motion, tuple(partings), finished)
 
 
@@ -212,7 +236,8 @@ def searched(bench: Bench, rng: np.random.Generator) -> tuple[Tried, tuple[Apart
         if not every:
             raise
         finished = False
-    possible = tuple(max(column, key=lambda apart: apart.share) for column in zip(*(one.apart for one in every)))
+    found = zip(*(way for one in every for way in (one.apart, one.alone)))
+    possible = tuple(max(column, key=lambda apart: apart.share) for column in found)
     return max(every, key=lambda one: one.value), possible, finished
 
 
@@ -286,7 +311,9 @@ def fits(limits: Limits, x: Array) -> bool:
     return limits.apart is None or bool(limits.apart.room(motion.q).min() >= 0)
 
 
-def parting(finding: Finding, each: Contest, after: Apart | None, causes: Mapping[str, type[Cause]]) -> Parting:
-    """Describe a contest."""
-    instead = f"{each.cause.experiment}; or {causes[each.rival].experiment}"
-    return Parting(finding.cause, finding.joint, each.rival, each.now, after, instead)
+def parting(
+    finding: Finding, each: Contest, after: Apart | None, alone: bool, causes: Mapping[str, type[Cause]]
+) -> Parting:
+    """Describe a contest, with the rival's shape that imitates best with the next experiment: so far it did, too."""
+    instead = (each.cause.experiment, causes[each.rival].experiment)
+    return Parting(finding.cause, finding.joint, each.rival, each.now, after, instead, alone)

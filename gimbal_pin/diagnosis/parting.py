@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -48,7 +49,8 @@ class Parting:
         rival: Name of the cause that the logs cannot tell from it.
         now: How far the logs so far part them.
         expected: How far they and the next experiment will; None where no motion parts the two.
-        instead: What parts them where no motion does: experiments in words.
+        instead: What may part them where that motion does not: experiments in words.
+        alone: Whether the next experiment is to be diagnosed alone, and parts them so.
     """
 
     cause: str
@@ -56,21 +58,32 @@ class Parting:
     rival: str
     now: Apart
     expected: Apart | None
-    instead: str
+    instead: tuple[str, ...]
+    alone: bool = False
 
     @property
     def sentence(self) -> str:
         """All of it for a person."""
-        who = f"{self.joint or 'rig'}: {self.cause} and {self.rival}"
+        return together([self])
+
+    @property
+    def same(self) -> bool:
+        """Whether the two are the same torque on the logs so far, to the last digits."""
+        return self.now.share <= IDENTICAL
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What partings have in common of which one sentence speaks."""
+        return self.joint, self.cause, self.outcome, self.same and self.expected is not None
+
+    @property
+    def outcome(self) -> str:
+        """What is to be said of the next experiment."""
         if self.expected is None:
-            return f"{who} can be the same torque however the rig is moved: no motion parts them; try {self.instead}"
-        said = f"{who} lie {self.now.deviations:.2g} standard deviations apart so far"
-        said += f", {self.expected.deviations:.3g} are expected with the next experiment"
+            return "none"
         if self.expected.named:
-            return said
-        if self.expected.deviations < NAMED:
-            return f"{said}: too few to name one; try also {self.instead}"
-        return f"{said}: that tells which fits better, yet the two look much alike; try also {self.instead}"
+            return "named"
+        return "few" if self.expected.deviations < NAMED else "alike"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -85,6 +98,32 @@ class Parting:
             "share_expected": None if after is None else after.share,
             "sentence": self.sentence,
         }
+
+
+def together(partings: Sequence[Parting]) -> str:
+    """What is to be said of a finding and some of its rivals that the next experiment does the same to."""
+    first = partings[0]
+    who = f"{first.joint or 'rig'}: {first.cause} and {', '.join(one.rival for one in partings)}"
+    instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
+    after = [one.expected.deviations for one in partings if one.expected is not None]
+    if not after:
+        return f"{who} can be the same torque in every motion that was tried; what else may part them: {instead}"
+    expected = ", ".join(f"{x:.3g}" for x in after)
+    beside = "on the next experiment's log alone" if first.alone else "with the next experiment"
+    if first.same:
+        said = f"{who} are one torque on these logs, {expected} standard deviations apart {beside}"
+    elif first.alone and first.outcome == "named":
+        said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
+        return f"{said} standard deviations apart there"
+    else:
+        now = ", ".join(f"{one.now.deviations:.2g}" for one in partings)
+        said = f"{who} lie {now} standard deviations apart so far, {expected} {beside}"
+    more = {
+        "named": "",
+        "few": f": too few to name one; try also {instead}",
+        "alike": f": that tells which fits better, yet they look much alike; try also {instead}",
+    }
+    return said + more[first.outcome]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,15 +152,23 @@ class NextExperiment:
         return {
             "seconds": self.seconds,
             "finished": self.finished,
+            "alone": any(parting.alone for parting in self.partings),
             "partings": [parting.to_dict() for parting in self.partings],
         }
 
     @property
     def lines(self) -> tuple[str, ...]:
         """All of it for a person."""
-        told = tuple(parting.sentence for parting in self.partings)
+        groups: dict[tuple[object, ...], list[Parting]] = {}
+        for one in self.partings:
+            groups.setdefault((one.joint, one.cause, one.outcome, one.same and one.expected is not None), []).append(
+                one
+            )
+        told = tuple(together(group) for group in groups.values())
         if self.motion is None:
             return told
         how = f"the motion lasts {self.seconds:.3g} s, from rest to rest within the rig's limits"
         how += "" if self.finished else "; the search for it was interrupted, it is the best so far"
+        if any(one.alone for one in self.partings):
+            return (*told, f"{how}: play it, and diagnose its log alone; what either diagnosis rules out is ruled out")
         return (*told, f"{how}: play it, and diagnose its log with the others by --holdout last-third")

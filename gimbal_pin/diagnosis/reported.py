@@ -27,6 +27,7 @@ from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.diagnosis.together import combined, doubled, once
 from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.diagnosis.walking import walked
 from gimbal_pin.diagnosis.wandering import wandering
 from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
@@ -153,7 +154,7 @@ def finding(
     torque, rolled = lacking["torque_rmse"], lacking["rollout_rmse"]
     base, best = baseline["torque_rmse"][at], found.best["torque_rmse"][at]
     figure = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
-    shown = widened(state, cause, parameters(state, cause), found.shelf)
+    shown = walked(state, cause, widened(state, cause, parameters(state, cause), found.shelf))
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
     said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}"

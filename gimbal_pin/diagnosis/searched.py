@@ -59,6 +59,11 @@ class Searched(NamedTuple):
     best: Figures = MappingProxyType({})
     lacking: tuple[Figures, ...] = ()
 
+    @property
+    def limit(self) -> float:
+        """Chance from which nothing is named."""
+        return float(np.quantile(self.null, ERROR_RATE))
+
 
 def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random.Generator) -> Searched:
     """Compose causes, prune them, and keep those that deserve a name."""

@@ -135,21 +135,24 @@ class State:
 
     @cached_property
     def bearing(self) -> list[Bearing]:
-        """What each joint bears along each part; all that is neither inertia nor friction is the link's."""
-        if self.alike is not None:
+        """What each joint bears along each part; all that is neither inertia nor friction is the link's.
+
+        On a motion that nobody has made the logs' fit says it, of the torque that its model asks for.
+        """
+        if self.alike is not None and self.learned is None:
             return self.alike.bearing
-        problem, theta = self.problem, self.fit.theta
-        dry = [c for c in self.causes if isinstance(c, Effect) and brakes(c)]
+        problem, known = self.problem, self.alike or self
+        evidence, theta = problem.evidence, known.fit.theta
+        dry = [c for c in known.causes if isinstance(c, Effect) and brakes(c)]
         at = len(problem.reduction.independent)
-        known = [(effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)]
+        friction = [(effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)]
         braked: list[Array] = [np.zeros(x.shape) for x in self.acting]
-        for effect, values in [*known, *((c, self.coefficients(c)) for c in dry)]:
-            j = problem.evidence.rig.joint_index(effect.joint)
-            for brake, columns in zip(braked, plain_columns(problem.evidence, effect, self.load)):
+        for effect, values in [*friction, *((c, known.coefficients(c)) for c in dry)]:
+            j = evidence.rig.joint_index(effect.joint)
+            for brake, columns in zip(braked, plain_columns(evidence, effect, self.load)):
                 brake[:, j] += columns @ values
         inertial = [(x - y) @ theta[:at] for x, y in zip(problem.rigid_full, problem.resting)]
-        totals = [x - y for x, y in zip(self.acting, self.unexplained)]
-        evidence = problem.evidence
+        totals = self.torque if self.learned else [x - y for x, y in zip(self.acting, self.unexplained)]
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
         rows = [
             (x, y, z, part.channels.tau, part.still) for x, y, z, part in zip(braked, loads, inertial, evidence.parts)

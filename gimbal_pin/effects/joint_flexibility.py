@@ -74,9 +74,13 @@ class JointFlexibility(Sprung):
 
     @property
     def held(self) -> JointFlexibility:
-        """N: the link alone on its spring, the rotor held; it swings at F's zero, where the rotor hardly moves."""
-        damping = max(self.damping * sqrt(self.rotor_share), self.shapes[1].lower)
-        return replace(self, frequency=self.frequency * sqrt(self.rotor_share), damping=damping, rotor_share=0.0)
+        """N: the link alone on its spring, the rotor held; it swings at F's zero, where the rotor hardly moves.
+
+        Both are at least their own bounds: a search may come by a zero of less, which is a spring that holds nothing.
+        """
+        least, root = [shape.lower for shape in self.shapes], sqrt(self.rotor_share)
+        frequency, damping = (max(x * root, low) for x, low in zip((self.frequency, self.damping), least))
+        return replace(self, frequency=frequency, damping=damping, rotor_share=0.0)
 
     def felt(self, load: Array, inertial: Array, dt: float) -> Array:
         """``r inertial + N (load + (1 - r) inertial)``."""

@@ -22,7 +22,9 @@ def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:
     name, _, rest = text.partition(":")
     if name not in CAUSES:
         causes = ", ".join(sorted(CAUSES))
-        raise UsageError(f"effect '{text}'", f"there is no cause '{name}'", f"the causes are {causes}")
+        raise UsageError(
+            f"effect '{text}'", f"there is no cause '{name}'", f"the causes are {causes}; 'help' lists their parameters"
+        )
     kind = CAUSES[name]
     joint, _, pairs = rest.partition(":") if kind.of_joint else ("", "", rest.removeprefix(":"))
     if kind.of_joint and joint not in rig.joints:
@@ -30,6 +32,11 @@ def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:
         raise UsageError(f"effect '{text}'", what, f"write {usage(kind)} with a joint out of {', '.join(rig.joints)}")
     planted: Term | Signal | RigEffect = kind.planted(joint or None, valued(kind, pairs, text))
     return planted
+
+
+def every() -> str:
+    """All causes as one writes them, each over its parameters with bounds, units and defaults."""
+    return "\n".join(f"{usage(CAUSES[name])}\n  {listed(CAUSES[name])}" for name in sorted(CAUSES))
 
 
 def valued(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float]:

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 
 DEVIATIONS = "(± is one standard deviation)"
-LIMIT = "(what would be found goes with the motion all log long; noise averages out over it, and may be larger)"
+LIMIT = (
+    "(noise may be larger than what would be found: it averages out over the log, and a torque that goes with the"
+    " motion all log long does not)"
+)
+ALONE = "(a finding's error before is without it and with all others; the table's is the refitted model's alone)"
 
 
 def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
@@ -40,9 +44,11 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
-        lines += [LIMIT] if any(left.state == "noise" for left in found.residual.values()) else []
+        lines += [LIMIT] if drowned(found) else []
+        lines += [ALONE] if len(found.findings) > 1 else []
+    lines += [] if found.timing is None else [found.timing.sentence]
     lines += tracking_gain(found)
-    lines += [] if found.given is None else [f"given model{unsure(found)}: {line}" for line in found.given.lines]
+    lines += [] if found.given is None else [f"given model{freely(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
@@ -56,6 +62,18 @@ def doubted(found: Diagnosis) -> str:
     if found.findings and not found.lacking:
         return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
+
+
+def drowned(found: Diagnosis) -> bool:
+    """Whether noise is larger than what would be found, which may read as a contradiction."""
+    after, limit = found.extended["torque_rmse"], found.detection_limit
+    return any(left.state == "noise" and after[joint] > limit[joint] for joint, left in found.residual.items())
+
+
+def freely(found: Diagnosis) -> str:
+    """Why the payload's figures are others than those of a finding beside them, and what to hold of them."""
+    own = any(one.cause.startswith("payload-") for one in found.findings)
+    return (", its inertias left open, which those of the findings are not" if own else "") + unsure(found)
 
 
 def unsure(found: Diagnosis) -> str:

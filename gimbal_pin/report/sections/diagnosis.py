@@ -52,7 +52,11 @@ def diagnosis(found: Diagnosis) -> Section:
         parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
     hidden = [f"{each.cause} at {each.joint or 'the rig'}" for each in found.untestable]
     small = [f"{each.cause} at {each.joint or 'the rig'} ({100 * each.share:.2g} %)" for each in found.immaterial]
-    notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]
+    notes = [
+        *found.notes,
+        *([f"{found.timing.sentence}."] if found.timing else []),
+        *([f"Significant, and too small to matter: {listed(small)}."] if small else []),
+    ]
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
     parts += [folded("Notes", bullets(notes))] if notes else []
     return Section("What the simulation gets wrong", join(parts), "On the part of the log that no choice has seen.")
