@@ -22,6 +22,8 @@ OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
 SILENCED = 1.5
 """Gain of a drive's signal over what as much less torque leaves unexplained less, under which it does only that."""
+CLEARED = 0.25
+"""What is left with a drive's signal over what of the unexplained torque it passes on, from which it explains that."""
 SMOOTH = 25
 """Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
@@ -184,11 +186,14 @@ def inverse(gram: Array, share: float) -> Array:
 
 
 def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
-    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained."""
+    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained.
+
+    What leaves next to nothing of the share that is unexplained of what it passes on does more, however much it takes.
+    """
     rows = taken != 0
-    whole = float(np.sum(target[rows] ** 2))
-    less = 1.0 - float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
-    return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
+    whole, missed = float(np.sum(target[rows] ** 2)), float(np.sum(residual[rows] ** 2))
+    passed = float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
+    return gain < SILENCED * (1.0 - passed) * missed and missed - gain > CLEARED * passed * missed
 
 
 def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
