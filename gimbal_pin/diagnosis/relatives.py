@@ -15,7 +15,6 @@ from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.shapes import free
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect, Signal
-from gimbal_pin.effects.cable_spring import CableSpring
 
 ASIDE = 0.15
 """Share of a joint's dry friction that may be none of its bristles': they are the friction of its bearing, and what
@@ -66,7 +65,7 @@ def rubs(state: State, cause: Cause) -> bool:
     all that the friction's formula has free.
     """
     here = [c for c in state.causes if isinstance(c, Effect) and c.place == cause.place]
-    cables = [c for c in here if isinstance(c, CableSpring)]
+    cables = [c for c in here if c.restoring]
     pairs = [(cable, other) for cable in cables for other in here if other.dry and cause in (cable, other)]
     return any(rubbed(state, *pair) for pair in pairs)
 
