@@ -9,13 +9,14 @@ import pytest
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.confirmed import familiar
-from gimbal_pin.diagnosis.contenders import net
+from gimbal_pin.diagnosis.contenders import contenders, net
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, settled
 from gimbal_pin.diagnosis.heldout import torque_error
-from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.shapes import measure, moved, refined, shape_names, worth
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
+from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
 from gimbal_pin.effects.cable_spring import CableSpring
@@ -25,8 +26,9 @@ from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import RigEffect
-from gimbal_pin.effects.saturation import Saturation
+from gimbal_pin.effects.saturation import CLOSE, Saturation
 from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.log import Array
@@ -58,6 +60,15 @@ def inverse(zone: DeadZone, torque: Array) -> Array:
     return np.interp(torque, zone.passed(commands), commands)
 
 
+def test_a_bias_is_coulomb_friction_that_differs_by_direction() -> None:
+    """While it slides, and at rest both leave it anything between ``b - c`` and ``b + c``: they are one class."""
+    ways = np.array([-1.0, 1.0])
+    at = Sample(0.0, 0.0, ways, 0.0, slide=ways, tau=0.0)
+    bias, uneven = TorqueBias("tilt"), AsymmetricFriction("tilt")
+    np.testing.assert_array_equal(Term(bias, (0.3,)).torque(at) * np.ones(2), Term(uneven, (0.3, 0.0)).torque(at))
+    assert uneven.name in bias.blurred(SEEN)
+
+
 def test_the_gains_of_both_directions_are_that_of_the_whole() -> None:
     tau = np.linspace(-2.0, 3.0, 101)
     both, up, down = (TorqueGain("tilt", side).basis(Sample(*([0.0] * 5), tau=tau))[0] for side in (0, 1, -1))
@@ -78,6 +89,26 @@ def test_ripple_of_many_poles_is_sought_six_times_per_electrical_turn() -> None:
     tried = [one.harmonic[0] for one in TorqueRipple.tried("pan", SEEN) if isinstance(one, TorqueRipple)]
     assert {1.0, 99.0, 126.0, 252.0} <= set(tried)
     assert all(k <= 100 or k % 6 == 0 for k in tried)
+
+
+def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_holds() -> None:
+    """A steep tooth's second harmonic, which the coarse grid leaves out, enters as a part of the first one's cause."""
+    tooth, second = Cogging("tilt", (90.0,)), Cogging("tilt", (180.0,))
+    model = replace(nominal(RIG), terms=(*nominal(RIG).terms, Term(tooth, (0.1, 0.0)), Term(second, (0.03, 0.03))))
+    found = fitted(model, tooth)
+    kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
+    grid = [cause for cause in library(found.problem, kinds) if cause not in tooth.above()]
+    assert contenders(found, Library(found.problem, grid))[0][1] == second
+    assert not [one for one in Library(found.problem, grid).columns(without(found, tooth)) if one.cause == second]
+    assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
+
+
+@pytest.mark.parametrize("peak", [1.2, 4.0, 40.0])
+def test_clips_are_tried_a_step_apart_however_rare_the_peaks(peak: float) -> None:
+    clips = [one for one in Saturation.tried("tilt", SEEN._replace(peak=peak)) if isinstance(one, Saturation)]
+    limits = np.array([one.limit for one in clips if one.side == 0 and not one.knee])
+    assert limits[0] == pytest.approx(0.5 * SEEN.torque) and limits[-1] == pytest.approx(0.95 * peak)
+    assert np.max(limits[1:] / limits[:-1]) <= CLOSE * (1 + 1e-9)
 
 
 def test_once_per_turn_about_a_vertical_axis_may_be_a_base_that_leans() -> None:

@@ -1,18 +1,22 @@
-"""Laws of names that stand for a relative outside the library: bristles beside other friction, limits that sag."""
+"""Laws of names that stand for a relative outside the library: bristles beside other friction, sags, stops that rub."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis.relatives import related, sags, stands_aside
+from gimbal_pin.diagnosis.relatives import related, rubs, sags, stands_aside
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.effects.base import Term
+from gimbal_pin.effects.base import Sample, Term
+from gimbal_pin.effects.cable_spring import CableSpring
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.delay import Delay
+from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.model import Model, nominal
@@ -25,11 +29,21 @@ RIG = Rig.load("turret")
 JOINT = RIG.joints[0]
 
 
-def state(model: Model, cause: Cause) -> State:
-    """A cause fitted to a log of a model."""
+def state(model: Model, *causes: Cause) -> State:
+    """Causes fitted to a log of a model."""
     log = prescribed(model, 3, seconds=14.0, torque_noise=1e-4, dt=2e-3)
     problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
-    return solved(problem, (cause,), solved(problem, ()))
+    return solved(problem, causes, solved(problem, ()))
+
+
+@dataclass(frozen=True)
+class Rubbing(CableSpring):
+    """A stop's friction: in proportion to what it pushes back with."""
+
+    dry: ClassVar[bool] = True
+
+    def basis(self, at: Sample) -> tuple[float | np.ndarray, ...]:
+        return tuple(np.abs(push) * at.slide for push in super().basis(at))
 
 
 def test_planted_bristles_are_the_joints_dry_friction() -> None:
@@ -86,3 +100,30 @@ def test_what_a_sagging_limit_leaves_gives_it_away(slope: float) -> None:
     there = replace(found, fit=replace(now, target=now.target + more, residual=now.residual + more))
     assert now.dispersion[0] > 4.0
     assert sags(there, there.causes[0]) == related(there, there.causes[0]) == (slope > 0)
+
+
+CABLE = CableSpring(JOINT, taut=1, upper=0.1)
+UNEVEN = PositionDependentFriction(JOINT, (1.0, 3.0))
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.6])
+def test_friction_that_begins_where_a_cable_comes_taut_is_a_stops(mu: float) -> None:
+    """Neither of the two names is then true, and one of them alone says nothing of the other."""
+    plant = replace(
+        nominal(RIG),
+        terms=(*nominal(RIG).terms, Term(CABLE, (2.0,)), Term(Rubbing(JOINT, taut=1, upper=0.1), (2.0 * mu,))),
+    )
+    found = state(plant, CABLE, UNEVEN)
+    assert found.coefficients(found.causes[0])[0] == pytest.approx(2.0, rel=0.2)
+    assert all(related(found, cause) for cause in found.causes)
+    assert not rubs(state(plant, CABLE), CABLE)
+
+
+@pytest.mark.parametrize("harmonic", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_cable_beside_a_bearing_that_is_tight_somewhere_is_one(harmonic: float, sign: float) -> None:
+    tight = PositionDependentFriction(JOINT, (harmonic,))
+    values: Sequence[float] = (0.03 * sign, 0.03)
+    plant = replace(nominal(RIG), terms=(*nominal(RIG).terms, Term(CABLE, (2.0,)), Term(tight, tuple(values))))
+    found = state(plant, CABLE, tight)
+    assert not any(related(found, cause) for cause in found.causes)

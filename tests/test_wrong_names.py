@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -30,6 +31,7 @@ from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.noiselike import uneven
 from gimbal_pin.diagnosis.reported import rough
 from gimbal_pin.diagnosis.score import NOTHING
+from gimbal_pin.diagnosis.search import polished
 from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -48,7 +50,9 @@ from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.stribeck import Stribeck
+from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
+from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.parameter import Parameter
@@ -152,6 +156,39 @@ def test_two_causes_are_two() -> None:
     assert keeps(state, more, drag, shelf(state)) > 2 * KEPT
     elsewhere = Stribeck("roll", 0.3, 1)
     assert elsewhere not in mended(fitted(rig, log, drag, elsewhere), shelf(state))
+
+
+def driven(rig: Rig, log: Log, joint: str, lost: Callable[[Array], Array]) -> Log:
+    """A log with the commands of a drive that loses a part of each, which grows with the command."""
+    assert log.tau is not None
+    j, commands = rig.joint_index(joint), np.linspace(-2.0, 2.0, 400_001) * np.abs(log.tau).max()
+    tau = log.tau.copy()
+    tau[:, j] = np.interp(tau[:, j], commands - lost(commands), commands)
+    return replace(log, tau=tau)
+
+
+@pytest.mark.parametrize("more", [TorqueRipple("tilt", (1.0,)), TorqueGain("tilt")])
+def test_what_scales_the_torque_beside_a_gap_of_another_form_is_a_part_of_it(more: Cause) -> None:
+    rig = Rig.load("thesis")
+    width = 0.1 * float(np.abs(recorded(rig).tau[:, rig.joint_index("tilt")]).max())
+    log = driven(rig, recorded(rig), "tilt", lambda x: width * np.tanh(x / (2 * width)))
+    start = DeadZone("tilt", width / 2)
+    state = polished(fitted(rig, log, start, more), only=start)
+    (gap,) = (cause for cause in state.causes if isinstance(cause, DeadZone))
+    assert mended(state, Library(state.problem, ())) == {more: gap}
+
+
+def test_a_gap_and_a_ripple_are_two() -> None:
+    """And so are a gap and a constant, which is a function of the torque, too, and scales nothing."""
+    rig = Rig.load("thesis")
+    width = 0.1 * float(np.abs(recorded(rig).tau[:, rig.joint_index("tilt")]).max())
+    for planted, more in (
+        ("torque-ripple:tilt:amplitude=0.1,harmonic=8,phase=0.5", TorqueRipple("tilt", (8.0,))),
+        (f"torque-bias:tilt:bias={width}", TorqueBias("tilt")),
+    ):
+        log = driven(rig, recorded(rig, planted), "tilt", lambda x: np.clip(x, -width, width))
+        state = fitted(rig, log, DeadZone("tilt", width), more)
+        assert not mended(state, Library(state.problem, ()))
 
 
 # bodies

@@ -10,6 +10,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns, magnitude
 from gimbal_pin.diagnosis.state import Problem, State, mounted, near, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
 
 TRIAL = 1e-3
@@ -42,8 +43,13 @@ class Library:
         self.built: dict[Cause, tuple[Read, Columns]] = {}
 
     def columns(self, state: State, place: str | None = None) -> list[Columns]:
-        """Columns at this state, of all causes or only of those at a joint and of the whole rig."""
-        here = [c for c in self.causes if place is None or c.place == place or not c.of_joint]
+        """Columns at this state, of all causes or only of those at a joint and of the whole rig.
+
+        What was found to repeat with the angle is looked for at its overtones, too.
+        """
+        above = [one for cause in state.causes if isinstance(cause, Harmonic) for one in cause.above()]
+        every = dict.fromkeys([*self.causes, *above])
+        here = [c for c in every if place is None or c.place == place or not c.of_joint]
         taken = {kept(cause) for cause in state.causes}
         return self.all_of([cause for cause in here if kept(cause) not in taken], state)
 

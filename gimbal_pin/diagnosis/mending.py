@@ -3,6 +3,9 @@
 A library has few forms of a cause, and nature more. What the nearest of them leaves over is taken up by the next best
 cause at the joint that runs the same way. Were the first one free to be any mixture of its forms, nothing would be
 left for the second.
+
+A drive's limit or gap is a characteristic ``y = f(x)``. What scales the torque beside it, and gains nothing any more
+where f may be any function, is a part of that characteristic.
 """
 
 from __future__ import annotations
@@ -12,13 +15,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.fit import Fit, fit, norms, project
+from gimbal_pin.diagnosis.fit import Fit, fit, norms, project, refit
+from gimbal_pin.diagnosis.leftover import hats
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import gained
 from gimbal_pin.diagnosis.shapes import same, worth
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 
 PART = 0.05
@@ -42,7 +47,24 @@ def mended(state: State, shelf: Library) -> dict[Cause, Cause]:
         other = next((c for c in above if keeps(state, less, c, shelf) < KEPT), None)
         if other is not None:
             out[less] = other
-    return out
+    return {**out, **bent(state)}
+
+
+def bent(state: State) -> dict[Cause, Cause]:
+    """Chosen causes that scale the torque of a drive with a limit or a gap, as a part of that → the limit or gap."""
+    drives = {cause.place: cause for cause in state.causes if isinstance(cause, Static)}
+    scaling = [c for c in state.causes if isinstance(c, Effect) and c.loaded and c.place in drives]
+    return {c: drives[c.place] for c in scaling if within(state, c, drives[c.place])}
+
+
+def within(state: State, cause: Cause, drive: Cause) -> bool:
+    """Whether a cause gains less than a drive's limit or gap, and nothing beside any function of the torque."""
+    base, evidence = without(state, cause), state.problem.evidence
+    alone, j = worth(base, cause), evidence.rig.joint_index(cause.place)
+    if alone > worth(without(state, drive), drive):
+        return False
+    any_ = np.stack([evidence.whiten(one, j) for one in hats([torque[:, j] for torque in state.torque])], axis=1)
+    return gained(refit(base.fit, any_, j, evidence.used()), base.columns(cause), False).gain < KEPT * alone
 
 
 def shaped(cause: Cause) -> bool:

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from gimbal_pin.diagnosis.columns import plain_columns
+from gimbal_pin.diagnosis.contenders import PENALTY
 from gimbal_pin.diagnosis.fit import refit
 from gimbal_pin.diagnosis.leftover import MUCH
-from gimbal_pin.diagnosis.state import State
+from gimbal_pin.diagnosis.shapes import free
+from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect, Signal
 
 ASIDE = 0.15
@@ -25,7 +28,7 @@ TAKEN = 0.25
 
 def related(state: State, cause: Cause) -> bool:
     """Whether a chosen cause stands for a relative of its own."""
-    return stands_aside(state, cause) or sags(state, cause)
+    return stands_aside(state, cause) or sags(state, cause) or rubs(state, cause)
 
 
 def stands_aside(state: State, cause: Cause) -> bool:
@@ -52,3 +55,26 @@ def sags(state: State, cause: Cause) -> bool:
         return False
     after = refit(now, evidence.whiten(columns, j)[:, None], j, evidence.used()).residual[j::n]
     return float(after @ after) < (1 - TAKEN) * float(np.sum(now.residual[j::n] ** 2))
+
+
+def rubs(state: State, cause: Cause) -> bool:
+    """Whether a cable and friction at its joint are one stop, or a guide, that pushes back and is rubbed against.
+
+    ``tau = p(q) + mu |p(q)| slide``, p what the cable's formula says and mu Coulomb's: a cable pulls without friction,
+    and friction of a bearing knows nothing of where a cable comes taut. They are one where mu alone gains as much as
+    all that the friction's formula has free.
+    """
+    here = [c for c in state.causes if isinstance(c, Effect) and c.place == cause.place]
+    cables = [c for c in here if c.restoring]
+    pairs = [(cable, other) for cable in cables for other in here if other.dry and cause in (cable, other)]
+    return any(rubbed(state, *pair) for pair in pairs)
+
+
+def rubbed(state: State, cable: Effect, friction: Effect) -> bool:
+    """Whether friction in proportion to a cable's pull stands for one that was found beside it."""
+    base, evidence = without(state, friction), state.problem.evidence
+    j = evidence.rig.joint_index(cable.joint)
+    pulls = [x @ base.coefficients(cable) for x in plain_columns(evidence, cable, base.load)]
+    columns = [np.abs(pull) * part.slide[:, j] for pull, part in zip(pulls, evidence.parts)]
+    after = refit(base.fit, evidence.whiten(columns, j)[:, None], j, evidence.used())
+    return bool(after.theta[-1] > 0) and after.cost + PENALTY < state.fit.cost + PENALTY * free(friction)

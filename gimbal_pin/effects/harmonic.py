@@ -41,6 +41,8 @@ class Harmonic(Effect):
     """Harmonic above which only multiples of `every` are tried."""
     every: ClassVar[int] = 2
     """A number of poles is even."""
+    overtones: ClassVar[tuple[int, ...]] = ()
+    """Multiples of a harmonic that was found at which it is looked for as well, however high."""
     bends: ClassVar[tuple[str, ...]] = ()
     """Causes that bend with the angle as a part of a turn of a harmonic does."""
     leans: ClassVar[tuple[str, ...]] = ()
@@ -67,6 +69,12 @@ class Harmonic(Effect):
     def merged(self, other: Harmonic) -> Harmonic:
         """Return the harmonics of both."""
         return type(self)(self.joint, tuple(sorted({*self.harmonic, *other.harmonic})))
+
+    def above(self) -> tuple[Harmonic, ...]:
+        """Return the overtones of its harmonics, each alone: what repeats with a tooth has any form over it."""
+        last = self.limits()[1]
+        found = {times * k for k in self.harmonic for times in self.overtones} - {*self.harmonic}
+        return tuple(type(self)(self.joint, (k,)) for k in sorted(found) if k <= last)
 
     def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
         """Amplitude and phase, rad, of every harmonic."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, inf, nan
+from math import ceil, copysign, inf, log, nan
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +18,8 @@ from gimbal_pin.parameter import Parameter
 
 SOFT = 2.0
 """Knee that a search starts from."""
+CLOSE = 1.25
+"""Largest step between clips that a search starts from: one that is a third off gains nothing."""
 NEAREST = 0.999
 """Share of a soft limit up to which a controller commands what it takes."""
 
@@ -87,7 +89,9 @@ class Saturation(Static):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
-        limits = ladder(0.5 * seen.torque, 0.95 * seen.peak, 8, cls.shapes[0])
+        low, high = max(0.5 * seen.torque, cls.shapes[0].lower), 0.95 * seen.peak
+        steps = ceil(log(max(high / low, 1.0)) / log(CLOSE))
+        limits = ladder(low, high, max(steps + 1, 8), cls.shapes[0])
         beyond = ladder(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
         return (
             *(cls(joint, limit, side) for limit in limits for side in (0, 1, -1)),

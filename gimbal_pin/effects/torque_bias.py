@@ -8,6 +8,7 @@ from math import inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -25,6 +26,13 @@ class TorqueBias(Effect):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """One at every sample."""
         return (1.0 + 0.0 * at.q,)
+
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """Coulomb friction that differs by direction: ``b ± c`` while it slides, and anything in between at rest.
+
+        What the fit sees between the two is how it tells the direction at the moments of standstill.
+        """
+        return ("asymmetric-friction",)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size."""

@@ -21,6 +21,7 @@ class TorqueRipple(Harmonic):
     amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "1", 0.0, 0.95)
     loaded: ClassVar[bool] = True
     highest: ClassVar[int] = 300
+    overtones: ClassVar[tuple[int, ...]] = (2, 3)
     dense: ClassVar[int] = 100
     every: ClassVar[int] = 6
     """Six-step commutation of many poles: six times per electrical turn."""
