@@ -521,7 +521,8 @@ def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(s
     assert np.all(np.diff(y) >= 0) and np.all(np.abs(y) <= np.abs(x))
     assert zone.passed(width) == pytest.approx(width / 2)
     np.testing.assert_allclose(zone.passed(1e6 * width), 1e6 * width, rtol=1e-5)
-    assert abs(float(zone.passed(0.9 * width))) <= 0.9 * width / (1 + 1.1**sharpness) * (1 + 1e-9)
+    assert zone.passed(2.0 ** (1 / sharpness) * width) == pytest.approx(0.75 * 2.0 ** (1 / sharpness) * width)
+    assert abs(float(zone.passed(0.9 * width))) <= 0.9 * width * np.log(2) * 0.9**sharpness + 1e-15 * width
 
 
 @pytest.mark.parametrize("power", [1.5, 2.0, 3.0])
