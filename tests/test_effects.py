@@ -696,3 +696,8 @@ def test_shapes_out_of_bounds_and_foreign_files_are_refused() -> None:
     for data in ({"effect": "delay", "joint": "yaw", "time": 0.1}, {"effect": "coulomb", "joint": "yaw", "values": []}):
         with pytest.raises(ModelError, match=r"no term"):
             term_from(data)
+
+
+def test_a_link_that_swings_slower_than_any_resonance_swings_at_the_slowest() -> None:
+    """A rotor of next to nothing of a slow joint: the search may try it, and no bound of the link's stops it."""
+    assert JointFlexibility("tilt", 0.6, 0.01, 0.01).held.frequency == JointFlexibility.shapes[0].lower

@@ -90,8 +90,9 @@ class JointFlexibility(Signal):
     @property
     def held(self) -> JointFlexibility:
         """N: the link alone on its spring, the rotor held; it swings at F's zero, where the rotor hardly moves."""
-        damping = max(self.damping * sqrt(self.rotor_share), self.shapes[1].lower)
-        return replace(self, frequency=self.frequency * sqrt(self.rotor_share), damping=damping, rotor_share=0.0)
+        figures = (x * sqrt(self.rotor_share) for x in (self.frequency, self.damping))
+        frequency, damping = (max(x, shape.lower) for x, shape in zip(figures, self.shapes))
+        return replace(self, frequency=frequency, damping=damping, rotor_share=0.0)
 
     def felt(self, load: Array, inertial: Array, dt: float) -> Array:
         """``r inertial + N (load + (1 - r) inertial)``."""
