@@ -521,7 +521,8 @@ def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(s
     assert np.all(np.diff(y) >= 0) and np.all(np.abs(y) <= np.abs(x))
     assert zone.passed(width) == pytest.approx(width / 2)
     np.testing.assert_allclose(zone.passed(1e6 * width), 1e6 * width, rtol=1e-5)
-    assert abs(float(zone.passed(0.9 * width))) <= 0.9 * width / (1 + 1.1**sharpness) * (1 + 1e-9)
+    assert zone.passed(2.0 ** (1 / sharpness) * width) == pytest.approx(0.75 * 2.0 ** (1 / sharpness) * width)
+    assert abs(float(zone.passed(0.9 * width))) <= 0.9 * width * np.log(2) * 0.9**sharpness + 1e-15 * width
 
 
 @pytest.mark.parametrize("power", [1.5, 2.0, 3.0])
@@ -695,3 +696,8 @@ def test_shapes_out_of_bounds_and_foreign_files_are_refused() -> None:
     for data in ({"effect": "delay", "joint": "yaw", "time": 0.1}, {"effect": "coulomb", "joint": "yaw", "values": []}):
         with pytest.raises(ModelError, match=r"no term"):
             term_from(data)
+
+
+def test_a_link_that_swings_slower_than_any_resonance_swings_at_the_slowest() -> None:
+    """A rotor of next to nothing of a slow joint: the search may try it, and no bound of the link's stops it."""
+    assert JointFlexibility("tilt", 0.6, 0.01, 0.01).held.frequency == JointFlexibility.shapes[0].lower

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.audit import CHECKS
-from gimbal_pin.diagnosis.bodies import Bodies
+from gimbal_pin.diagnosis.bodies import Bodies, Kind
 from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked
 from gimbal_pin.diagnosis.contenders import contenders, explains_others, falls, holds_fast, hushes, lines
@@ -44,6 +44,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
@@ -214,6 +215,23 @@ def test_what_no_body_makes_is_not_laid_on_further_ones() -> None:
     strange = np.linalg.solve(apart.whitener, 30.0 * RNG(0).normal(size=len(apart.change)))
     found = chosen(Bodies(replace(apart, change=apart.change + strange)), BODIES)[0]
     assert [kind.of for kind in found.kinds] == [PayloadShift]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_causes_that_hide_each_other_are_found_together_and_random_directions_make_no_set(seed: int) -> None:
+    """Products of two links and a shift that change the model alike, hundreds of deviations each; as much of none."""
+    rig, rng = Rig.load("thesis"), RNG(seed)
+    apart = difference(rig, recorded(rig))
+    kinds = [*(Kind(OffDiagonalInertia, joint) for joint in rig.joints[1:]), Kind(PayloadShift, rig.joints[0])]
+    other = rig
+    for kind, way in zip(kinds, rng.normal(size=(3, 3))):
+        change, _ = Bodies(apart).response(kind.at(1e-4 * way).apply(rig))
+        other = kind.at(0.03 * way / np.linalg.norm(apart.whitener @ change)).apply(other)
+    change, _ = Bodies(apart).response(other)
+    strange = np.linalg.solve(apart.whitener, 100.0 * rng.normal(size=len(change)))
+    found, none = (chosen(Bodies(replace(apart, change=apart.change + x)), BODIES)[0] for x in (change, strange))
+    assert {(kind.of, kind.joint) for kind in found.kinds} == {(kind.of, kind.joint) for kind in kinds}
+    assert not none.kinds
 
 
 # what is told

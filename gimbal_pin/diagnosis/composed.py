@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
 from scipy.stats import chi2, f
 
@@ -29,31 +30,52 @@ def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, l
     """Compose causes until none is worth its parameters; return the fit, and all that could be tried.
 
     A mass here and a payload moved there change first moments alike: whichever enters first hides the other, so that
-    each cause of the whole rig has its turn to be the first.
+    each cause of the whole rig has its turn to be the first. Where one by one they explain too little, several may
+    together.
     """
     shown = [[kind for kind in forms if bodies.slope(kind) is not None] for forms in kinds_of(bodies.found.rig, causes)]
     tried = [forms for forms in shown if forms]
     none = bodies.nothing()
     first = entering(bodies, none, tried)
     starts = [one for one in first if one is first[0] or not one.kinds[0].of.of_joint]
-    best = fewest([one for start in starts for one in grown(bodies, start, tried)], len(tried)) or none
-    best = simpler(bodies, best, tried)
-    freedom = len(bodies.found.change)
-    unexplained = best.cost - freedom > UNEXPLAINED * max(none.cost - freedom, 0.0)
-    return none if unexplained else best, tried
+    one_by_one = [one for start in starts for one in grown(bodies, start, tried)]
+    best = explaining(bodies, one_by_one, tried) or explaining(bodies, together(bodies, none, tried), tried)
+    return best or none, tried
 
 
-def entering(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]]) -> list[Fitted]:
-    """Fits with one cause more that is worth its parameters, the best first."""
+def explaining(bodies: Bodies, fits: Sequence[Fitted], tried: Sequence[Sequence[Kind]]) -> Fitted | None:
+    """Return the simplest of some fits; None where that leaves so much of the difference that no name is trusted."""
+    best = fewest(fits, len(tried))
+    if best is None:
+        return None
+    best, freedom = simpler(bodies, best, tried), len(bodies.found.change)
+    left, whole = best.cost - freedom, bodies.nothing().cost - freedom
+    return None if left > UNEXPLAINED * max(whole, 0.0) else best
+
+
+def together(bodies: Bodies, none: Fitted, tried: Sequence[Sequence[Kind]]) -> list[Fitted]:
+    """Fits of several causes that may not be worth their parameters one by one, where all of them together are.
+
+    What the others leave is no noise, and a cause alone gains little of it. As many sets of them as there are count as
+    tried, and what a set gains is judged by what it leaves: far less of a difference than any directions would.
+    """
+    if chi2.sf(none.cost, len(none.response)) > ENTER:
+        return []
+    sets = grown(bodies, none, tried, inf)[1:]
+    return [one for one in sets if by_form(none, one) * len(tried) ** len(one.kinds) < ENTER]
+
+
+def entering(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]], most: float = ENTER) -> list[Fitted]:
+    """Fits with one cause more that is worth its parameters, by a chance under `most`, the best first."""
     others = [bodies.best(now.kinds, forms) for forms in tried if not any(same(forms[0], kind) for kind in now.kinds)]
-    worth = [one for one in others if one is not None and chance(now, one) * len(tried) < ENTER]
+    worth = [one for one in others if one is not None and chance(now, one) * len(tried) < most]
     return sorted(worth, key=lambda one: one.worth)
 
 
-def grown(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]]) -> list[Fitted]:
+def grown(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]], most: float = ENTER) -> list[Fitted]:
     """Compose further causes with a fit until none is worth its parameters; every fit on the way."""
     found = [now]
-    while len(found[-1].kinds) < MOST and (worth := entering(bodies, found[-1], tried)):
+    while len(found[-1].kinds) < MOST and (worth := entering(bodies, found[-1], tried, most)):
         found.append(worth[0])
     return found
 

@@ -4,33 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import copysign, nan
+from math import copysign, log, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut, larger, size
+from gimbal_pin.effects.functions import Value, cut, exp, size
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.parameter import Parameter
 
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
-SHARP = (2.0, 6.0, 24.0)
+SHARP = (1.5, 4.0, 16.0)
 """Sharpnesses that a search starts from."""
-SUDDEN = 20.0
-"""Sharpness from which a search keeps the edge in its place."""
 HALVINGS = 40
 """Of the interval in which a compensating command is looked for."""
+THROUGH = 50.0
+"""Halvings of what is lost after which nothing is: a part in 1e15."""
 
 
 @dataclass(frozen=True)
 class DeadZone(Static):
-    """``y = x - clip(x, -width, width)``; with a sharpness n ``y = x |x|^n / (|x|^n + width^n)``; or x beyond it.
+    """``y = x - clip(x, -width, width)``; with a sharpness n ``y = x (1 - 2^-|x/width|^n)``; or x beyond it.
 
     An amplifier with a gap loses the width of every command. A drive that ignores what is small, or whose switches
-    need a shortest pulse, makes up for it beyond: it passes half of a command of the width and all of a large one. A
-    threshold, as in a drive's firmware, passes nothing up to the width, and all beyond it: it tells every sample by
-    itself from the next.
+    need a shortest pulse, makes up for it beyond: it passes half of a command of the width and all of a large one. The
+    thresholds are spread (Weibull, J. Appl. Mech. 18, 1951): what is lost dies away faster than any power of the
+    command. A threshold, as in firmware, passes nothing up to the width, and all beyond it: it tells every
+    sample by itself from the next.
 
     Attributes:
         joint: The joint whose drive it is.
@@ -73,9 +74,8 @@ class DeadZone(Static):
             return x * (size(x) > self.width)
         if not self.sharpness or self.width <= 0:
             return x - cut(x, -self.width, self.width)
-        # Beyond 1e150 a power would overflow, and all has long come through.
-        small = cut(self.width / larger(size(x), 1e-300), 0.0, 10.0 ** (150 / max(self.sharpness, 1.0)))
-        return x / (1.0 + small**self.sharpness)
+        ratio = cut(size(x) / self.width, 0.0, THROUGH ** (1 / max(self.sharpness, 0.1)))
+        return x * (1.0 - exp(-log(2.0) * ratio**self.sharpness))
 
     @property
     def abrupt(self) -> bool:
@@ -85,12 +85,6 @@ class DeadZone(Static):
     def akin(self) -> tuple[Cause, ...]:
         """A threshold where a sharp edge has been found: on the grid it would have to be met within a few per cent."""
         return (replace(self, sharpness=0.0, whole=True),) if self.sharpness else ()
-
-    def moved(self, name: str, value: float) -> Cause:
-        """Keep the command that loses a fourth with another sharpness: what is lost there is what a log shows best."""
-        if name != "sharpness" or self.sharpness < SUDDEN:
-            return super().moved(name, value)
-        return replace(self, sharpness=value, width=self.width * 3.0 ** (1 / self.sharpness - 1 / value))
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
