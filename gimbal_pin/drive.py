@@ -28,26 +28,16 @@ class Drive:
         """Return the mean torque that acts over the next interval, N m, (n,), from a state of the plant."""
         if not self.chain:
             return command
-        out = np.array(command, dtype=float)
+        out, nowhere = np.array(command, dtype=float), np.zeros(len(command))
         for i, (j, signal) in enumerate(self.chain):
             given, load = float(out[j]), None
             if signal.geared and self.plant is not None and state is not None:
                 load = borne(self.plant, j, state, given, signal.leaning(self.memory[i]))
             beside = 0.0 if load is None else float(signal.beside(load))
             self.memory[i], passed = signal.step(self.memory[i], given + beside, self.dt)
-            loss = given + beside - passed
-            if load is None or not signal.unseen:
-                out[j] -= loss
-            else:
-                assert self.plant is not None and state is not None
-                out -= signal.spread(loss, j, pushed(self.plant, state, j))
+            across = nowhere if load is None or load.across is None else load.across
+            out -= signal.spread(given + beside - passed, j, across)
         return out
-
-
-def pushed(plant: Model, state: State, joint: int) -> Array:
-    """``M_j / M_jj`` of a plant in a state, (n,): what 1 N m at a joint's link asks of every joint."""
-    row = inertia(plant.rig, state.q[None], joint)[0]
-    return row / (row[joint] + plant.armature[joint])
 
 
 def borne(plant: Model, joint: int, state: State, torque: float, leaning: float | None = None) -> Borne:
@@ -55,12 +45,13 @@ def borne(plant: Model, joint: int, state: State, torque: float, leaning: float 
 
     `leaning`: what the torque holds at rest, N m; None: what the link asks for.
     """
-    q, rate = float(state.q[joint]), float(state.v[joint])
+    q, rate, mass = float(state.q[joint]), float(state.v[joint]), inertia(plant.rig, state.q[None], joint)[0]
+    across = mass / (mass[joint] + plant.armature[joint])
     terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
     asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
     slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
     if rate:
         brake = slides[rate > 0]
-        return Borne(brake, asked - brake)
+        return Borne(brake, asked - brake, across=across)
     held = asked if leaning is None else leaning
-    return Borne(min(max(torque - held, slides[0]), slides[1]), asked)
+    return Borne(min(max(torque - held, slides[0]), slides[1]), asked, across=across)

@@ -134,18 +134,27 @@ def test_a_cause_of_no_size_changes_nothing(name: str) -> None:
     np.testing.assert_allclose(log.q, clean.q, atol=tolerance)
 
 
-@pytest.mark.parametrize("name", [name for name in sorted(SOME) if issubclass(CAUSES[name], Signal)])
-def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it(name: str) -> None:
-    """Passing the logged command through the signal's array form drives the plant along the logged angles."""
-    signal = parse_effect(f"{name}:{SOME[name]}", rig())
+SIGNALS = [f"{name}:{SOME[name]}" for name in sorted(SOME) if issubclass(CAUSES[name], Signal)]
+
+
+@pytest.mark.parametrize("text", [*SIGNALS, "backlash:tilt:gap=0.002,inertia=0.0005,rotor_share=0.2"])
+def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it(text: str) -> None:
+    """Passing the logged command through the signal's array form drives the plant along the logged angles.
+
+    A link that the encoder does not see pushes the other joints by its own acceleration.
+    """
+    signal = parse_effect(text, rig())
     assert isinstance(signal, Signal)
     log = run(nominal(rig()), (signal,))
     acting, j = np.array(log.tau), rig().joint_index("tilt")
     states = map(State, log.q, log.v)
-    bears = [Borne(0.0, 0.0), *(borne(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist()))]
+    bears = [borne(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist())]
+    brake, load = (np.array([0.0, *x]) for x in ([one.brake for one in bears], [one.load for one in bears]))
     # The drive has been at rest for ever, the array form would settle on its first sample.
-    command, known = np.concatenate([[0.0], log.tau[:, j]]), Borne(*np.array(bears).T)
-    acting[:, j] = signal.along(command, DT, known)[1:]
+    passed = signal.along(np.concatenate([[0.0], log.tau[:, j]]), DT, Borne(brake, load))[1:]
+    across = np.array([one.across for one in bears])
+    acting -= signal.spread(acting[:, j] - passed, j, across)
+    assert np.any(across[:, 1 - j] != 0)
     np.testing.assert_allclose(replayed(nominal(rig()), log, acting), log.q, atol=1e-12)
     assert np.abs(replayed(nominal(rig()), log, np.array(log.tau)) - log.q).max() > 1e-5
 
