@@ -131,7 +131,7 @@ def swung(rig: Rig, part: Part, spring: Sprung, begun: Array, about: Swing | Non
 
 
 def axes(rig: Rig, q: Array, joint: int) -> Array:
-    """``z_i · z_j``, (m, n), of a joint and those that carry it: what a round rotor there asks of every joint."""
+    """``z_i · z_j``, (m, n), of a joint and those that carry it: what a round rotor there, not geared, asks of all."""
     phi = np.zeros_like(rig.phi)
     phi[:: len(PHI)] = WEIGHTLESS
     phi[[10 * joint + PHI.index(symbol) for symbol in ("Ixx", "Iyy", "Izz")]] = 1.0
