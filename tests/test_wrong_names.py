@@ -30,7 +30,7 @@ from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
 from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.noiselike import uneven
 from gimbal_pin.diagnosis.reported import rough
-from gimbal_pin.diagnosis.score import NOTHING
+from gimbal_pin.diagnosis.score import NOTHING, silences
 from gimbal_pin.diagnosis.search import polished
 from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.diagnosis.shapes import measure
@@ -297,6 +297,20 @@ def test_a_limit_that_always_bites_is_none() -> None:
     often, seldom = np.quantile(np.abs(log.tau[:, rig.joint_index("tilt")]), [0.3, 0.8])
     assert np.any(state.columns(Saturation("tilt", float(seldom))).own)
     assert not np.any(state.columns(Saturation("tilt", float(often))).own)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
+def test_what_takes_any_torque_off_silences_and_what_explains_it_does_not(share: float) -> None:
+    """Of ``(1 - share) target`` as little is unexplained in proportion; what was lost alone leaves nothing at all.
+
+    Where all is taken nothing is left to explain, and what is left is the rest of the model's.
+    """
+    target, residual = RNG(0).normal(size=(2, 500))
+    taken, after = share * target, (1.0 - share) * residual
+    loud = float(np.sum(residual**2) - np.sum(after**2))
+    assert silences(target, residual, taken, after, loud)
+    assert not silences(target, taken, taken, 0.0 * taken, float(np.sum(taken**2)))
+    assert silences(target, taken, target, 1e-3 * taken, float(np.sum(taken**2)))
 
 
 def test_a_lag_in_less_than_the_sensors_noise_only_takes_that_away() -> None:

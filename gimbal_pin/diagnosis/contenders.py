@@ -10,7 +10,7 @@ from gimbal_pin.diagnosis.columns import PUSHED, Columns, Stand, build, plain_co
 from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.nearness import nearness, span
-from gimbal_pin.diagnosis.score import Score, all_gained, gained, score
+from gimbal_pin.diagnosis.score import CLEARED, Score, all_gained, gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
@@ -41,8 +41,6 @@ LINE = 5.0
 """Gain of a harmonic over the median of those from which it is a line."""
 UNLIKE = 0.5
 """Cosine under which two harmonics are functions of their own on a log."""
-CLEARED = 0.25
-"""What is left with a signal over what of the unexplained torque it passes on, from which the signal explains it."""
 
 
 def ranked(state: State, columns: Sequence[Columns]) -> list[tuple[float, Columns]]:

@@ -22,6 +22,8 @@ OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
 SILENCED = 1.5
 """Gain of a drive's signal over what as much less torque leaves unexplained less, under which it does only that."""
+CLEARED = 0.25
+"""What is left with a drive's signal over what of the unexplained torque it passes on, from which it explains that."""
 SMOOTH = 25
 """Frequencies over which a residual's spectrum is averaged."""
 FEW = 12.0
@@ -120,7 +122,8 @@ def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list
     beside, c = Beside.of(candidates), candidates[0].own.shape[-1]
     S, rows = now.weighted(beside), now.rows(beside.joint)
     whole, target, residual = products(S, c), now.target[rows], now.residual[rows]
-    gram, s = whole - products(now.along(S, beside.joint), c), (residual @ S).reshape(-1, c)
+    along = now.along(S, beside.joint)
+    gram, s = whole - products(along, c), (residual @ S).reshape(-1, c)
     own = fitting(gram, s)
     lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
     visible = share(gram, whole) * np.array([one.bulk for one in candidates])
@@ -129,7 +132,8 @@ def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list
     beta = np.ones_like(own) if fixed else own
     gain = np.sum(beta * (2 * s - (gram @ beta[..., None])[..., 0]), axis=1)
     if fixed:
-        wrong |= [silences(target, residual, x, y) for x, y in zip(S.T, gain.tolist())]
+        after = residual[:, None] - S + now.basis[rows] @ along
+        wrong |= [silences(target, residual, *one) for one in zip(S.T, after.T, gain.tolist())]
     every, nothing = map(Gained, gain.tolist(), beta, own, visible.tolist()), np.zeros(0)
     return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
 
@@ -183,12 +187,16 @@ def inverse(gram: Array, share: float) -> Array:
     return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
 
 
-def silences(target: Array, residual: Array, taken: Array, gain: float) -> bool:
-    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained."""
+def silences(target: Array, residual: Array, taken: Array, after: Array, gain: float) -> bool:
+    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained.
+
+    One that leaves next to nothing of what is unexplained of the share that it passes on does more, however much it
+    takes; `after` is the residual at its joint once it is in.
+    """
     rows = taken != 0
-    whole = float(np.sum(target[rows] ** 2))
-    less = 1.0 - float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
-    return gain < SILENCED * less * float(np.sum(residual[rows] ** 2))
+    whole, missed = float(np.sum(target[rows] ** 2)), float(np.sum(residual[rows] ** 2))
+    passed = float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
+    return gain < SILENCED * (1.0 - passed) * missed and float(np.sum(after[rows] ** 2)) > CLEARED * passed * missed
 
 
 def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
