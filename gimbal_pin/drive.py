@@ -11,7 +11,7 @@ from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model, brakes
 from gimbal_pin.plant import State
-from gimbal_pin.regressor import inertia
+from gimbal_pin.regressor import across, inertia
 from gimbal_pin.rig import Rig
 
 
@@ -28,15 +28,14 @@ class Drive:
         """Return the mean torque that acts over the next interval, N m, (n,), from a state of the plant."""
         if not self.chain:
             return command
-        out, nowhere = np.array(command, dtype=float), np.zeros(len(command))
+        out = np.array(command, dtype=float)
         for i, (j, signal) in enumerate(self.chain):
             given, load = float(out[j]), None
             if signal.geared and self.plant is not None and state is not None:
                 load = borne(self.plant, j, state, given, signal.leaning(self.memory[i]))
             beside = 0.0 if load is None else float(signal.beside(load))
             self.memory[i], passed = signal.step(self.memory[i], given + beside, self.dt)
-            across = nowhere if load is None or load.across is None else load.across
-            out -= signal.spread(given + beside - passed, j, across)
+            out -= signal.spread(given + beside - passed, j, len(out), load)
         return out
 
 
@@ -45,13 +44,13 @@ def borne(plant: Model, joint: int, state: State, torque: float, leaning: float 
 
     `leaning`: what the torque holds at rest, N m; None: what the link asks for.
     """
-    q, rate, mass = float(state.q[joint]), float(state.v[joint]), inertia(plant.rig, state.q[None], joint)[0]
-    across = mass / (mass[joint] + plant.armature[joint])
+    q, rate = float(state.q[joint]), float(state.v[joint])
+    push = across(inertia(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint])
     terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
     asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
     slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
     if rate:
         brake = slides[rate > 0]
-        return Borne(brake, asked - brake, across=across)
+        return Borne(brake, asked - brake, across=push)
     held = asked if leaning is None else leaning
-    return Borne(min(max(torque - held, slides[0]), slides[1]), asked, across=across)
+    return Borne(min(max(torque - held, slides[0]), slides[1]), asked, across=push)

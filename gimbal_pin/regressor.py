@@ -58,9 +58,28 @@ def weight(rig: Rig, q: Array, platform: Platform | None = None) -> Array:
 
 def inertia(rig: Rig, q: Array, joint: int) -> Array:
     """``M_j(q)``: torque at every joint for a unit acceleration of one, kg m², (N, n); angles (N, n)."""
+    return rnea(rig.weightless, q, np.zeros_like(q), unit_of(q, joint))
+
+
+def inertia_columns(rig: Rig, q: Array, joint: int) -> Array:
+    """Columns of `inertia`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`."""
+    return regressor(rig.weightless, q, np.zeros_like(q), unit_of(q, joint))
+
+
+def unit_of(q: Array, joint: int) -> Array:
+    """One in a joint's column, zero elsewhere, of the shape of q, (N, n)."""
     unit = np.zeros_like(q)
     unit[:, joint] = 1.0
-    return rnea(rig, q, np.zeros_like(q), unit) - weight(rig, q)
+    return unit
+
+
+def across(mass: Array, joint: int, rotor: float = 0.0) -> Array:
+    """``M_j / (M_jj + rotor)``: what 1 N m that speeds a joint up asks of every joint, (..., n), of its M_j, (..., n).
+
+    Nothing where M_jj is of no body's; `rotor`: armature beside it, kg m².
+    """
+    own = mass[..., [joint]] + rotor
+    return np.asarray(mass / own) if np.all(own > 0) else np.zeros_like(mass)
 
 
 def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:

@@ -123,6 +123,13 @@ class Rig:
             raise RigError(f"rig {self.name}", f"has no joint '{joint}'", f"its joints are {', '.join(self.joints)}")
         return self.joints.index(joint)
 
+    @cached_property
+    def weightless(self) -> Rig:
+        """The rig where nothing weighs: what its joints are asked for is inertia alone."""
+        model = self.model.copy()
+        model.gravity = pin.Motion.Zero()
+        return replace(self, model=model)
+
     def with_phi(self, phi: Array) -> Rig:
         """Return the rig with other inertial parameters in its model, (10 n,); its URDF text stays as it is."""
         model = self.model.copy()

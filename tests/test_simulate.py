@@ -153,7 +153,7 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     # The drive has been at rest for ever, the array form would settle on its first sample.
     passed = signal.along(np.concatenate([[0.0], log.tau[:, j]]), DT, Borne(brake, load))[1:]
     across = np.array([one.across for one in bears])
-    acting -= signal.spread(acting[:, j] - passed, j, across)
+    acting -= signal.spread(acting[:, j] - passed, j, acting.shape[1], Borne(0.0, 0.0, across=across))
     assert np.any(across[:, 1 - j] != 0)
     np.testing.assert_allclose(replayed(nominal(rig()), log, acting), log.q, atol=1e-12)
     assert np.abs(replayed(nominal(rig()), log, np.array(log.tau)) - log.q).max() > 1e-5

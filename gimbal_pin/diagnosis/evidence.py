@@ -117,8 +117,7 @@ class Part(NamedTuple):
         if borne is not None and borne.taken is not None:
             return borne.taken
         loss = torque[:, joint] - self.acted(signal, torque[:, joint], joint, borne)
-        nowhere = np.zeros(torque.shape[1])
-        return signal.spread(loss, joint, nowhere if borne is None or borne.across is None else borne.across)
+        return signal.spread(loss, joint, torque.shape[1], borne)
 
     @property
     def still(self) -> Flags:

@@ -9,14 +9,14 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.links import begun
-from gimbal_pin.diagnosis.state import State, pushing, refitted, sized
+from gimbal_pin.diagnosis.state import State, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.identification import units
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model, brakes
-from gimbal_pin.regressor import inertia
+from gimbal_pin.regressor import across, inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,8 @@ class Extended:
             link = begun(self.model.rig, part, signal, command - whole)
             if link is not None:
                 return Borne(brake, asked - brake, taken=link.asked)
-        across = pushing(inertia(self.model.rig, c.q, joint), joint)
-        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, across)
+        push = across(inertia(self.model.rig, c.q, joint), joint, self.model.armature[joint])
+        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push)
 
 
 def extended(state: State) -> Extended:

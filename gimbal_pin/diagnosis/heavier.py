@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.finding import Untestable
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
-from gimbal_pin.regressor import regressor
+from gimbal_pin.regressor import inertia_columns
 from gimbal_pin.rows import columns_of
 
 POSES = 50
@@ -49,7 +49,5 @@ def inertias(found: Difference, q: Array, hidden: Sequence[Untestable] = ()) -> 
 def inertia_row(found: Difference, q: Array, joint: int) -> Array:
     """Base parameters → mean of M_jj over some of the poses q, (b,): torque of a unit acceleration, less gravity's."""
     some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
-    unit, places = np.zeros_like(some), columns_of(found.rig, found.reduction)
-    unit[:, joint] = 1.0
-    moved, still = (regressor(found.rig, some, 0 * some, a)[:, joint, places] for a in (unit, 0 * unit))
-    return np.asarray(np.mean(moved - still, axis=0))
+    columns = inertia_columns(found.rig, some, joint)[:, joint, columns_of(found.rig, found.reduction)]
+    return np.asarray(np.mean(columns, axis=0))

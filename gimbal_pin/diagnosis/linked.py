@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.diagnosis.links import Link, carried, swung
-from gimbal_pin.diagnosis.state import State, refitted, solved, without
+from gimbal_pin.diagnosis.state import State, left, refitted, solved, without
 from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import regressor
@@ -87,11 +87,6 @@ def usual(spring: Sprung) -> Sprung:
     share = min(max(spring.rotor_share, LEAST), MOST)
     other = spring.moved("frequency", spring.frequency * (spring.rotor_share / share) ** 0.5)
     return other if isinstance(other, Sprung) else spring
-
-
-def left(state: State) -> float:
-    """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
-    return float(np.sum(np.log(state.fit.dispersion)))
 
 
 @dataclass(frozen=True, eq=False)

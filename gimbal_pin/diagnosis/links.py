@@ -135,9 +135,7 @@ def axes(rig: Rig, q: Array, joint: int) -> Array:
     phi = np.zeros_like(rig.phi)
     phi[:: len(PHI)] = WEIGHTLESS
     phi[[10 * joint + PHI.index(symbol) for symbol in ("Ixx", "Iyy", "Izz")]] = 1.0
-    unit = np.zeros_like(q)
-    unit[:, joint] = 1.0
-    return rnea(rig.with_phi(phi), q, np.zeros_like(q), unit)
+    return inertia(rig.with_phi(phi), q, joint)
 
 
 def begun(rig: Rig, part: Part, spring: Sprung, left: Array) -> Link | None:

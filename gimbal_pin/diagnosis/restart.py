@@ -8,9 +8,9 @@ from gimbal_pin.diagnosis.contenders import PENALTY, possible
 from gimbal_pin.diagnosis.couples import ranked
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.search import forward, left, polished, swapped
+from gimbal_pin.diagnosis.search import forward, polished, swapped
 from gimbal_pin.diagnosis.shapes import free, measure
-from gimbal_pin.diagnosis.state import State, solved, without
+from gimbal_pin.diagnosis.state import State, left, solved, without
 
 CLEARER = float(np.log(2.0))
 """Fall of what is left from which another start of the search led to something better: by half for each cause more."""

@@ -11,10 +11,10 @@ from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hu
 from gimbal_pin.diagnosis.fit import improves
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.linked import left, linked
+from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.score import Score
 from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, refined, same, shape_names, worth
-from gimbal_pin.diagnosis.state import State, consistent, solved, without
+from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 

@@ -18,7 +18,7 @@ from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
 from gimbal_pin.model import brakes, friction_effects
 from gimbal_pin.reduction import Reduction
-from gimbal_pin.regressor import regressor
+from gimbal_pin.regressor import across, inertia_columns, regressor
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Flags, columns_of
 
@@ -79,17 +79,12 @@ class Problem:
     def masses(self) -> list[list[Array]]:
         """Base columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
         rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
-        out: list[list[Array]] = [[] for _ in rig.joints]
-        for q in (part.channels.q for part in self.evidence.parts):
-            nil = np.zeros_like(q)
-            rest = regressor(rig, q, nil, nil)[:, :, places]
-            for one, unit in zip(out, np.eye(rig.n)):
-                one.append(regressor(rig, q, nil, nil + unit)[:, :, places] - rest)
-        return out
+        every = [part.channels.q for part in self.evidence.parts]
+        return [[inertia_columns(rig, q, j)[:, :, places] for q in every] for j in range(rig.n)]
 
-    def across(self, j: int, beta: Array) -> list[Array]:
+    def asked(self, j: int, beta: Array) -> list[Array]:
         """What base parameters, (b,), say that 1 N m at one joint's link asks of every joint, (m, n) per part."""
-        return [pushing(columns @ beta, j) for columns in self.masses[j]]
+        return [across(columns @ beta, j) for columns in self.masses[j]]
 
     @cached_property
     def friction(self) -> tuple[Effect, ...]:
@@ -159,8 +154,8 @@ class State:
         ]
         return [
             [
-                Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], across)
-                for (x, y, z, tau, still), across in zip(rows, problem.across(j, theta[:at]))
+                Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], asked)
+                for (x, y, z, tau, still), asked in zip(rows, problem.asked(j, theta[:at]))
             ]
             for j in range(evidence.rig.n)
         ]
@@ -218,6 +213,11 @@ class State:
         raise ValueError(f"{cause.name} was not chosen")
 
 
+def left(state: State) -> float:
+    """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
+    return float(np.sum(np.log(state.fit.dispersion)))
+
+
 def width(cause: Cause) -> int:
     """Coefficients that a cause adds to theta."""
     return len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))
@@ -257,12 +257,6 @@ def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bear
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
     return [x - part.lost(signal, x, j, y) for part, x, y in zip(evidence.parts, torque, borne)]
-
-
-def pushing(inertia: Array, j: int) -> Array:
-    """``M_j / M_jj``, (m, n), of a joint's row of the mass matrix, (m, n); nothing where that is of no body's."""
-    own = inertia[:, j]
-    return inertia / own[:, None] if np.all(own > 0) else np.zeros_like(inertia)
 
 
 def refitted(problem: Problem, theta: Array) -> Rig:

@@ -139,15 +139,17 @@ class Signal(Cause):
         beside = self.beside(borne)
         return np.asarray(self.acting(command + beside, dt) - beside)
 
-    def spread(self, loss: Value, joint: int, across: Array) -> Array:
+    def spread(self, loss: Value, joint: int, joints: int, borne: Borne | None) -> Array:
         """``M_ij / ((1 - r) M_jj) loss``: what a signal takes from every joint, N m, (..., n), where it takes one loss.
 
         The loss is what the link's unseen acceleration asks for, ``(1 - r) M_jj δ''``, and that asks it of the other
         joints too (Spong, J. Dyn. Sys. Meas. Control 109, 1987: joints that give, the rotors' spin left out).
         """
-        taken = np.asarray(loss)[..., None] * across * (1 / self.unseen if self.unseen else 0.0)
+        taken = np.zeros((*np.shape(loss), joints))
+        if self.unseen and borne is not None and borne.across is not None:
+            taken += np.asarray(loss)[..., None] * borne.across / self.unseen
         taken[..., joint] = loss
-        return np.asarray(taken)
+        return taken
 
     @property
     def largest(self) -> float:
