@@ -116,7 +116,19 @@ def test_friction_that_begins_where_a_cable_comes_taut_is_a_stops(mu: float) -> 
     found = state(plant, CABLE, UNEVEN)
     assert found.coefficients(found.causes[0])[0] == pytest.approx(2.0, rel=0.2)
     assert all(related(found, cause) for cause in found.causes)
-    assert not rubs(state(plant, CABLE), CABLE)
+    assert rubs(state(plant, CABLE), CABLE)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+@pytest.mark.parametrize(
+    "form", [{"taut": 2, "upper": 0.2, "lower": -0.1}, {"taut": -1, "lower": -0.1}, {"growth": 0.2}]
+)
+def test_a_cables_pull_without_friction_in_proportion_to_it_is_a_cables(form: dict[str, float], mu: float) -> None:
+    """Whatever its form, and whether or not any other friction was found beside it."""
+    cable, stop = CableSpring(JOINT, **form), Rubbing(JOINT, **form)  # type: ignore[arg-type]
+    values = (1.0, 0.8)[: len(cable.coefficients)]
+    terms = (*nominal(RIG).terms, Term(cable, values), Term(stop, tuple(mu * x for x in values)))
+    assert rubs(state(replace(nominal(RIG), terms=terms), cable), cable) == (mu > 0)
 
 
 @pytest.mark.parametrize("harmonic", [1.0, 2.0, 5.0])

@@ -37,7 +37,7 @@ from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.together import once
 from gimbal_pin.diagnosis.trusted import Case, confirmed
-from gimbal_pin.diagnosis.verdict import loudness
+from gimbal_pin.diagnosis.verdict import goes_on, loudness, misses
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cause import Cause
@@ -47,6 +47,7 @@ from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
+from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import Saturation
@@ -360,6 +361,42 @@ def test_beside_structure_a_further_cause_must_gain_much() -> None:
 
     assert least("tilt") == [CONFIRMED, LENT]
     assert least("roll") == [CONFIRMED, CONFIRMED]
+
+
+def test_what_the_rigid_model_shares_must_gain_much_beside_structure_at_another_joint() -> None:
+    rig = Rig.load("thesis")
+    gain, friction = TorqueBias("tilt"), Stribeck("tilt", 0.2, 2)
+    state = fitted(rig, recorded(rig), gain, friction)
+
+    def least(state_: str) -> list[float]:
+        residual = tuple(Residual(state_ if joint == "roll" else "noise", 1.0, 1.0, "") for joint in rig.joints)
+        found = Searched(shelf(state), state, state, state, residual, (), np.zeros(1))
+        return asked(found, state, [1.3, 1.1])
+
+    assert least("structured") == [LENT, CONFIRMED]
+    assert least("noise") == [CONFIRMED, CONFIRMED]
+
+
+@pytest.mark.parametrize("planted", [True, False])
+def test_a_limit_leaves_nothing_where_it_bites(planted: bool) -> None:
+    rig = Rig.load("thesis")
+    log = recorded(rig)
+    assert log.tau is not None
+    peak, j = float(np.max(np.abs(log.tau[:, 0]))), 0
+    limit, command = Saturation(rig.joints[j], 1.2 * peak, knee=3.0), np.linspace(-3 * peak, 3 * peak, 100001)
+    asked_for = log.tau.copy()
+    asked_for[:, j] = np.interp(log.tau[:, j], limit.passed(command), command)
+    state = fitted(rig, replace(log, tau=asked_for) if planted else log, limit)
+    assert misses(state, state.causes[0]) == (not planted)
+
+
+@pytest.mark.parametrize(("last", "loud"), [(12.0, True), (11.0, True), (12.0, False)])
+def test_harmonics_up_to_the_last_that_is_tried_draw_what_is_none(last: float, loud: bool) -> None:
+    rig = Rig.load("thesis")
+    cause = PositionDependentFriction("tilt", (9.0, last))
+    state = fitted(rig, noisy(recorded(rig), 0.1, 6.0, 0) if loud else recorded(rig), cause)
+    assert (state.fit.dispersion[rig.joint_index("tilt")] > MUCH) == loud
+    assert goes_on(state, cause) == (loud and last == cause.highest)
 
 
 def test_a_cause_found_twice_is_told_once() -> None:

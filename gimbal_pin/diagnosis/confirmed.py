@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.diagnosis.contenders import resists
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.searched import Searched, left_over
 from gimbal_pin.diagnosis.shapes import worth
 from gimbal_pin.diagnosis.state import State, solved, without
-from gimbal_pin.effects import Cause
+from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.rows import Flags
 
 STRAYED = 1.1
@@ -24,9 +25,9 @@ CLEAR = 1.1
 """Gain at the other angles from which it does not count that a cause loses by all of them."""
 ENOUGH = 0.2
 """Share of them that must be left to judge by."""
-LENT = 1.25
-"""Held-out error without a cause over that with it, from which one of several is believed where structure is left: by
-less than a fifth of the error, it may be what the others' forms and the unknown lend to it."""
+LENT = 2**0.5
+"""Held-out error without a cause over that with it, from which one of several is believed where structure is left: if
+it explains less of the error's power than is left, it may be what the others' forms and the unknown lend to it."""
 
 
 def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Searched:
@@ -57,11 +58,21 @@ def confirmed(found: Searched, held: Evidence, rng: np.random.Generator) -> Sear
 
 
 def asked(found: Searched, final: State, ratios: Sequence[float]) -> list[float]:
-    """Least `confirmation` of each cause: more of all but the strongest, where structure is left at its joint."""
+    """Least `confirmation` of each cause: more of all but the strongest, where structure is left at its joint.
+
+    What is left at another joint lends to it, too: the rigid model, which the joints share, takes up what it can there,
+    and asks for it here. Friction shares nothing.
+    """
     joints = final.problem.evidence.rig.joints
     left = {joint for joint, one in zip(joints, found.residual) if one.state == "structured"}
     most = max(ratios, default=0.0)
-    return [LENT if cause.place in left and x < most else CONFIRMED for cause, x in zip(final.causes, ratios)]
+
+    def lent(cause: Cause, ratio: float) -> bool:
+        if cause.place in left:
+            return ratio < most
+        return bool(left) and cause.of_joint and not (isinstance(cause, Effect) and resists(cause))
+
+    return [LENT if lent(cause, x) else CONFIRMED for cause, x in zip(final.causes, ratios)]
 
 
 def figures(held: Evidence, state: State) -> tuple[Figures, list[Figures]]:

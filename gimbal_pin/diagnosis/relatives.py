@@ -10,11 +10,12 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import plain_columns
 from gimbal_pin.diagnosis.contenders import PENALTY
-from gimbal_pin.diagnosis.fit import refit
+from gimbal_pin.diagnosis.fit import Fit, refit
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.shapes import free
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect, Signal
+from gimbal_pin.log import Array
 
 ASIDE = 0.15
 """Share of a joint's dry friction that may be none of its bristles': they are the friction of its bearing, and what
@@ -58,23 +59,39 @@ def sags(state: State, cause: Cause) -> bool:
 
 
 def rubs(state: State, cause: Cause) -> bool:
-    """Whether a cable and friction at its joint are one stop, or a guide, that pushes back and is rubbed against.
+    """Whether a cable is a stop, or a guide, that pushes back and is rubbed against.
 
-    ``tau = p(q) + mu |p(q)| slide``, p what the cable's formula says and mu Coulomb's: a cable pulls without friction,
-    and friction of a bearing knows nothing of where a cable comes taut. They are one where mu alone gains as much as
-    all that the friction's formula has free.
+    ``tau = p(q) + mu |p(q)| slide``, p what the cable's formula says and mu Coulomb's: a cable pulls without friction.
+    Such friction shows in what is left, or the friction that was found beside the cable stands for it: of a bearing,
+    it knows nothing of where a cable comes taut.
     """
     here = [c for c in state.causes if isinstance(c, Effect) and c.place == cause.place]
-    cables = [c for c in here if c.restoring]
-    pairs = [(cable, other) for cable in cables for other in here if other.dry and cause in (cable, other)]
-    return any(rubbed(state, *pair) for pair in pairs)
+    cables, frictions = [c for c in here if c.restoring], [c for c in here if c.dry]
+    pairs = [(cable, other) for cable in cables for other in frictions if cause in (cable, other)]
+    if cause in cables or pairs:
+        return any(rubbing_left(state, cable) for cable in cables) or any(rubbed(state, *pair) for pair in pairs)
+    return False
+
+
+def rubbing_left(state: State, cable: Effect) -> bool:
+    """Whether friction in proportion to a cable's pull explains what is left with all that was found."""
+    j, n, now = state.problem.evidence.rig.joint_index(cable.joint), len(state.fit.scale), state.fit
+    after = rubbing(state, cable, state.coefficients(cable))
+    rest, before = (float(np.sum(x.residual[j::n] ** 2)) for x in (after, now))
+    return bool(after.theta[-1] > 0) and rest < (1 - TAKEN) * before
 
 
 def rubbed(state: State, cable: Effect, friction: Effect) -> bool:
-    """Whether friction in proportion to a cable's pull stands for one that was found beside it."""
-    base, evidence = without(state, friction), state.problem.evidence
-    j = evidence.rig.joint_index(cable.joint)
-    pulls = [x @ base.coefficients(cable) for x in plain_columns(evidence, cable, base.load)]
-    columns = [np.abs(pull) * part.slide[:, j] for pull, part in zip(pulls, evidence.parts)]
-    after = refit(base.fit, evidence.whiten(columns, j)[:, None], j, evidence.used())
+    """Whether friction in proportion to a cable's pull gains as much as one that was found beside it."""
+    base = without(state, friction)
+    after = rubbing(base, cable, base.coefficients(cable))
     return bool(after.theta[-1] > 0) and after.cost + PENALTY < state.fit.cost + PENALTY * free(friction)
+
+
+def rubbing(state: State, cable: Effect, values: Array) -> Fit:
+    """Fit ``|p| slide`` beside a state; its coefficient comes last."""
+    evidence = state.problem.evidence
+    j = evidence.rig.joint_index(cable.joint)
+    pulls = [x @ values for x in plain_columns(evidence, cable, state.load)]
+    columns = [np.abs(pull) * part.slide[:, j] for pull, part in zip(pulls, evidence.parts)]
+    return refit(state.fit, evidence.whiten(columns, j)[:, None], j, evidence.used())

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.score import Score
-from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, refined, same, shape_names, worth
+from gimbal_pin.diagnosis.shapes import COARSE, FINE, form, free, measure, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -189,7 +189,9 @@ def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | 
         rows = [*rivals_of(base, group[0], shelf), *variants(base, group[0], shelf)]
         own += PENALTY
     else:
-        rows = contenders(base, shelf, spot(group[0]))
+        # Two causes that stand have been refined for long: beside them the last coarse step of a shape is much.
+        finer = [refined(base, cause, FINE) for _, cause in contenders(base, shelf, spot(group[0]))[:1]]
+        rows = [(measure(base, cause), cause) for cause in finer]
     best = max(rows, key=lambda row: net(*row), default=None)
     return solved(state.problem, with_cause(others, best[1]), state) if best and net(*best) > own else None
 

@@ -18,6 +18,7 @@ from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.wandering import hides, steady
 from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import weight
@@ -230,7 +231,35 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
-    return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(without(state, cause), cause)
+    poor = bool(loud or np.any((after > MUCH) & (explained < least)))
+    return poor or goes_on(state, cause) or misses(state, cause) or at_bound(without(state, cause), cause)
+
+
+def misses(state: State, cause: Cause) -> bool:
+    """Whether a drive's clip or gap leaves much where it takes most: it is local in the torque, and all of it there.
+
+    ``Σ x² r² / Σ x²`` is what is left there, x what it takes and r the residual in units of noise.
+    """
+    if not isinstance(cause, Static):
+        return False
+    base, j = without(state, cause), state.problem.evidence.rig.joint_index(cause.joint)
+    taken = np.sum(base.columns(cause).at(j).own ** 2, axis=1)
+    before, after = (
+        float(taken @ (x.fit.residual[x.fit.rows(j)] / x.fit.scale[j]) ** 2 / max(float(np.sum(taken)), 1e-300))
+        for x in (base, state)
+    )
+    return after > MUCH and 1 - (after - 1) / max(before - 1, 1e-9) < PLAIN
+
+
+def goes_on(state: State, cause: Cause) -> bool:
+    """Whether harmonics of the angle go on to the highest that is looked for, and much is left: no few of them are it.
+
+    A bump, or an edge, is drawn by as many as there are, and by more than those.
+    """
+    if not isinstance(cause, Harmonic):
+        return False
+    j = state.problem.evidence.rig.joint_index(cause.joint)
+    return max(cause.harmonic) >= cause.highest and bool(state.fit.dispersion[j] > MUCH)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
