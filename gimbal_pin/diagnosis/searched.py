@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.search import polished, pruned
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.wandering import calmed, reconsidered
-from gimbal_pin.effects import Cause
+from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array
 
@@ -76,6 +76,8 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     state, small = pruned(state, limit, verdict.material)
     state = reconsidered(polished(state, step=FINE), shelf)
     final = believed(first, state)
+    if swings(state, final):
+        final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))
     lost = [cause for cause in state.causes if cause not in final.causes]
     doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
     residual = left_over(state, doubtful, rng)
@@ -88,6 +90,21 @@ def believed(first: State, state: State) -> State:
     if len(trusted) == len(state.causes):
         return state
     return believed(first, solved(state.problem, trusted, state))
+
+
+def swings(state: State, final: State) -> bool:
+    """Whether one of several springs is none, and leaves more than any sensor's noise: then none of them is one.
+
+    A mount, or a load that is not rigid, rings at all joints, and each of them looks as if it gave.
+    """
+    joints = state.problem.evidence.rig.joints
+    lost = [joints.index(c.place) for c in state.causes if springy(c) and c not in final.causes]
+    return any(map(springy, final.causes)) and bool(np.any(final.fit.dispersion[lost] > leftover.NOISY))
+
+
+def springy(cause: Cause) -> bool:
+    """Whether a cause is a joint that gives."""
+    return isinstance(cause, Signal) and cause.springy
 
 
 def untrusted(first: State, state: State, cause: Cause) -> bool:

@@ -252,14 +252,15 @@ def misses(state: State, cause: Cause) -> bool:
 
 
 def goes_on(state: State, cause: Cause) -> bool:
-    """Whether harmonics of the angle go on to the highest that is looked for, and much is left: no few of them are it.
+    """Whether harmonics of the angle run on into the last two that are tried, and much is left: no few of them are it.
 
-    A bump, or an edge, is drawn by as many as there are, and by more than those.
+    What repeats with a tooth has multiples of one harmonic. A bump once in a turn has all up to its width's, and what
+    lies beyond the last is left.
     """
     if not isinstance(cause, Harmonic):
         return False
     j = state.problem.evidence.rig.joint_index(cause.joint)
-    return max(cause.harmonic) >= cause.highest and bool(state.fit.dispersion[j] > MUCH)
+    return {cause.highest - 1.0, float(cause.highest)} <= {*cause.harmonic} and bool(state.fit.dispersion[j] > MUCH)
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
