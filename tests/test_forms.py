@@ -27,6 +27,7 @@ from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import CLOSE, Saturation
+from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
@@ -67,6 +68,14 @@ def test_a_bias_is_coulomb_friction_that_differs_by_direction() -> None:
     bias, uneven = TorqueBias("tilt"), AsymmetricFriction("tilt")
     np.testing.assert_array_equal(Term(bias, (0.3,)).torque(at) * np.ones(2), Term(uneven, (0.3, 0.0)).torque(at))
     assert uneven.name in bias.blurred(SEEN)
+
+
+def test_stribecks_speeds_that_are_passed_within_a_bristles_stroke_are_bristles() -> None:
+    """Of one joint that swings by an angle A at Ω: it is at ``v = A Ω² t`` after ``A Ω² t²/2`` of way."""
+    slow, quick = Stribeck("tilt", 0.02), Stribeck("tilt", 0.01)
+    assert "presliding" in quick.blurred(SEEN) and "presliding" not in slow.blurred(SEEN)
+    assert "presliding" in slow.blurred(SEEN._replace(rate=4.0, travel=2.0))
+    assert "presliding" not in quick.blurred(SEEN._replace(rate=0.5))
 
 
 def test_the_gains_of_both_directions_are_that_of_the_whole() -> None:

@@ -356,7 +356,7 @@ def test_beside_structure_a_further_cause_must_gain_much() -> None:
 
     def least(where: str) -> list[float]:
         residual = tuple(Residual("structured" if joint == where else "noise", 1.0, 1.0, "") for joint in rig.joints)
-        found = Searched(shelf(state), state, state, state, residual, (), np.zeros(1))
+        found = Searched(shelf(state), state, state, state, residual, (), np.ones(1))
         return asked(found, state, [3.0, 1.1])
 
     assert least("tilt") == [CONFIRMED, LENT]
@@ -368,13 +368,14 @@ def test_what_the_rigid_model_shares_must_gain_much_beside_structure_at_another_
     gain, friction = TorqueBias("tilt"), Stribeck("tilt", 0.2, 2)
     state = fitted(rig, recorded(rig), gain, friction)
 
-    def least(state_: str) -> list[float]:
+    def least(state_: str, limit: float) -> list[float]:
         residual = tuple(Residual(state_ if joint == "roll" else "noise", 1.0, 1.0, "") for joint in rig.joints)
-        found = Searched(shelf(state), state, state, state, residual, (), np.zeros(1))
+        found = Searched(shelf(state), state, state, state, residual, (), np.full(1, limit))
         return asked(found, state, [1.3, 1.1])
 
-    assert least("structured") == [LENT, CONFIRMED]
-    assert least("noise") == [CONFIRMED, CONFIRMED]
+    assert least("structured", 1.0) == [LENT, CONFIRMED]
+    assert least("noise", 1.0) == [CONFIRMED, CONFIRMED]
+    assert least("noise", 0.0) == [LENT, LENT], "what is no clearer than the error rate asks"
 
 
 @pytest.mark.parametrize("planted", [True, False])

@@ -11,8 +11,9 @@ from gimbal_pin.diagnosis.contenders import resists
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
+from gimbal_pin.diagnosis.search import surest
 from gimbal_pin.diagnosis.searched import Searched, left_over
-from gimbal_pin.diagnosis.shapes import worth
+from gimbal_pin.diagnosis.shapes import measure, worth
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.rows import Flags
@@ -61,13 +62,17 @@ def asked(found: Searched, final: State, ratios: Sequence[float]) -> list[float]
     """Least `confirmation` of each cause: more of all but the strongest, where structure is left at its joint.
 
     What is left at another joint lends to it, too: the rigid model, which the joints share, takes up what it can there,
-    and asks for it here. Friction shares nothing.
+    and asks for it here. Friction shares nothing. What is no clearer any more than the error rate asks, now that all
+    else is told closely, must gain as much.
     """
     joints = final.problem.evidence.rig.joints
     left = {joint for joint, one in zip(joints, found.residual) if one.state == "structured"}
     most = max(ratios, default=0.0)
 
     def lent(cause: Cause, ratio: float) -> bool:
+        base = without(final, cause)
+        if surest(base, cause, measure(base, cause)) > found.limit:
+            return True
         if cause.place in left:
             return ratio < most
         return bool(left) and cause.of_joint and not (isinstance(cause, Effect) and resists(cause))

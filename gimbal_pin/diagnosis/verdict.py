@@ -248,7 +248,8 @@ def misses(state: State, cause: Cause) -> bool:
         float(taken @ (x.fit.residual[x.fit.rows(j)] / x.fit.scale[j]) ** 2 / max(float(np.sum(taken)), 1e-300))
         for x in (base, state)
     )
-    return after > MUCH and 1 - (after - 1) / max(before - 1, 1e-9) < PLAIN
+    left = max(float(state.fit.dispersion[j]), 1.0)
+    return after > MUCH * left and 1 - (after - left) / max(before - left, 1e-9) < PLAIN
 
 
 def goes_on(state: State, cause: Cause) -> bool:

@@ -10,6 +10,7 @@ from typing import ClassVar
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp, size
+from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -48,6 +49,14 @@ class Stribeck(Effect):
         slowest = max(3 * seen.rate_std, 0.01 * seen.rate)
         speeds = ladder(slowest, seen.rate / 2, 6, cls.shapes[0])
         return tuple(cls(joint, speed, exponent) for speed in speeds for exponent in (2, 1))
+
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """A joint that swings by ``travel/2`` passes such speeds within ``speed²/(2a)``, ``a = 2 rate²/travel``.
+
+        Where that is less than any bristle's stroke, the log shows friction at reversals, and not what it depends on.
+        """
+        path = seen.travel * (self.speed / max(seen.rate, 1e-300)) ** 2 / 4
+        return ("presliding",) if path < Presliding.shapes[0].lower else ()
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size and speed."""
