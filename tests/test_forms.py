@@ -27,8 +27,8 @@ from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import CLOSE, Saturation
-from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple
