@@ -11,7 +11,6 @@ from gimbal_pin.diagnosis.contenders import resists
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.search import surest
 from gimbal_pin.diagnosis.searched import Searched, left_over
 from gimbal_pin.diagnosis.shapes import measure, worth
 from gimbal_pin.diagnosis.state import State, solved, without
@@ -71,7 +70,7 @@ def asked(found: Searched, final: State, ratios: Sequence[float]) -> list[float]
 
     def lent(cause: Cause, ratio: float) -> bool:
         base = without(final, cause)
-        if surest(base, cause, measure(base, cause)) > found.limit:
+        if measure(base, cause).p > found.limit:
             return True
         if cause.place in left:
             return ratio < most
