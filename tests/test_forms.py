@@ -25,10 +25,11 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import CLOSE, Saturation
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.effects.stribeck import Stribeck
+from gimbal_pin.effects.stribeck import STROKE, Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple
@@ -72,6 +73,7 @@ def test_a_bias_is_coulomb_friction_that_differs_by_direction() -> None:
 
 def test_stribecks_speeds_that_are_passed_within_a_bristles_stroke_are_bristles() -> None:
     """Of one joint that swings by an angle A at Ω: it is at ``v = A Ω² t`` after ``A Ω² t²/2`` of way."""
+    assert Presliding.shapes[0].lower == STROKE
     slow, quick = Stribeck("tilt", 0.02), Stribeck("tilt", 0.01)
     assert "presliding" in quick.blurred(SEEN) and "presliding" not in slow.blurred(SEEN)
     assert "presliding" in slow.blurred(SEEN._replace(rate=4.0, travel=2.0))

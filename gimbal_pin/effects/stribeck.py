@@ -10,10 +10,12 @@ from typing import ClassVar
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp, size
-from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
+
+STROKE = 1e-4
+"""Shortest stroke of bristles that is looked for as presliding, rad."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Stribeck(Effect):
         Where that is less than any bristle's stroke, the log shows friction at reversals, and not what it depends on.
         """
         path = seen.travel * (self.speed / max(seen.rate, 1e-300)) ** 2 / 4
-        return ("presliding",) if path < Presliding.shapes[0].lower else ()
+        return ("presliding",) if path < STROKE else ()
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size and speed."""
