@@ -24,7 +24,7 @@ from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
 from gimbal_pin.diagnosis.heldout import CONFIRMED
-from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, Residual, judge
+from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, NOISY, Residual, judge
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
 from gimbal_pin.diagnosis.nearness import nearness, span
@@ -32,7 +32,7 @@ from gimbal_pin.diagnosis.noiselike import uneven
 from gimbal_pin.diagnosis.reported import rough
 from gimbal_pin.diagnosis.score import NOTHING, silences
 from gimbal_pin.diagnosis.search import polished
-from gimbal_pin.diagnosis.searched import Searched
+from gimbal_pin.diagnosis.searched import Searched, swings
 from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.together import once
@@ -44,6 +44,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
@@ -376,6 +377,21 @@ def test_what_the_rigid_model_shares_must_gain_much_beside_structure_at_another_
     assert least("structured", 1.0) == [LENT, CONFIRMED]
     assert least("noise", 1.0) == [CONFIRMED, CONFIRMED]
     assert least("noise", 0.0) == [LENT, LENT], "what is no clearer than the error rate asks"
+
+
+@pytest.mark.parametrize(("left", "none"), [(2 * NOISY, True), (0.5 * NOISY, False)])
+def test_springs_at_several_joints_of_which_one_is_none_are_a_mounts(left: float, none: bool) -> None:
+    """Where that one leaves more than noise: a mount that rings shows at every joint as one that gives."""
+    rig = Rig.load("thesis")
+    springs = [JointFlexibility(joint, 8.0, 0.1, 0.3) for joint in rig.joints[:2]]
+
+    def state(causes: list[JointFlexibility]) -> State:
+        problem = SimpleNamespace(evidence=SimpleNamespace(rig=rig))
+        dispersion = np.array([1.0, left, 1.0])
+        return cast(State, SimpleNamespace(problem=problem, causes=causes, fit=SimpleNamespace(dispersion=dispersion)))
+
+    assert swings(state(springs), state(springs[:1])) == none
+    assert not swings(state(springs), state(springs)) and not swings(state(springs[:1]), state([]))
 
 
 @pytest.mark.parametrize("planted", [True, False])
