@@ -131,6 +131,21 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
     return state, dropped
 
 
+def regrown(state: State, shelf: Library, limit: float, material: Callable[[State, Score], bool]) -> State:
+    """Let in again, one by one, what is clear by itself and stands: beside what was pruned it may have been hidden."""
+    while len(state.causes) < MOST:
+        rows = [row for row in contenders(state, shelf) if row[0].p < limit]
+        if not rows:
+            break
+        new = foremost(state, rows)
+        grown = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
+        after, _ = pruned(grown, limit, material)
+        if left(after) >= left(state):
+            break
+        state = after
+    return state
+
+
 def yielding(state: State, bases: Sequence[State], i: int, found: Score) -> int:
     """Which goes where cause `i` does not stand: it, or one of its joint without which it would, if that costs less.
 
@@ -181,7 +196,10 @@ def groups(causes: Sequence[Cause]) -> list[tuple[Cause, ...]]:
 
 
 def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | None:
-    """The state with the best other cause in a group's place, or None if the group fits as well."""
+    """The state with the best other cause in a group's place, or None if the group fits as well.
+
+    What reads the torque was built from one that the group is a part of: without it, too, it must leave no more.
+    """
     others = tuple(c for c in state.causes if c not in group)
     base = solved(state.problem, others, state, keep=True)
     own = base.fit.cost - state.fit.cost - PENALTY * sum(free(cause) for cause in group)
@@ -191,7 +209,10 @@ def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | 
     else:
         rows = contenders(base, shelf, spot(group[0]))
     best = max(rows, key=lambda row: net(*row), default=None)
-    return solved(state.problem, with_cause(others, best[1]), state) if best and net(*best) > own else None
+    if best is None or net(*best) <= own:
+        return None
+    after = polished(solved(state.problem, with_cause(others, best[1]), state), only=best[1])
+    return after if left(after) <= left(state) + WORSE else None
 
 
 def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:
