@@ -22,6 +22,8 @@ STEPS = 16
 """Most steps of the search: every harmonic of a cause is one."""
 WORSE = 0.1
 """Rise of what is left by which a step is none: what was there before stood on what a joint bears, and that moved."""
+CLEARER = float(np.log(2.0))
+"""Fall of what is left from which more parameters led to something better: by half."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
 SWAPS = 4
@@ -43,6 +45,8 @@ def forward(state: State, shelf: Library) -> State:
         after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
         if np.max(after.fit.dispersion) > MUCH:
             new, after = min([(new, after), *sprung(state, rows, new)], key=lambda one: left(one[1]))
+            combs = [one for one in combed(state, rows, new) if left(one[1]) < left(after) - CLEARER]
+            new, after = min(combs, key=lambda one: left(one[1]), default=(new, after))
         if left(after) > left(state) + WORSE or undone(after, new):
             closed.add(new.place)
         else:
@@ -57,6 +61,19 @@ def sprung(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> lis
     """
     springs = [cause for _, cause in rows if cause is not new and isinstance(cause, Signal) and cause.springy]
     return [(one, polished(solved(state.problem, with_cause(state.causes, one), state), only=one)) for one in springs]
+
+
+def combed(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> list[tuple[Cause, State]]:
+    """States with two harmonics, one the double of the other, in place of a `new` cause that is none.
+
+    What repeats with the angle in peaks is spread over its overtones: its first alone may gain less than a gap or a
+    limit, and the two of them more.
+    """
+    if isinstance(new, Harmonic):
+        return []
+    first = [one for _, one in rows if isinstance(one, Harmonic) and one.place == new.place]
+    twos = [one.merged(other) for one in first if (other := one.doubled()) is not None]
+    return [(two, solved(state.problem, with_cause(state.causes, two), state)) for two in twos]
 
 
 def undone(state: State, new: Cause) -> bool:

@@ -233,7 +233,7 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
 
 
 def shaken(state: State, cause: Cause) -> list[int]:
-    """Joints whose leftover speaks of a cause: its own; of the whole rig's those at which it is no less than what is left.
+    """Joints whose leftover speaks of a cause: its own; of a whole rig's those where it is no less than what is left.
 
     Elsewhere another may well have left it, which sits at that joint alone.
     """
