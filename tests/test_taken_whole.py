@@ -130,14 +130,20 @@ def test_no_one_cause_stands_for_three_that_are_there() -> None:
     assert alone(with_all(state, *three), AT, shelf) is None
 
 
-def test_what_pruning_hid_comes_back_if_it_is_clear_and_nothing_else_does() -> None:
-    state = first(Term(Stribeck(AT, 0.25), (0.1,)))
-    shelf = shelf_of(state, "stribeck", "cogging", "quadratic-drag")
-    (back,) = regrown(state, shelf, 1e-4, verdict.material).causes
+def test_of_several_that_were_pruned_at_a_joint_what_is_clear_by_itself_comes_back() -> None:
+    state, two = first(Term(Stribeck(AT, 0.25), (0.1,))), (Stribeck(AT, 0.2), TorqueRipple(AT, (1.0,)))
+    shelf, before = shelf_of(state, "stribeck", "cogging", "quadratic-drag"), with_all(state, *two)
+    (back,) = regrown(before, state, shelf, 1e-4, verdict.material).causes
     assert isinstance(back, Stribeck) and back.place == AT
-    assert regrown(state, shelf, 0.0, verdict.material) is state
+    assert regrown(before, state, shelf, 0.0, verdict.material) is state
+    for others in (two[:1], (two[0], TorqueRipple(RIG.joints[0], (1.0,)))):
+        assert regrown(with_all(state, *others), state, shelf, 1e-4, verdict.material) is state
+
+
+def test_nothing_comes_back_where_there_is_nothing() -> None:
     none = first()
-    assert regrown(none, shelf_of(none, "stribeck", "cogging"), 1e-5, verdict.material) is none
+    before = with_all(none, Stribeck(AT, 0.2), TorqueRipple(AT, (1.0,)))
+    assert regrown(before, none, shelf_of(none, "stribeck", "cogging"), 1e-5, verdict.material) is none
 
 
 def test_a_swap_leaves_no_more() -> None:

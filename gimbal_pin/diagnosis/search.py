@@ -148,10 +148,17 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
     return state, dropped
 
 
-def regrown(state: State, shelf: Library, limit: float, material: Callable[[State, Score], bool]) -> State:
-    """Let in again, one by one, what is clear by itself and stands: beside what was pruned it may have been hidden."""
-    while len(state.causes) < MOST:
-        rows = [row for row in contenders(state, shelf) if row[0].p < limit]
+def regrown(
+    before: State, state: State, shelf: Library, limit: float, material: Callable[[State, Score], bool]
+) -> State:
+    """Let in again, one by one, what is clear by itself at a joint of which several were pruned, and stands.
+
+    One of them may have hidden another. `before` is the state before it was pruned.
+    """
+    lost = [cause.place for cause in before.causes if not any(same(cause, kept) for kept in state.causes)]
+    places = {place for place in lost if lost.count(place) > 1}
+    while places and len(state.causes) < MOST:
+        rows = [row for row in contenders(state, shelf) if row[0].p < limit and row[1].place in places]
         if not rows:
             break
         new = foremost(state, rows)

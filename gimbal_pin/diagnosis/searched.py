@@ -73,10 +73,8 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     state = polished(composed(first, shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
-    every = state.causes
-    state, small = pruned(state, limit, verdict.material)
-    if len(state.causes) < len(every):
-        state = regrown(state, shelf, limit, verdict.material)
+    left, small = pruned(state, limit, verdict.material)
+    state = regrown(state, left, shelf, limit, verdict.material)
     state = reconsidered(polished(state, step=FINE), shelf)
     final = believed(first, state)
     lost = [cause for cause in state.causes if cause not in final.causes]
