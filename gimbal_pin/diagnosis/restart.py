@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 
+from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.contenders import PENALTY, possible
+from gimbal_pin.diagnosis.contenders import ranked as gaining
 from gimbal_pin.diagnosis.couples import ranked
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.search import forward, polished, swapped
-from gimbal_pin.diagnosis.shapes import free, measure
-from gimbal_pin.diagnosis.state import State, left, solved, without
+from gimbal_pin.diagnosis.score import all_gained
+from gimbal_pin.diagnosis.search import CLEARER, WORSE, forward, polished, swapped
+from gimbal_pin.diagnosis.shapes import form, free, measure, refined
+from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
+from gimbal_pin.effects import Cause, RigEffect
+from gimbal_pin.effects.harmonic import Harmonic
 
-CLEARER = float(np.log(2.0))
-"""Fall of what is left from which another start of the search led to something better: by half for each cause more."""
 LOOKED = 24
 """Couples that are looked at."""
+SEVERAL = 3
+"""Causes at one joint from which one that explains as much is looked for."""
 TRIED = 4
 """Most of them that are refined."""
 
@@ -23,14 +31,58 @@ TRIED = 4
 def composed(first: State, shelf: Library) -> State:
     """Search forward and swap; where much is left of a joint, start once more from the best two causes there.
 
-    What enters first may be between two others, so that beside it neither is seen.
+    What enters first may be between two others, so that beside it neither is seen. Several causes at one joint may be
+    one in a form that by itself gained no more than the first of them, and a base that leans about both of its axes may
+    gain less about either than what stands in for it.
     """
     state = swapped(forward(first, shelf), shelf)
+    for joint in state.problem.evidence.rig.joints:
+        state = alone(state, joint, shelf) or state
+    start = leaning(first, shelf) if state.causes else None
+    if start is not None and clearer(start, state):
+        state = swapped(forward(start, shelf), shelf)
     for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
         start = coupled(state, state.problem.evidence.rig.joints[j], shelf)
         other = state if start is None else swapped(forward(start, shelf), shelf)
         state = other if clearer(other, state) else state
     return state
+
+
+def alone(state: State, joint: str, shelf: Library) -> State | None:
+    """One cause in place of `SEVERAL` at a joint, which leaves no more than they do; None if there is none."""
+    here = [cause for cause in state.causes if cause.of_joint and cause.place == joint]
+    if len(here) < SEVERAL:
+        return None
+    base = solved(state.problem, [cause for cause in state.causes if cause not in here], state)
+    own = [one for one in shelf.columns(base, joint) if one.cause.of_joint and not isinstance(one.cause, Harmonic)]
+    best: dict[tuple[object, ...], Cause] = {}
+    for _, one in gaining(base, own):
+        best.setdefault((one.cause.name, form(one.cause)), one.cause)
+    found = [solved(base.problem, (*base.causes, refined(base, cause)), base) for cause in list(best.values())[:TRIED]]
+    least = min((polished(polished(one)) for one in found), key=left, default=None)
+    return least if least is not None and left(least) <= left(state) + WORSE and stands(least, joint) else None
+
+
+def leaning(first: State, shelf: Library) -> State | None:
+    """The state with the two turns of the base that gain most together; None where none do."""
+    turns = shelf.all_of(
+        [cause for cause in shelf.causes if isinstance(cause, RigEffect) and not cause.of_joint], first
+    )
+    pairs = {(one.cause, other.cause): both(one, other) for one, other in combinations(turns, 2)}
+    gains = dict(zip(pairs, (found.gain for found in all_gained(first.fit, list(pairs.values()), False))))
+    best = max(gains, key=lambda pair: gains[pair], default=None)
+    if best is None or gains[best] <= 0:
+        return None
+    return consistent(solved(first.problem, best, first))
+
+
+def both(one: Columns, other: Columns) -> Columns:
+    """The columns of two causes of the whole rig side by side."""
+    own, lower, upper = (
+        np.concatenate(rows, axis=-1)
+        for rows in ((one.own, other.own), (one.lower, other.lower), (one.upper, other.upper))
+    )
+    return replace(one, own=own, lower=lower, upper=upper)
 
 
 def clearer(new: State, old: State) -> bool:

@@ -245,7 +245,8 @@ def against(V: Array, s: Array) -> float:
 def stationary(now: Fit, rest: Array, residual: Array) -> Array:
     """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr``, (c, c), for stationary noise r of a residual's spectrum S.
 
-    The spectrum is smoothed, and larger by the share of its band that the columns themselves have taken out of it.
+    The spectrum is smoothed, and larger by the share of its band that the columns themselves have taken out of it, and
+    by how much louder than on the whole the residual is where the columns act: see `local`.
     """
     columns, rows = (x.reshape(-1, len(now.scale), x.shape[1]) for x in (rest, residual[:, None]))
     spectrum, power = fft.rfft(columns, axis=0), np.abs(fft.rfft(rows[:, :, 0], axis=0)) ** 2 / len(rows)
@@ -253,9 +254,20 @@ def stationary(now: Fit, rest: Array, residual: Array) -> Array:
     twice[0] = 1.0
     if len(columns) % 2 == 0:
         twice[-1] = 1.0
-    smooth = uniform_filter1d(power, SMOOTH, axis=0) * (1.0 + rest.shape[1] / SMOOTH)
+    smooth = uniform_filter1d(power, SMOOTH, axis=0) * (1.0 + rest.shape[1] / SMOOTH) * local(columns, rows[:, :, 0])
     weighted = spectrum * (smooth * twice[:, None] / len(columns))[:, :, None]
     return np.asarray(np.einsum("fjc,fjd->cd", spectrum.conj(), weighted).real)
+
+
+def local(columns: Array, residual: Array) -> Array:
+    """``Σ_t h r² / (Σ_t h ⟨r²⟩)``, (n,), at least one: power of a residual, (rows, n), where columns act over its mean.
+
+    h is the columns' power, (rows, n, c) summed. What a model leaves in few moments, at the steps of a staircase, is no
+    stationary noise, and whatever acts in those moments alone would stand far out from its mean.
+    """
+    acts, power = np.sum(columns**2, axis=2), residual**2
+    mean = np.sum(acts, axis=0) * np.mean(power, axis=0)
+    return np.maximum(np.sum(acts * power, axis=0) / np.maximum(mean, 1e-300), 1.0)
 
 
 def effective(now: Fit, rest: Array) -> float:

@@ -22,6 +22,8 @@ STEPS = 16
 """Most steps of the search: every harmonic of a cause is one."""
 WORSE = 0.1
 """Rise of what is left by which a step is none: what was there before stood on what a joint bears, and that moved."""
+CLEARER = float(np.log(2.0))
+"""Fall of what is left from which more parameters led to something better: by half."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
 SWAPS = 4
@@ -43,6 +45,8 @@ def forward(state: State, shelf: Library) -> State:
         after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
         if np.max(after.fit.dispersion) > MUCH:
             new, after = min([(new, after), *sprung(state, rows, new)], key=lambda one: left(one[1]))
+            combs = [one for one in combed(state, rows, new) if left(one[1]) < left(after) - CLEARER]
+            new, after = min(combs, key=lambda one: left(one[1]), default=(new, after))
         if left(after) > left(state) + WORSE or undone(after, new):
             closed.add(new.place)
         else:
@@ -57,6 +61,19 @@ def sprung(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> lis
     """
     springs = [cause for _, cause in rows if cause is not new and isinstance(cause, Signal) and cause.springy]
     return [(one, polished(solved(state.problem, with_cause(state.causes, one), state), only=one)) for one in springs]
+
+
+def combed(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> list[tuple[Cause, State]]:
+    """States with two harmonics, one the double of the other, in place of a `new` cause that is none.
+
+    What repeats with the angle in peaks is spread over its overtones: its first alone may gain less than a gap or a
+    limit, and the two of them more.
+    """
+    if isinstance(new, Harmonic):
+        return []
+    first = [one for _, one in rows if isinstance(one, Harmonic) and one.place == new.place]
+    twos = [one.merged(other) for one in first if (other := one.doubled()) is not None]
+    return [(two, solved(state.problem, with_cause(state.causes, two), state)) for two in twos]
 
 
 def undone(state: State, new: Cause) -> bool:
@@ -131,6 +148,28 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
     return state, dropped
 
 
+def regrown(
+    before: State, state: State, shelf: Library, limit: float, material: Callable[[State, Score], bool]
+) -> State:
+    """Let in again, one by one, what is clear by itself at a joint of which several were pruned, and stands.
+
+    One of them may have hidden another. `before` is the state before it was pruned.
+    """
+    lost = [cause.place for cause in before.causes if not any(same(cause, kept) for kept in state.causes)]
+    places = {place for place in lost if lost.count(place) > 1}
+    while places and len(state.causes) < MOST:
+        rows = [row for row in contenders(state, shelf) if row[0].p < limit and row[1].place in places]
+        if not rows:
+            break
+        new = foremost(state, rows)
+        grown = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
+        after, _ = pruned(grown, limit, material)
+        if left(after) >= left(state):
+            break
+        state = after
+    return state
+
+
 def yielding(state: State, bases: Sequence[State], i: int, found: Score) -> int:
     """Which goes where cause `i` does not stand: it, or one of its joint without which it would, if that costs less.
 
@@ -181,7 +220,10 @@ def groups(causes: Sequence[Cause]) -> list[tuple[Cause, ...]]:
 
 
 def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | None:
-    """The state with the best other cause in a group's place, or None if the group fits as well."""
+    """The state with the best other cause in a group's place, or None if the group fits as well.
+
+    What reads the torque was built from one that the group is a part of: without it, too, it must leave no more.
+    """
     others = tuple(c for c in state.causes if c not in group)
     base = solved(state.problem, others, state, keep=True)
     own = base.fit.cost - state.fit.cost - PENALTY * sum(free(cause) for cause in group)
@@ -193,7 +235,10 @@ def replaced(state: State, group: tuple[Cause, ...], shelf: Library) -> State | 
         finer = [refined(base, cause, FINE) for _, cause in contenders(base, shelf, spot(group[0]))[:1]]
         rows = [(measure(base, cause), cause) for cause in finer]
     best = max(rows, key=lambda row: net(*row), default=None)
-    return solved(state.problem, with_cause(others, best[1]), state) if best and net(*best) > own else None
+    if best is None or net(*best) <= own:
+        return None
+    after = polished(solved(state.problem, with_cause(others, best[1]), state), only=best[1])
+    return after if left(after) <= left(state) + WORSE else None
 
 
 def rivals_of(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cause]]:

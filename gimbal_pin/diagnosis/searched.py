@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.relatives import related
 from gimbal_pin.diagnosis.restart import composed
-from gimbal_pin.diagnosis.search import polished, pruned
+from gimbal_pin.diagnosis.search import polished, pruned, regrown
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.wandering import calmed, reconsidered
@@ -73,7 +73,8 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     state = polished(composed(first, shelf))
     null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
-    state, small = pruned(state, limit, verdict.material)
+    left, small = pruned(state, limit, verdict.material)
+    state = regrown(state, left, shelf, limit, verdict.material)
     state = reconsidered(polished(state, step=FINE), shelf)
     final = believed(first, state)
     if swings(state, final):

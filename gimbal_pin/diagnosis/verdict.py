@@ -217,7 +217,7 @@ def minor(state: State, cause: Cause) -> bool:
     What of it the rigid model takes over to a joint that is explained badly, and so counts for little, is no measure.
     What a delay leaves by wandering does not count where the cause shows beside that.
     """
-    size = measure(without(state, cause), cause).size
+    size = loudness(state, measure(without(state, cause), cause))
     j = state.problem.evidence.rig.joint_index(cause.place) if cause.of_joint else int(np.argmax(size))
     less = bool(state.fit.dispersion[j] > MUCH and size[j] ** 2 < state.fit.dispersion[j])
     return less and not (cause.of_joint and hides(state, cause))
@@ -225,9 +225,8 @@ def minor(state: State, cause: Cause) -> bool:
 
 def doubtful(first: State, state: State, cause: Cause) -> bool:
     """Whether so much is left at the cause's joint that no name deserves trust."""
-    joints = state.problem.evidence.rig.joints
-    at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
-    before, after = first.fit.dispersion[list(at)], steady(state)[list(at)]
+    at = shaken(state, cause)
+    before, after = first.fit.dispersion[at], steady(state)[at]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
@@ -262,6 +261,17 @@ def goes_on(state: State, cause: Cause) -> bool:
         return False
     j = state.problem.evidence.rig.joint_index(cause.joint)
     return {cause.highest - 1.0, float(cause.highest)} <= {*cause.harmonic} and bool(state.fit.dispersion[j] > MUCH)
+
+
+def shaken(state: State, cause: Cause) -> list[int]:
+    """Joints whose leftover speaks of a cause: its own; of a whole rig's those where it is no less than what is left.
+
+    Elsewhere another may well have left it, which sits at that joint alone.
+    """
+    if cause.of_joint:
+        return [state.problem.evidence.rig.joint_index(cause.place)]
+    size = loudness(state, measure(without(state, cause), cause))
+    return sorted({int(np.argmax(size)), *np.flatnonzero(size**2 >= state.fit.dispersion).tolist()})
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:

@@ -76,6 +76,11 @@ class Harmonic(Effect):
         found = {times * k for k in self.harmonic for times in self.overtones} - {*self.harmonic}
         return tuple(type(self)(self.joint, (k,)) for k in sorted(found) if k <= last)
 
+    def doubled(self) -> Harmonic | None:
+        """Return the overtone of twice its first harmonic alone; None beyond those that are tried."""
+        twice = 2 * self.harmonic[0]
+        return type(self)(self.joint, (twice,)) if twice <= self.limits()[1] else None
+
     def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
         """Amplitude and phase, rad, of every harmonic."""
         return tuple((hypot(a, b), atan2(-b, a)) for a, b in zip(values[::2], values[1::2]))
