@@ -8,6 +8,7 @@ from gimbal_pin.diagnosis.contenders import PENALTY, possible
 from gimbal_pin.diagnosis.couples import ranked
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.loosened import loosened
 from gimbal_pin.diagnosis.search import forward, polished, swapped
 from gimbal_pin.diagnosis.shapes import free, measure
 from gimbal_pin.diagnosis.state import State, left, solved, without
@@ -30,6 +31,11 @@ def composed(first: State, shelf: Library) -> State:
         start = coupled(state, state.problem.evidence.rig.joints[j], shelf)
         other = state if start is None else swapped(forward(start, shelf), shelf)
         state = other if clearer(other, state) else state
+    for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
+        joint = state.problem.evidence.rig.joints[j]
+        start = loosened(state, joint)
+        if start is not None and clearer(start, state) and stands(start, joint):
+            state = swapped(forward(start, shelf), shelf)
     return state
 
 

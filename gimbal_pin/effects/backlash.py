@@ -31,17 +31,23 @@ class Backlash(Signal):
         gap: Width of the gap, rad.
         inertia: J, the rotor's inertia at the joint, kg m².
         rotor_share: r; 0 for an encoder on the link.
+        flank: Frequency at which the link rings on a flank, its motor held, Hz; 0: it lands and does not bounce.
+        damping: ζ of that.
     """
 
     gap: float
     inertia: float = 1e-3
     rotor_share: float = 0.0
+    flank: float = 0.0
+    damping: float = 0.0
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("gap", nan, "rad", 0.0, 0.5),
         Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
+        Parameter("flank", 0.0, "Hz", 0.0, 500.0),
+        Parameter("damping", 0.0, "1", 0.0, 10.0),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
@@ -50,6 +56,16 @@ class Backlash(Signal):
     def geared(self) -> bool:
         """The gap is behind the motor's bearing."""
         return True
+
+    @property
+    def springy(self) -> bool:
+        """With flanks that give and the encoder on the rotor, a link flies as it is asked to."""
+        return self.flank > 0 and self.rotor_share > 0
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """The rotor's share is J over the joint's inertia, which the rigid model says where the link flies by it."""
+        return ("rotor_share",) if self.springy else ()
 
     @property
     def unseen(self) -> float:

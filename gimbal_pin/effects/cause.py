@@ -53,6 +53,11 @@ class Cause(ABC):
         return str(getattr(self, "joint", "rig"))
 
     @property
+    def held(self) -> tuple[str, ...]:
+        """Shape parameters that a search does not refine: those `chosen`, and what others of its shape say."""
+        return self.chosen
+
+    @property
     def coupled(self) -> bool:
         """Whether only other joints' torques can show it: a rig of one joint cannot."""
         return False
