@@ -65,42 +65,12 @@ def flight(part: Part, asked: Array, steeper: Array, gap: Backlash) -> Swing:
 
 
 def flown(asked: Array, steeper: Array, dt: float, gap: Backlash) -> Array:
-    """``x'' = -asked - steeper x - f``, f on a flank ``w² p + 2 ζ w x'`` of the depth p, in the gap none: x, (N,).
-
-    At rest on its flank before. On a flank each step is exact for what is asked in it; a landing within a step is
-    made up for by what the flank does from then on, to second order.
-    """
-    half, w, zeta = gap.gap / 2, 2 * np.pi * gap.flank, gap.damping
-    k, d = w * w, 2 * zeta * w
-    (aa, ab, ag), (ba, bb, bg), _ = spring(k, d, dt).tolist()
-    rest = -float(np.sign(asked[0])) * half - float(asked[0]) / k
-    x, v, out = rest, 0.0, []
+    """``x'' = -asked - steeper x - flanks``: the link's angle less the rotor's, (N,); at rest on its flank before."""
+    flanks, rest = gap.flanks(dt), float(asked[0])
+    x, v, out = -float(np.sign(rest)) * flanks.half - rest / flanks.k, 0.0, list[float]()
     for u, s in zip(asked.tolist(), steeper.tolist()):
         out.append(x)
-        push = -u - s * x
-        side = half if x > half else -half if x < -half else 0.0
-        if side:
-            p = x - side
-            x, v = side + aa * p + ab * v + ag * push, ba * p + bb * v + bg * push
-            left = x - side
-            if left * side < 0.0 and v * side < 0.0:
-                since = left / v
-                v += (k * since / 2 + d) * left
-                x += (k * since / 6 + d / 2) * since * left
-        else:
-            x, v = x + (v + push * dt / 2) * dt, v + push * dt
-            over = x - half if x > half else x + half if x < -half else 0.0
-            if over * v > 0.0:
-                since = over / v
-                v -= (k * since / 2 + d) * over
-                x -= (k * since / 6 + d / 2) * since * over
+        x, v = flanks.moved(x, v, -u - s * x)
         if not -FARTHEST < x < FARTHEST:
             return np.zeros(len(asked))
     return np.array(out)
-
-
-def spring(k: float, d: float, dt: float) -> Array:
-    """``p'' = -k p - d p' + push`` over a step, the push held: what (p, p', push) become, (3, 3)."""
-    from scipy.linalg import expm
-
-    return np.asarray(expm(np.array([[0.0, 1.0, 0.0], [-k, -d, 1.0], [0.0, 0.0, 0.0]]) * dt))

@@ -53,9 +53,9 @@ class Cause(ABC):
         return str(getattr(self, "joint", "rig"))
 
     @property
-    def held(self) -> tuple[str, ...]:
-        """Shape parameters that a search does not refine: those `chosen`, and what others of its shape say."""
-        return self.chosen
+    def implied(self) -> tuple[str, ...]:
+        """Shape parameters that others, and the model, say: a search does not refine them."""
+        return ()
 
     @property
     def coupled(self) -> bool:
