@@ -24,18 +24,21 @@ TRIED = 4
 def composed(first: State, shelf: Library) -> State:
     """Search forward and swap; where much is left of a joint, start once more from the best two causes there.
 
-    What enters first may be between two others, so that beside it neither is seen.
+    What enters first may be between two others, so that beside it neither is seen. Where much is left still, a gap
+    is looked for whose flanks give.
     """
     state = swapped(forward(first, shelf), shelf)
     for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
         start = coupled(state, state.problem.evidence.rig.joints[j], shelf)
         other = state if start is None else swapped(forward(start, shelf), shelf)
         state = other if clearer(other, state) else state
-    for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
-        joint = state.problem.evidence.rig.joints[j]
-        start = loosened(state, joint)
-        if start is not None and clearer(start, state) and stands(start, joint):
-            state = swapped(forward(start, shelf), shelf)
+    # Where most is left the gap is: its link's swing is felt at the others, too.
+    for j in np.argsort(-state.fit.dispersion).tolist():
+        if state.fit.dispersion[j] > MUCH:
+            joint = state.problem.evidence.rig.joints[j]
+            start = loosened(state, joint)
+            if start is not None and clearer(start, state) and stands(start, joint):
+                state = swapped(forward(start, shelf), shelf)
     return state
 
 
