@@ -13,6 +13,7 @@ from gimbal_pin.diagnosis.contenders import ranked as gaining
 from gimbal_pin.diagnosis.couples import ranked
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.loosened import loosened
 from gimbal_pin.diagnosis.score import all_gained
 from gimbal_pin.diagnosis.search import CLEARER, WORSE, forward, polished, swapped
 from gimbal_pin.diagnosis.shapes import form, free, measure, refined
@@ -33,7 +34,7 @@ def composed(first: State, shelf: Library) -> State:
 
     What enters first may be between two others, so that beside it neither is seen. Several causes at one joint may be
     one in a form that by itself gained no more than the first of them, and a base that leans about both of its axes may
-    gain less about either than what stands in for it.
+    gain less about either than what stands in for it. Where much is left still, a gap is looked for whose flanks give.
     """
     state = swapped(forward(first, shelf), shelf)
     for joint in state.problem.evidence.rig.joints:
@@ -45,6 +46,13 @@ def composed(first: State, shelf: Library) -> State:
         start = coupled(state, state.problem.evidence.rig.joints[j], shelf)
         other = state if start is None else swapped(forward(start, shelf), shelf)
         state = other if clearer(other, state) else state
+    # Where most is left the gap is: its link's swing is felt at the others, too.
+    for j in np.argsort(-state.fit.dispersion).tolist():
+        if state.fit.dispersion[j] > MUCH:
+            joint = state.problem.evidence.rig.joints[j]
+            start = loosened(state, joint)
+            if start is not None and clearer(start, state) and stands(start, joint):
+                state = swapped(forward(start, shelf), shelf)
     return state
 
 

@@ -11,8 +11,10 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.swinging import swinging
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
@@ -171,6 +173,9 @@ class State:
             return None
         if cause in self.swings:
             return [Borne(0.0, 0.0, taken=taken) for taken in self.swings[cause]]
+        if isinstance(cause, Backlash) and cause.springy:
+            rig = (self.alike or self).rig
+            return [Borne(0.0, 0.0, taken=loose(rig, part, cause)) for part in self.problem.evidence.parts]
         if cause.springy:
             return self.sprung(cause, torque)
         return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]

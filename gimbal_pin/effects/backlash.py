@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import copysign, nan
-from typing import ClassVar
+from functools import lru_cache
+from math import copysign, nan, pi
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,54 @@ from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne, Memory, Signal
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
+
+
+class Flanks(NamedTuple):
+    """``x'' = push - k p - d x'`` on a flank, p deep; ``x'' = push`` between them.
+
+    Attributes:
+        half: Half of the gap, rad.
+        k: 1/s².
+        d: 1/s.
+        dt: Step, s.
+        exact: What a step makes of (p, x', push) on a flank, ((3), (3)).
+    """
+
+    half: float
+    k: float
+    d: float
+    dt: float
+    exact: tuple[tuple[float, ...], ...]
+
+    def moved(self, x: float, v: float, push: float) -> tuple[float, float]:
+        """Place and rate a step later; where it meets a flank or leaves one in it, to second order from then on."""
+        half, k, d, dt = self.half, self.k, self.d, self.dt
+        side = half if x > half else -half if x < -half else 0.0
+        if side:
+            (xx, xv, xu), (vx, vv, vu) = self.exact
+            p = x - side
+            p, v = xx * p + xv * v + xu * push, vx * p + vv * v + vu * push
+            if p * side >= 0.0 or v * side >= 0.0:
+                return side + p, v
+            since = p / v
+            v += (k * since / 2 + d) * p
+            x = side + p + (k * since / 6 + d / 2) * since * p
+        else:
+            x, v = x + (v + push * dt / 2) * dt, v + push * dt
+        over = x - half if x > half else x + half if x < -half else 0.0
+        if over * v > 0.0:
+            since = over / v
+            v, x = v - (k * since / 2 + d) * over, x - (k * since / 6 + d / 2) * since * over
+        return x, v
+
+
+@lru_cache
+def exact(k: float, d: float, dt: float) -> tuple[tuple[float, ...], ...]:
+    """What a step of `dt` s makes of (p, p', push) by ``p'' = push - k p - d p'``, the push held."""
+    from scipy.linalg import expm
+
+    step = expm(np.array([[0.0, 1.0, 0.0], [-k, -d, 1.0], [0.0, 0.0, 0.0]]) * dt)
+    return tuple(tuple(row) for row in step[:2].tolist())
 
 
 @dataclass(frozen=True)
@@ -31,17 +80,23 @@ class Backlash(Signal):
         gap: Width of the gap, rad.
         inertia: J, the rotor's inertia at the joint, kg m².
         rotor_share: r; 0 for an encoder on the link.
+        flank: Frequency at which the link rings on a flank, its motor held, Hz; 0: it lands and does not bounce.
+        damping: ζ of that.
     """
 
     gap: float
     inertia: float = 1e-3
     rotor_share: float = 0.0
+    flank: float = 0.0
+    damping: float = 0.0
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("gap", nan, "rad", 0.0, 0.5),
         Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
+        Parameter("flank", 0.0, "Hz", 0.0, 500.0),
+        Parameter("damping", 0.0, "1", 0.0, 10.0),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
@@ -50,6 +105,16 @@ class Backlash(Signal):
     def geared(self) -> bool:
         """The gap is behind the motor's bearing."""
         return True
+
+    @property
+    def springy(self) -> bool:
+        """With flanks that give and the encoder on the rotor, a link flies as it is asked to."""
+        return self.flank > 0 and self.rotor_share > 0
+
+    @property
+    def implied(self) -> tuple[str, ...]:
+        """The rotor's share is J over the joint's inertia, which the rigid model says where the link flies by it."""
+        return ("rotor_share",) if self.springy else ()
 
     @property
     def unseen(self) -> float:
@@ -63,22 +128,33 @@ class Backlash(Signal):
         """
         return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake if self.rotor_share else 0.0
 
+    def flanks(self, dt: float, share: float = 1.0) -> Flanks:
+        """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""
+        w = 2 * pi * self.flank
+        k, d = w * w / share, 2 * self.damping * w / share
+        return Flanks(self.gap / 2, k, d, dt, exact(k, d, dt))
+
     def start(self, level: float = 0.0) -> Memory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""
-        return copysign(self.gap / 2, level + 0.0), 0.0  # a zero has a sign that means nothing
+        bent = level / self.inertia * self.rotor_share / (2 * pi * self.flank) ** 2 if self.springy else 0.0
+        return copysign(self.gap / 2, level + 0.0) + bent, 0.0  # a zero has a sign that means nothing
 
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Fly or push; what does not speed the rotor up is passed on."""
         place, rate = memory
         push = x / self.inertia * dt
         after, end = rate + push, place + (rate + push / 2) * dt
-        if abs(end) >= self.gap / 2:
+        if self.springy:
+            end, after = self.flanks(dt, self.rotor_share).moved(place, rate, x / self.inertia)
+        elif abs(end) >= self.gap / 2:
             after, end = 0.0, copysign(self.gap / 2, end)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
         return (end, after), x - kept * self.inertia * (after - rate) / dt
 
     def acting(self, command: Array, dt: float) -> Array:
         """Step through the flights alone: from a landing to the torque's next change of sign all of it passes."""
+        if self.springy:
+            return super().acting(command, dt)
         out, values = command.astype(float), command.tolist()
         k = 0
         for turn in (1 + np.flatnonzero(np.diff(np.sign(command)))).tolist():
@@ -89,6 +165,11 @@ class Backlash(Signal):
                 flying = memory[1] != 0.0 or memory[0] * values[k] <= 0.0
                 k += 1
         return out
+
+    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+        """Without flanks that do not give."""
+        every = super().shown(values, covariance)
+        return every if self.flank else tuple(p for p in every if p.name not in ("flank", "damping"))
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

@@ -53,6 +53,11 @@ class Cause(ABC):
         return str(getattr(self, "joint", "rig"))
 
     @property
+    def implied(self) -> tuple[str, ...]:
+        """Shape parameters that others, and the model, say: a search does not refine them."""
+        return ()
+
+    @property
     def coupled(self) -> bool:
         """Whether only other joints' torques can show it: a rig of one joint cannot."""
         return False

@@ -102,6 +102,7 @@ class Logged(NamedTuple):
         grid: The uniform grid on which it is smoothed, s, (M,).
         sections: The smoother.
         step: Samples of the grid from one of the channels to the next.
+        cutoff: Of the smoother, Hz.
     """
 
     t: Array
@@ -109,14 +110,16 @@ class Logged(NamedTuple):
     grid: Array
     sections: Array
     step: int
+    cutoff: float
 
     @staticmethod
     def of(stretch: Stretch, filtering: Filtering, grid: Array, step: int) -> Logged:
         """What `smoothed` was given to come to every `step`-th sample of a grid."""
         log, near = stretch.log, rows_of(stretch, filtering, grid)
         assert log.tau is not None
-        sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / stretch.dt)
-        return Logged(log.t[near] + aligned(stretch, filtering), log.tau[near], grid, sections, step)
+        cutoff = filtering.cutoff * filtering.smoothing
+        sections = signals.lowpass(cutoff, 1 / stretch.dt)
+        return Logged(log.t[near] + aligned(stretch, filtering), log.tau[near], grid, sections, step, cutoff)
 
     def smoothed(self, torque: Array) -> Array:
         """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,)."""

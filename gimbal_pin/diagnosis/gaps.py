@@ -1,0 +1,76 @@
+"""A link that is loose by a gap, unseen by its encoder: its free flight between flanks that give, from the motion.
+
+What drives the rotor across a gap need not be known: its motion was measured. The link flies on by what the rigid model
+asks of it, and lands on a flank, a spring with damping (Nordin and Gutman, Automatica 38, 2002: the dead zone model).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin import signals
+from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.diagnosis.links import Swing, axes, moved
+from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.log import Array
+from gimbal_pin.regressor import inertia
+from gimbal_pin.rig import Rig
+
+STEP = 1e-3
+"""Longest step of a flight, s: the landing is found within it."""
+ASIDE = 1e-3
+"""Angle by which a link is moved to see how what it asks for changes, rad."""
+FARTHEST = 1.0
+"""Angle beyond its gap by which no link leaves its motor, rad: a motion farther than that is no solution."""
+
+
+def loose(rig: Rig, part: Part, gap: Backlash) -> Array:
+    """What a loose link asks of every joint beyond the rigid rig at the encoder's angle, N m, (m, n).
+
+    Args:
+        rig: The rig with its inertias, the rotor's within the link's.
+        part: The log.
+        gap: The gap, its flanks giving.
+    """
+    c, j = part.channels, rig.joint_index(gap.joint)
+    stays = gap.inertia * axes(rig, c.q, j)
+    link = inertia(rig, c.q, j)[:, j] - gap.inertia
+    if not np.min(link) > 0:
+        return np.zeros_like(c.q)
+    still, none = moved(rig, part, j), np.zeros(len(c.t))
+    aside = moved(rig, part, j, Swing(none + ASIDE, none, none))
+    asked, steeper = (still[:, j] - gap.inertia * c.a[:, j]) / link, (aside - still)[:, j] / ASIDE / link
+    x = flight(part, asked, steeper, gap)
+    return moved(rig, part, j, x) - still - stays * x.a[:, None]
+
+
+def flight(part: Part, asked: Array, steeper: Array, gap: Backlash) -> Swing:
+    """The link's angle less the rotor's, smoothed as the log's channels are.
+
+    Args:
+        part: The log.
+        asked: Torque that the link asks for where the rotor is, per unit of its inertia, rad/s², (m,).
+        steeper: How that changes with the link's angle, 1/s², (m,).
+        gap: The gap.
+    """
+    count = max(1, int(np.ceil(part.dt / STEP)))
+    fine = np.arange(count * (len(asked) - 1) + 1) / count
+    every = np.arange(len(asked))
+    x = flown(np.interp(fine, every, asked), np.interp(fine, every, steeper), part.dt / count, gap)
+    if part.logged is not None:
+        x = signals.zero_phase(x, signals.lowpass(part.logged.cutoff, count / part.dt))
+    v = signals.differentiate(x, part.dt / count)
+    a = signals.differentiate(v, part.dt / count)
+    return Swing(x[::count], v[::count], a[::count])
+
+
+def flown(asked: Array, steeper: Array, dt: float, gap: Backlash) -> Array:
+    """``x'' = -asked - steeper x - flanks``: the link's angle less the rotor's, (N,); at rest on its flank before."""
+    flanks, rest = gap.flanks(dt), float(asked[0])
+    x, v, out = -float(np.sign(rest)) * flanks.half - rest / flanks.k, 0.0, list[float]()
+    for u, s in zip(asked.tolist(), steeper.tolist()):
+        out.append(x)
+        x, v = flanks.moved(x, v, -u - s * x)
+        if not -FARTHEST < x < FARTHEST:
+            return np.zeros(len(asked))
+    return np.array(out)
