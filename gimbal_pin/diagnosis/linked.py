@@ -9,15 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.diagnosis.fit import Fit, fit
-from gimbal_pin.diagnosis.links import Link, carried, swung
 from gimbal_pin.diagnosis.leftover import MUCH
-from gimbal_pin.diagnosis.shapes import shape_names
+from gimbal_pin.diagnosis.links import Link, carried, swung
+from gimbal_pin.diagnosis.shapes import TOLD, shape_names
 from gimbal_pin.diagnosis.state import State, left, refitted, solved, without
 from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rows import columns_of
-
 
 FIRST, ROUNDS = 4, 2
 """Rounds in which the model and the link's motion, each worked out from the other, come to agree: at first, and from
@@ -29,14 +28,18 @@ STEP = 1e-4
 USUAL = 1.0
 """How far a rotor's share usually is from `SHARE`, in logarithms: a log that shows the link's swing alone does not tell
 it, and without that the other shapes would follow it to their bounds."""
-LOWEST = 1e-6
+LOWEST = 1e-3
+"""Least rotor's share that is fitted, and share of a first hardening."""
 LEAST, MOST = 0.05, 0.6
 """Rotor's shares between which the fit begins."""
 QUIET = 1.0
 """Dispersion up to which nothing is left that a link's motion could explain."""
-HARDER, DAMPED, FITS = 0.1, 0.2, 4
-"""Mean growth of its stiffness and damping..."""
-ENOUGH = 0.01
+HARDER, DAMPED = 0.1, 0.2
+"""Mean ``h z²`` and damping with which the fit of a spring that hardens begins."""
+FITS, ENOUGH = 4, 0.01
+"""Most rounds of that, and the fall of what is left under which another is none: it begins farther off."""
+CLEAR = 2.0
+"""Vuong's z from which it is told from a linear spring."""
 FAR = 1e3
 """Residual of shapes with which the link has no motion."""
 
@@ -92,7 +95,15 @@ def worked_out(state: State, spring: Sprung) -> State:
     if spring.hardening or np.max(after.fit.dispersion) <= MUCH:
         return after
     hard = here.hardened(best, agreed)
-    return after if hard is None else min(after, here.taken(*hard), key=left)
+    return after if hard is None or not parted(hard[1].fit, agreed.fit) else min(after, here.taken(*hard), key=left)
+
+
+def parted(hard: Fit, even: Fit) -> bool:
+    """Whether the blocks of time tell a spring that hardens from a linear one: Vuong's test, for one shape more."""
+    over = even.residual.reshape(-1, len(even.scale)) / even.scale * hard.scale
+    gains = hard.by_block((over.ravel() ** 2 - hard.residual**2)[:, None])[:, 0]
+    spread = float(np.std(gains) * np.sqrt(len(gains)))
+    return float(gains.sum()) - 2 > max(TOLD, CLEAR * spread)
 
 
 def usual(spring: Sprung) -> Sprung:
@@ -169,7 +180,8 @@ class Swinging:
         """Least squares over the logarithms of the shapes, from a start and what agrees with it."""
         from scipy.optimize import least_squares
 
-        bounds = {shape.name: (max(shape.lower, LOWEST), shape.upper) for shape in start.shapes}
+        least = {"hardening": LOWEST * start.hardening}
+        bounds = {x.name: (max(x.lower, least.get(x.name, LOWEST)), x.upper) for x in start.shapes}
         names = shape_names(start)
         low, high = np.log([bounds[name] for name in names]).T
 

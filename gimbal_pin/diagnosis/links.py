@@ -38,9 +38,7 @@ class Swing(NamedTuple):
     a: Array
 
 
-def swing(
-    rig: Rig, part: Part, spring: Sprung, even: Sprung, own: float, free: Swing, about: Swing
-) -> Swing | None:
+def swing(rig: Rig, part: Part, spring: Sprung, even: Sprung, own: float, free: Swing, about: Swing) -> Swing | None:
     """``I x'' + d x' + k x (1 + h (k x)²) = -(τ_link(q + x) - I x'')``, by turns: x moves the link, and what it asks.
 
     What a spring that hardens holds beyond an even one stands beside what the link asks for, by Newton's rule.
@@ -59,7 +57,7 @@ def swing(
     """
     c, j, k, stiff = part.channels, rig.joint_index(spring.joint), spring.stiffness(own), even.stiffness(own)
     rotor, link = spring.rotor_share * own, (1 - spring.rotor_share) * own
-    x, rest = about, float(spring.soft(rotor * c.a[0, j] - moved(rig, part, j)[0, j])) / k
+    x, rest = about, float(spring.soft(rotor * c.a[:1, j] - moved(rig, part, j)[:1, j])[0]) / k
 
     def given(push: Array) -> Swing:
         y = driven(part, even, own, push - stiff * rest)
@@ -100,7 +98,7 @@ def bent(part: Part, spring: Sprung, even: Sprung, own: float, x: Swing, way: Sw
 
 def stepped(part: Part, spring: Sprung, push: Array, k: float, free: Swing) -> Swing:
     """A link's motion by what pushes it where its encoder is, N m, (m,), from how it swings at first."""
-    held, memories = spring.held, [(float(spring.soft(push[0])) + k * float(free.q[0]), k * float(free.v[0]))]
+    held, memories = spring.held, [(float(spring.soft(push[:1])[0]) + k * float(free.q[0]), k * float(free.v[0]))]
     for x in push[:-1].tolist():
         memories.append(held.step(memories[-1], x, part.dt)[0])
     z, rate = np.array(memories).T / k

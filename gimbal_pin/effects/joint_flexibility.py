@@ -44,8 +44,8 @@ class JointFlexibility(Sprung):
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", nan, "Hz", 0.5, 500.0),
         Parameter("damping", 0.05, "1", 1e-3, 0.5),
-        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
         Parameter("hardening", 0.0, "1/(N m)^2", 0.0, 1e6),
+        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
@@ -151,5 +151,4 @@ class JointFlexibility(Sprung):
         rings = f"the joint gives like a spring and rings at {self.frequency:.3g} Hz (damping {self.damping:.2g})"
         if not self.hardening:
             return rings
-        soft = 1 / sqrt(3 * self.hardening)
-        return f"{rings}; it hardens, twice as stiff at {soft * (1 + self.grown(soft)):.3g} N m"
+        return f"{rings}; it hardens, twice as stiff at {4 / 3 / sqrt(3 * self.hardening):.3g} N m"

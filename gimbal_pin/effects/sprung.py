@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.effects.functions import Value, cut
+from gimbal_pin.effects.functions import cut
 from gimbal_pin.effects.signal import Signal
 from gimbal_pin.log import Array
 
@@ -53,20 +54,25 @@ class Sprung(Signal):
         """k, N m/rad, of the soft part, at a joint's inertia M, kg m²."""
         return self.rotor_share * (1 - self.rotor_share) * inertia * (2 * np.pi * self.frequency) ** 2
 
-    def grown(self, z: Value) -> Value:
+    def grown(self, z: Array) -> Array:
         """``h z²``: share of its soft part z, N m, that the spring holds beyond it."""
         return self.hardening * z**2
 
-    def slope(self, z: Value) -> Value:
+    def slope(self, z: Array) -> Array:
         """``1 + 3 h z²``: its stiffness, in units of k."""
         return 1 + 3 * self.grown(z)
 
-    def soft(self, torque: Value) -> Value:
+    def soft(self, torque: Array) -> Array:
         """``z: z (1 + h z²) = torque``: the soft part of what it holds, N m, by Cardano."""
         if not self.hardening:
             return torque
         size = 2 / np.sqrt(3 * self.hardening)
         return np.asarray(size * np.sinh(np.arcsinh(3 * torque / size) / 3))
+
+    @property
+    @abstractmethod
+    def held(self) -> Sprung:
+        """The link alone on its spring, the rotor held."""
 
     def even(self, z: Array) -> Sprung:
         """The linear spring ``k (1 + 3 h <z²>)`` of the same damping d that is nearest along some soft torques, N m.
