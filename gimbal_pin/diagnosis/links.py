@@ -13,6 +13,7 @@ import numpy as np
 from scipy import fft, linalg, signal
 
 from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.effects.signal import Memory
 from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import inertia, rnea
@@ -98,7 +99,8 @@ def bent(part: Part, spring: Sprung, even: Sprung, own: float, x: Swing, way: Sw
 
 def stepped(part: Part, spring: Sprung, push: Array, k: float, free: Swing) -> Swing:
     """A link's motion by what pushes it where its encoder is, N m, (m,), from how it swings at first."""
-    held, memories = spring.held, [(float(spring.soft(push[:1])[0]) + k * float(free.q[0]), k * float(free.v[0]))]
+    held, memory = spring.held, (float(spring.soft(push[:1])[0] + k * free.q[0]), float(k * free.v[0]))
+    memories: list[Memory] = [memory]
     for x in push[:-1].tolist():
         memories.append(held.step(memories[-1], x, part.dt)[0])
     z, rate = np.array(memories).T / k
