@@ -162,7 +162,7 @@ def test_a_fit_finds_that_a_spring_hardens_and_by_how_much() -> None:
     """From a linear spring, and none of those explains the log."""
     joint = RIG.joints[-2]
     true = JointFlexibility(joint, 7.0, 0.12, 0.2, HARD)
-    problem = problem_of(log_of(RIG, joint, true, 20.0)[0])
+    problem = problem_of(log_of(RIG, joint, true, 12.0)[0])
     found = linked(solved(problem, (replace(true, hardening=0.0),), solved(problem, (), solved(problem, ()))))
     (spring,) = found.causes
     assert isinstance(spring, JointFlexibility)
@@ -176,7 +176,7 @@ def test_a_fit_finds_that_a_spring_hardens_and_by_how_much() -> None:
 
 
 def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
-    spring, torque = JointFlexibility("pan", 8.0, hardening=HARD), np.linspace(-3.0, 3.0, 61)
+    spring, torque = JointFlexibility("pan", 8.0, hardening=HARD), np.linspace(-3.0, 3.0, 601)
     z = spring.soft(torque)
     np.testing.assert_allclose(z * (1 + spring.grown(z)), torque, atol=1e-12)
     np.testing.assert_allclose(np.gradient(torque, z)[1:-1], spring.slope(z)[1:-1], rtol=0.02)
@@ -186,8 +186,8 @@ def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_a_spring_that_hardens_steps_as_its_equation_says(share: float) -> None:
     """``z'' = ω² (x - z - h z³) - 2 ζ ω z'`` by a solver, its momentum passed on, and at rest what it bends to."""
-    spring, dt, w = JointFlexibility("pan", 3.0, 0.1, share, HARD), 1e-3, 6 * np.pi
-    command = np.sin(7.0 * dt * np.arange(3000))
+    spring, dt, w = JointFlexibility("pan", 3.0, 0.3, share, HARD), 1e-3, 6 * np.pi
+    command = np.sin(7.0 * dt * np.arange(1000))
     memory, passed = spring.start(), []
     for x in command.tolist():
         memory, y = spring.step(memory, x, dt)
@@ -195,12 +195,12 @@ def test_a_spring_that_hardens_steps_as_its_equation_says(share: float) -> None:
 
     def rates(t: float, z: Array) -> list[float]:
         x = command[min(int(t / dt), len(command) - 1)]
-        return [z[1], w * w * (x - z[0] * (1 + HARD * z[0] ** 2)) - 0.2 * w * z[1]]
+        return [z[1], w * w * (x - z[0] * (1 + HARD * z[0] ** 2)) - 0.6 * w * z[1]]
 
-    end = solve_ivp(rates, (0.0, dt * len(command)), [0.0, 0.0], rtol=1e-8, max_step=dt).y[:, -1]
+    end = solve_ivp(rates, (0.0, dt * len(command)), [0.0, 0.0], rtol=1e-6, max_step=dt).y[:, -1]
     np.testing.assert_allclose(memory, end, atol=2e-3 * w)
     kept = 1 - 1 / share if share else 1.0
     assert np.sum(passed) * dt == pytest.approx(np.sum(command) * dt - kept * memory[1] / w**2)
-    for _ in range(20000):
+    for _ in range(5000):
         memory, y = spring.step(memory, 2.0, dt)
     assert memory[0] == pytest.approx(spring.soft(np.array([2.0]))[0]) and y == pytest.approx(2.0)
