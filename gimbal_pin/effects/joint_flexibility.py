@@ -111,7 +111,7 @@ class JointFlexibility(Sprung):
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
-        return level, 0.0
+        return float(self.soft(np.array(level))), 0.0
 
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """``z'' = ω² (x - z (1 + h z²)) - 2 ζ ω z'``; what speeds neither end up is passed on.
@@ -127,6 +127,10 @@ class JointFlexibility(Sprung):
         rate_after = left * (rate * c - (w * w * grown * z + decay * rate) * s)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
         return (x / grown + after, rate_after), x - kept * (rate_after - rate) / (w * w * dt)
+
+    def acting(self, command: Array, dt: float) -> Array:
+        """Sample by sample, where it is not linear."""
+        return self.stepped(command, dt) if self.hardening else super().acting(command, dt)
 
     def matrices(self, dt: float) -> tuple[Array, Array, Array, float]:
         """What `step` does of a small command: hardening is none of that."""
