@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.integrate import solve_ivp
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
@@ -23,6 +24,8 @@ from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 
 RIG = Rig.load("handheld")
+HARDENING = dict(zip(RIG.joints[1:], (3.0, 60.0)))
+HARD = 3.0
 FILTERING = replace(BAND, alignment=0.0)
 
 
@@ -71,7 +74,8 @@ def log_of(rig: Rig, joint: str, spring: JointFlexibility, seconds: float, dt: f
         whole[:, mine] = q[i], v[i], a[i]
         whole[:2, p] = bend, rate
         mass = pin.crba(model, data, whole[0])[p, p]
-        whole[2, p] = (-k * bend - d * rate - pin.rnea(model, data, *whole)[p]) / mass
+        held = k * bend * (1 + spring.hardening * (k * bend) ** 2)
+        whole[2, p] = (-held - d * rate - pin.rnea(model, data, *whole)[p]) / mass
         return pin.rnea(model, data, *whole)[mine], whole[2, p]
 
     x, tau, bends = np.zeros(2), [], []
@@ -92,14 +96,15 @@ def problem_of(log: Log) -> Problem:
     return Problem.of(gather(RIG, [log], FILTERING, {log.name: 0.0}), reduce(RIG))
 
 
-@pytest.mark.parametrize("joint", RIG.joints[1:])
-def test_every_joint_feels_a_link_where_it_swings(joint: str) -> None:
+@pytest.mark.parametrize(("joint", "hardening"), [*((joint, 0.0) for joint in RIG.joints[1:]), *HARDENING.items()])
+def test_every_joint_feels_a_link_where_it_swings(joint: str, hardening: float) -> None:
     """Torque by inverse dynamics of a rig with one more joint, and the rigid rig's at the encoder's angle beside it."""
-    spring = JointFlexibility(joint, 7.0, 0.15, 0.2)
+    spring = JointFlexibility(joint, 7.0, 0.15, 0.2, hardening)
     log, bends = log_of(RIG, joint, spring, 12.0)
     part = problem_of(log).evidence.parts[0]
     link = swung(RIG, part, spring, np.zeros(2))
     assert link is not None
+    assert not hardening or np.max(spring.grown(link.soft)) > 0.5, "or it is as good as linear"
     c, late = part.channels, slice(len(part.gate) // 3, -len(part.gate) // 10)
     beyond = c.tau - rnea(RIG, c.q, c.v, c.a)
     wrong = (beyond - link.asked)[late]
@@ -139,6 +144,7 @@ def test_a_fit_with_the_link_where_it_swings_leaves_noise_and_finds_the_spring(f
     found = linked(linked(plain), again=True)
     (spring,) = found.causes
     assert isinstance(spring, JointFlexibility)
+    assert spring.hardening == 0
     assert spring.frequency == pytest.approx(frequency, rel=0.02)
     assert spring.rotor_share == pytest.approx(share, rel=0.05)
     assert spring.damping == pytest.approx(0.12, rel=0.05)
@@ -150,3 +156,51 @@ def test_a_fit_with_the_link_where_it_swings_leaves_noise_and_finds_the_spring(f
     error = np.concatenate([torque_error(part, model) for part in held.parts])
     quiet = np.abs(np.concatenate([part.gate for part in held.parts])) > 0.99
     assert all(np.std(error[quiet[:, j], j]) < 5e-3 for j in range(RIG.n)), "the held-out part is judged by the same"
+
+
+def test_a_fit_finds_that_a_spring_hardens_and_by_how_much() -> None:
+    """From a linear spring, and none of those explains the log."""
+    joint = RIG.joints[-2]
+    true = JointFlexibility(joint, 7.0, 0.12, 0.2, HARD)
+    problem = problem_of(log_of(RIG, joint, true, 12.0)[0])
+    found = linked(solved(problem, (replace(true, hardening=0.0),), solved(problem, (), solved(problem, ()))))
+    (spring,) = found.causes
+    assert isinstance(spring, JointFlexibility)
+    assert np.max(found.fit.dispersion) < 2.0
+    assert spring.hardening == pytest.approx(HARD, rel=0.05)
+    assert spring.frequency == pytest.approx(7.0, rel=0.02)
+    model, held = extended(found), problem.evidence
+    error = np.concatenate([torque_error(part, model) for part in held.parts])
+    quiet = np.abs(np.concatenate([part.gate for part in held.parts])) > 0.99
+    assert all(np.std(error[quiet[:, j], j]) < 5e-3 for j in range(RIG.n)), "the held-out part is judged by the same"
+
+
+def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
+    spring, torque = JointFlexibility("pan", 8.0, hardening=HARD), np.linspace(-3.0, 3.0, 601)
+    z = spring.soft(torque)
+    np.testing.assert_allclose(z * (1 + spring.grown(z)), torque, atol=1e-12)
+    np.testing.assert_allclose(np.gradient(torque, z)[1:-1], spring.slope(z)[1:-1], rtol=0.02)
+    assert np.array_equal(replace(spring, hardening=0.0).soft(torque), torque)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_spring_that_hardens_steps_as_its_equation_says(share: float) -> None:
+    """``z'' = ω² (x - z - h z³) - 2 ζ ω z'`` by a solver, its momentum passed on, and at rest what it bends to."""
+    spring, dt, w = JointFlexibility("pan", 3.0, 0.3, share, HARD), 1e-3, 6 * np.pi
+    command = np.sin(7.0 * dt * np.arange(1000))
+    memory, passed = spring.start(), []
+    for x in command.tolist():
+        memory, y = spring.step(memory, x, dt)
+        passed.append(y)
+
+    def rates(t: float, z: Array) -> list[float]:
+        x = command[min(int(t / dt), len(command) - 1)]
+        return [z[1], w * w * (x - z[0] * (1 + HARD * z[0] ** 2)) - 0.6 * w * z[1]]
+
+    end = solve_ivp(rates, (0.0, dt * len(command)), [0.0, 0.0], rtol=1e-6, max_step=dt).y[:, -1]
+    np.testing.assert_allclose(memory, end, atol=2e-3 * w)
+    kept = 1 - 1 / share if share else 1.0
+    assert np.sum(passed) * dt == pytest.approx(np.sum(command) * dt - kept * memory[1] / w**2)
+    for _ in range(5000):
+        memory, y = spring.step(memory, 2.0, dt)
+    assert memory[0] == pytest.approx(spring.soft(np.array([2.0]))[0]) and y == pytest.approx(2.0)

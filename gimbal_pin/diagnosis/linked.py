@@ -9,14 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.links import Link, carried, swung
+from gimbal_pin.diagnosis.shapes import TOLD, shape_names
 from gimbal_pin.diagnosis.state import State, left, refitted, solved, without
 from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rows import columns_of
 
-SHAPES = ("frequency", "damping", "rotor_share")
 FIRST, ROUNDS = 4, 2
 """Rounds in which the model and the link's motion, each worked out from the other, come to agree: at first, and from
 shapes that are near."""
@@ -27,10 +28,18 @@ STEP = 1e-4
 USUAL = 1.0
 """How far a rotor's share usually is from `SHARE`, in logarithms: a log that shows the link's swing alone does not tell
 it, and without that the other shapes would follow it to their bounds."""
+LOWEST = 1e-3
+"""Least rotor's share that is fitted, and share of a first hardening."""
 LEAST, MOST = 0.05, 0.6
 """Rotor's shares between which the fit begins."""
 QUIET = 1.0
 """Dispersion up to which nothing is left that a link's motion could explain."""
+HARDER, DAMPED = 0.1, 0.2
+"""Mean ``h z²`` and damping with which the fit of a spring that hardens begins."""
+FITS, ENOUGH = 4, 0.01
+"""Most rounds of that, and the fall of what is left under which another is none: it begins farther off."""
+CLEAR = 2.0
+"""Vuong's z from which it is told from a linear spring."""
 FAR = 1e3
 """Residual of shapes with which the link has no motion."""
 
@@ -51,6 +60,11 @@ class Agreed(NamedTuple):
     links: tuple[Link, ...] = ()
 
 
+def spread(agreed: Agreed) -> float:
+    """``Σ log φ_j``: what is left at all joints."""
+    return float(np.sum(np.log(agreed.fit.dispersion)))
+
+
 def linked(state: State, again: bool = False) -> State:
     """Work out where each spring's link swings, as far as that leaves less than a spring at the encoder's angle.
 
@@ -67,19 +81,29 @@ def linked(state: State, again: bool = False) -> State:
 
 
 def worked_out(state: State, spring: Sprung) -> State:
-    """The state with a spring's link where it swings, its shape refitted; as it was if that leaves no less."""
+    """The state with a spring's link where it swings, its shape refitted; as it was if that leaves no less.
+
+    Where a linear spring leaves much it is tried whether one that hardens leaves less.
+    """
     here = Swinging(state, spring)
-    none = np.zeros((len(state.acting), 2))
     near = usual(spring)
-    start = here.agree(near, Agreed(state.fit, state.fit.theta, none), state.fit.scale, FIRST)
+    start = here.agree(near, here.unknown, state.fit.scale, FIRST)
     if start is None:
         return state
     best, agreed = here.fitted(*here.fitted(near, start))
-    causes = tuple(best if cause is spring else cause for cause in state.causes)
-    others = {cause: taken for cause, taken in state.swings.items() if cause is not spring}
-    taken = [link.asked for link in agreed.links]
-    after = solved(state.problem, causes, replace(state, swings={**others, best: taken}))
-    return after if left(after) < left(state) else state
+    after = min(state, here.taken(best, agreed), key=left)
+    if spring.hardening or np.max(after.fit.dispersion) <= MUCH:
+        return after
+    hard = here.hardened(best, agreed)
+    return after if hard is None or not parted(hard[1].fit, agreed.fit) else min(after, here.taken(*hard), key=left)
+
+
+def parted(hard: Fit, even: Fit) -> bool:
+    """Whether the blocks of time tell a spring that hardens from a linear one: Vuong's test, for one shape more."""
+    over = even.residual.reshape(-1, len(even.scale)) / even.scale * hard.scale
+    gains = hard.by_block((over.ravel() ** 2 - hard.residual**2)[:, None])[:, 0]
+    spread = float(np.std(gains) * np.sqrt(len(gains)))
+    return float(gains.sum()) - 2 > max(TOLD, CLEAR * spread)
 
 
 def usual(spring: Sprung) -> Sprung:
@@ -113,26 +137,63 @@ class Swinging:
         return (fitted.stack.reshape(-1, len(fitted.scale), len(fitted.theta)) / fitted.scale[:, None])[:, :, at:]
 
     @cached_property
+    def unknown(self) -> Agreed:
+        """The state's own fit, with nothing known of the link."""
+        return Agreed(self.state.fit, self.state.fit.theta, np.zeros((len(self.state.acting), 2)))
+
+    @cached_property
     def places(self) -> Array:
         """Where the base parameters stand in `Rig.phi`, (b,)."""
         return columns_of(self.state.problem.evidence.rig, self.state.problem.reduction)
+
+    def taken(self, best: Sprung, agreed: Agreed) -> State:
+        """The state with what was worked out of the spring."""
+        state = self.state
+        causes = tuple(best if cause is self.spring else cause for cause in state.causes)
+        others = {cause: taken for cause, taken in state.swings.items() if cause is not self.spring}
+        taken = [link.asked for link in agreed.links]
+        return solved(state.problem, causes, replace(state, swings={**others, best: taken}))
+
+    def hardened(self, even: Sprung, known: Agreed) -> tuple[Sprung, Agreed] | None:
+        """Fit a spring that hardens a little at first, from the linear one that is nearest; None: it has no motion.
+
+        A linear spring bends its damping and its rotor's share to what hardening does: they begin where they are usual.
+        """
+        zero = even.frequency * np.sqrt(even.rotor_share / SHARE)
+        even = replace(even, frequency=zero, damping=DAMPED, rotor_share=SHARE)
+        agreed = self.agree(even, self.unknown, None, FIRST)
+        if agreed is None:
+            return None
+        power = np.mean(np.concatenate([link.soft for link in agreed.links]) ** 2)
+        softer = 1 / np.sqrt(1 + 3 * HARDER)
+        start = replace(even, frequency=zero * softer, hardening=HARDER / (softer**4 * power))
+        agreed = self.agree(start, agreed._replace(begun=0 * agreed.begun, links=()), None, FIRST)
+        if agreed is None:
+            return None
+        for _ in range(FITS):
+            before, (start, agreed) = agreed, self.fitted(start, agreed)
+            if spread(agreed) > spread(known) or spread(agreed) > spread(before) - ENOUGH:
+                break
+        return start, agreed
 
     def fitted(self, start: Sprung, known: Agreed) -> tuple[Sprung, Agreed]:
         """Least squares over the logarithms of the shapes, from a start and what agrees with it."""
         from scipy.optimize import least_squares
 
-        bounds = {shape.name: (max(shape.lower, 1e-3), shape.upper) for shape in start.shapes}
-        low, high = np.log([bounds[name] for name in SHAPES]).T
+        least = {"hardening": LOWEST * start.hardening}
+        bounds = {x.name: (max(x.lower, least.get(x.name, LOWEST)), x.upper) for x in start.shapes}
+        names = shape_names(start)
+        low, high = np.log([bounds[name] for name in names]).T
 
         def shaped(x: Array) -> Sprung:
-            return replace(start, **dict(zip(SHAPES, np.exp(x).tolist())))
+            return replace(start, **dict(zip(names, np.exp(x).tolist())))
 
         def residual(x: Array) -> Array:
             agreed = self.agree(shaped(x), known, known.fit.scale)
             far = np.full(len(known.fit.target), FAR) if agreed is None else agreed.fit.residual
-            return np.append(far, (x[-1] - np.log(SHARE)) / USUAL)
+            return np.append(far, (x[names.index("rotor_share")] - np.log(SHARE)) / USUAL)
 
-        x = np.clip(np.log([getattr(start, name) for name in SHAPES]), low + STEP, high - STEP)
+        x = np.clip(np.log([getattr(start, name) for name in names]), low + STEP, high - STEP)
         best = shaped(least_squares(residual, x, bounds=(low, high), diff_step=STEP, max_nfev=EVALUATIONS).x)
         agreed = self.agree(best, known, None)
         return (start, known) if agreed is None else (best, agreed)
@@ -155,7 +216,6 @@ class Swinging:
         problem, evidence = self.state.problem, self.state.problem.evidence
         at, j = len(problem.reduction.independent), evidence.rig.joint_index(shape.joint)
         loads, inertials = problem.apart[j]
-        felt = [shape.felt(x, y, part.dt) for x, y, part in zip(loads, inertials, evidence.parts)]
         for _ in range(rounds):
             rig, links = refitted(problem, known.theta), list[Link]()
             for k, part in enumerate(evidence.parts):
@@ -163,6 +223,8 @@ class Swinging:
                 if link is None:
                     return None
                 links.append(link)
+            rows = zip(links, loads, inertials, evidence.parts)
+            felt = [shape.even(link.soft).felt(x, y, part.dt) for link, x, y, part in rows]
             columns, target = [], []
             for k, (part, link) in enumerate(zip(evidence.parts, links)):
                 full = regressor(evidence.rig, *carried(part, j, link.motion), part.platform)[:, :, self.places]
@@ -177,5 +239,10 @@ class Swinging:
             A, b = (evidence.whiten_all(rows) for rows in (columns, target))
             now = fit(np.concatenate([A, self.beside], axis=2), b, evidence.used(), evidence.block, scale)
             rigid, begun, others = np.split(now.theta, [at, at + known.begun.size])
-            known = Agreed(now, np.concatenate([rigid, others]), begun.reshape(-1, 2), tuple(links))
+            begun = begun.reshape(-1, 2)
+            if shape.hardening:
+                # A swing that has died away before the log counts is not told, and what is large is not small for long.
+                most = np.array([np.max(np.abs(link.motion.q)) for link in links])
+                begun *= np.minimum(1.0, most / np.maximum(np.hypot(*begun.T), 1e-300))[:, None]
+            known = Agreed(now, np.concatenate([rigid, others]), begun, tuple(links))
         return known

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
+from scipy import fft, linalg, signal
 
 from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.effects.signal import Memory
 from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import inertia, rnea
@@ -38,13 +39,16 @@ class Swing(NamedTuple):
     a: Array
 
 
-def swing(rig: Rig, part: Part, spring: Sprung, own: float, free: Swing, about: Swing) -> Swing | None:
-    """``I x'' + d x' + k x = -(τ_link(q + x) - I x'')``, by turns: x moves the link, and that what it asks for.
+def swing(rig: Rig, part: Part, spring: Sprung, even: Sprung, own: float, free: Swing, about: Swing) -> Swing | None:
+    """``I x'' + d x' + k x (1 + h (k x)²) = -(τ_link(q + x) - I x'')``, by turns: x moves the link, and what it asks.
+
+    What a spring that hardens holds beyond an even one stands beside what the link asks for, by Newton's rule.
 
     Args:
         rig: The rig with its inertias, the rotor's within the link's.
         part: The log.
         spring: The spring, ``k = r (1 - r) M ω²`` and ``d = 2 ζ r (1 - r) M ω`` for a mean inertia M.
+        even: A linear spring that is near it.
         own: M, kg m².
         free: How the link swings by itself since the log began; but for that it was at rest before.
         about: A motion that is near.
@@ -52,22 +56,69 @@ def swing(rig: Rig, part: Part, spring: Sprung, own: float, free: Swing, about: 
     Returns:
         The motion; None where it has none within `FARTHEST`.
     """
-    c, j, r, w = part.channels, rig.joint_index(spring.joint), spring.rotor_share, 2 * np.pi * spring.frequency
-    rotor, link = r * own, (1 - r) * own
-    count = fft.next_fast_len(2 * len(c.q), real=True)
-    s = 2j * np.pi * fft.rfftfreq(count, part.dt)
-    gives = 1 / (link * (s * s + 2 * spring.damping * r * w * s + r * w * w))
-    x, held = about, rotor * c.a[0, j] - moved(rig, part, j)[0, j]
+    c, j, k, stiff = part.channels, rig.joint_index(spring.joint), spring.stiffness(own), even.stiffness(own)
+    rotor, link = spring.rotor_share * own, (1 - spring.rotor_share) * own
+    x, rest = about, float(spring.soft(rotor * c.a[:1, j] - moved(rig, part, j)[:1, j])[0]) / k
+
+    def given(push: Array) -> Swing:
+        y = driven(part, even, own, push - stiff * rest)
+        return Swing(y.q + rest + free.q, y.v + free.v, y.a + free.a)
+
     for _ in range(PASSES):
         push = link * x.a - moved(rig, part, j, x)[:, j] + rotor * (c.a[:, j] + x.a)
-        spectrum = fft.rfft(push - held, count) * gives
-        q, v, a = (fft.irfft(spectrum * s**k, count)[: len(push)] for k in range(3))
-        before, x = x, Swing(q + held * gives[0].real + free.q, v + free.v, a + free.a)
+        if spring.hardening:
+            push += stiff * x.q - k * x.q * (1 + spring.grown(k * x.q))
+            less = stiff - spring.slope(k * x.q) * k
+            push += less * followed(part, even, less / stiff, given(push).q - x.q)
+        before, x = x, given(push)
         if not np.max(np.abs(x.q)) < FARTHEST:
             return None
         if np.linalg.norm(x.q - before.q) <= SETTLED * np.linalg.norm(x.q):
             break
     return x
+
+
+def driven(part: Part, spring: Sprung, own: float, push: Array) -> Swing:
+    """``I x'' + d x' + k x = push``, N m, (m,), of a link on a linear spring, its motor held; at rest before."""
+    r, w = spring.rotor_share, 2 * np.pi * spring.frequency
+    count = fft.next_fast_len(2 * len(push), real=True)
+    s = 2j * np.pi * fft.rfftfreq(count, part.dt)
+    spectrum = fft.rfft(push, count) / ((1 - r) * own * (s * s + 2 * spring.damping * r * w * s + r * w * w))
+    return Swing(*(fft.irfft(spectrum * s**n, count)[: len(push)] for n in range(3)))
+
+
+def bent(part: Part, spring: Sprung, even: Sprung, own: float, x: Swing, way: Swing) -> Swing:
+    """A small motion on an even spring as it is on one that hardens, beside a motion x."""
+    if not spring.hardening:
+        return way
+    k, stiff = spring.stiffness(own), even.stiffness(own)
+    less = stiff - spring.slope(k * x.q) * k
+    more = driven(part, even, own, less * followed(part, even, less / stiff, way.q))
+    return Swing(*(y + z for y, z in zip(way, more)))
+
+
+def stepped(part: Part, spring: Sprung, push: Array, k: float, free: Swing) -> Swing:
+    """A link's motion by what pushes it where its encoder is, N m, (m,), from how it swings at first."""
+    held, memory = spring.held, (float(spring.soft(push[:1])[0] + k * free.q[0]), float(k * free.v[0]))
+    memories: list[Memory] = [memory]
+    for x in push[:-1].tolist():
+        memories.append(held.step(memories[-1], x, part.dt)[0])
+    z, rate = np.array(memories).T / k
+    return Swing(z, rate, np.gradient(rate, part.dt))
+
+
+def followed(part: Part, even: Sprung, softer: Array, step: Array) -> Array:
+    """``δ = step + N (softer δ)``, (m,): the step of an angle that a spring's stiffness, which is not even, leads to.
+
+    N, the link on its even spring, per unit of its stiffness, is taken sample by sample: by its poles, the mean of
+    three samples and what it gives at rest.
+    """
+    pole = poles(even)
+    one, two = -2 * np.exp(pole.real * part.dt) * np.cos(pole.imag * part.dt), np.exp(2 * pole.real * part.dt)
+    mean = (1 + one + two) / 4 * np.array([1.0, 2.0, 1.0])
+    bands = np.array([1.0, one, two])[:, None] - mean[:, None] * softer
+    right = signal.lfilter([1.0, one, two], [1.0], step)
+    return np.asarray(linalg.lapack.dtbtrs(bands, right, uplo="L")[0])
 
 
 def moved(rig: Rig, part: Part, joint: int, x: Swing | None = None) -> Array:
@@ -87,10 +138,15 @@ def carried(part: Part, joint: int, x: Swing) -> tuple[Array, Array, Array]:
 
 def ringing(part: Part, spring: Sprung) -> list[Swing]:
     """The two ways in which the link swings by itself, its motor held: ``Re e^(pt)`` and ``Im e^(pt)``."""
-    r, w = spring.rotor_share, 2 * np.pi * spring.frequency
-    pole = np.roots([1.0, 2 * spring.damping * r * w, r * w * w]).astype(complex)[0]
+    pole = poles(spring)
     free = [pole**k * np.exp(pole * part.dt * np.arange(len(part.gate))) for k in range(3)]
     return [Swing(*(x.real for x in free)), Swing(*(x.imag for x in free))]
+
+
+def poles(spring: Sprung) -> complex:
+    """One of the two ``p`` of ``p² + 2 ζ r ω p + r ω² = 0``: the link on a linear spring, its motor held."""
+    r, w = spring.rotor_share, 2 * np.pi * spring.frequency
+    return complex(np.roots([1.0, 2 * spring.damping * r * w, r * w * w])[0])
 
 
 class Link(NamedTuple):
@@ -100,11 +156,13 @@ class Link(NamedTuple):
         motion: How far it is from its encoder's angle.
         asked: What that asks of every joint beyond the rigid rig at the encoder's angle, N m, (m, n).
         ways: The same of each way in which it may swing by itself, per unit, (m, n, 2).
+        soft: What its spring's soft part holds, N m, (m,).
     """
 
     motion: Swing
     asked: Array
     ways: Array
+    soft: Array
 
 
 def swung(rig: Rig, part: Part, spring: Sprung, begun: Array, about: Swing | None = None) -> Link | None:
@@ -120,14 +178,23 @@ def swung(rig: Rig, part: Part, spring: Sprung, begun: Array, about: Swing | Non
     j = rig.joint_index(spring.joint)
     mass = inertia(rig, part.channels.q, j)
     own = float(np.mean(mass[:, j]))
-    rotor, ways = spring.rotor_share * own, ringing(part, spring)
-    free = Swing(*(x * begun[0] + y * begun[1] for x, y in zip(*ways)))
-    if not own > 0 or (x := swing(rig, part, spring, own, free, about or free)) is None:
+    if not own > 0:
         return None
+    rotor, k, still = spring.rotor_share * own, spring.stiffness(own), moved(rig, part, j)
+    push = rotor * part.channels.a[:, j] - still[:, j]
+    even = spring.even(k * about.q if about else spring.soft(push))
+    ways = ringing(part, even)
+    free = Swing(*(x * begun[0] + y * begun[1] for x, y in zip(*ways)))
+    x = None if about is None and spring.hardening else swing(rig, part, spring, even, own, free, about or free)
+    if x is None and spring.hardening:
+        x = swing(rig, part, spring, even, own, free, stepped(part, spring, push, k, free))
+    if x is None:
+        return None
+    ways = [bent(part, spring, even, own, x, way) for way in ways]
     stays = rotor * axes(rig, part.channels.q, j)
     mass -= stays
-    asked = moved(rig, part, j, x) - moved(rig, part, j) - stays * x.a[:, None]
-    return Link(x, asked, np.stack([mass * way.a[:, None] for way in ways], axis=2))
+    asked = moved(rig, part, j, x) - still - stays * x.a[:, None]
+    return Link(x, asked, np.stack([mass * way.a[:, None] for way in ways], axis=2), k * x.q)
 
 
 def axes(rig: Rig, q: Array, joint: int) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Borne, Memory
+from gimbal_pin.effects.signal import Borne, Memory, Signal
 from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
@@ -37,12 +37,14 @@ class JointFlexibility(Sprung):
         frequency: Resonance ω/2π, Hz.
         damping: ζ.
         rotor_share: r; 0 for an encoder on the link.
+        hardening: h, 1/(N m)²: bent by x the spring holds ``k x (1 + h (k x)²)``; 0 for a linear one.
     """
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", nan, "Hz", 0.5, 500.0),
         Parameter("damping", 0.05, "1", 1e-3, 0.5),
+        Parameter("hardening", 0.0, "1/(N m)^2", 0.0, 1e6),
         Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
     )
     linear: ClassVar[bool] = True
@@ -109,18 +111,30 @@ class JointFlexibility(Sprung):
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the spring's deflection in N m and its rate in N m/s."""
-        return level, 0.0
+        return float(self.soft(np.array(level))), 0.0
 
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
-        """Exact for a held command: ``z'' = ω² (x - z) - 2 ζ ω z'``; what speeds neither end up is passed on."""
+        """``z'' = ω² (x - z (1 + h z²)) - 2 ζ ω z'``; what speeds neither end up is passed on.
+
+        Exact for a held command, but that h z² is held as it is half way at the rate of the start.
+        """
         w = 2 * pi * self.frequency
-        decay, turn = self.damping * w, w * sqrt(1 - self.damping**2)
-        z, rate = memory[0] - x, memory[1]
+        grown = 1 + self.hardening * (memory[0] + dt / 2 * memory[1]) ** 2
+        decay, turn = self.damping * w, w * sqrt(grown - self.damping**2)
+        z, rate = memory[0] - x / grown, memory[1]
         c, s, left = cos(turn * dt), sin(turn * dt) / turn, exp(-decay * dt)
         after = left * (z * c + (rate + decay * z) * s)
-        rate_after = left * (rate * c - (w * w * z + decay * rate) * s)
+        rate_after = left * (rate * c - (w * w * grown * z + decay * rate) * s)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
-        return (x + after, rate_after), x - kept * (rate_after - rate) / (w * w * dt)
+        return (x / grown + after, rate_after), x - kept * (rate_after - rate) / (w * w * dt)
+
+    def acting(self, command: Array, dt: float) -> Array:
+        """Sample by sample, where it is not linear."""
+        return self.stepped(command, dt) if self.hardening else super().acting(command, dt)
+
+    def matrices(self, dt: float) -> tuple[Array, Array, Array, float]:
+        """What `step` does of a small command: hardening is none of that."""
+        return Signal.matrices(replace(self, hardening=0.0), dt)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
@@ -137,5 +151,8 @@ class JointFlexibility(Sprung):
         return (*rungs, *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return the resonance."""
-        return f"the joint gives like a spring and rings at {self.frequency:.3g} Hz (damping {self.damping:.2g})"
+        """Return the resonance, and the torque at which a spring that hardens is twice as stiff: ``3 h z² = 1``."""
+        rings = f"the joint gives like a spring and rings at {self.frequency:.3g} Hz (damping {self.damping:.2g})"
+        if not self.hardening:
+            return rings
+        return f"{rings}; it hardens, twice as stiff at {4 / 3 / sqrt(3 * self.hardening):.3g} N m"

@@ -185,6 +185,10 @@ class Signal(Cause):
         """Torque that acts, N m, (N,), for a command, N m, (N,), held `dt` s each; settled on the first before it."""
         if self.linear and len(command):
             return self.passed_on(command[:, None], dt)[:, 0]
+        return self.stepped(command, dt)
+
+    def stepped(self, command: Array, dt: float) -> Array:
+        """The same sample by sample."""
         values = command.tolist()
         memory, out = self.start(values[0] if values else 0.0), []
         for x in values:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import abstractmethod
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from gimbal_pin.effects.functions import cut
 from gimbal_pin.effects.signal import Signal
+from gimbal_pin.log import Array
 
 SHARE = 0.25
 """The rotor's share of a joint's inertia that is usual."""
@@ -14,16 +19,21 @@ SHARE = 0.25
 class Sprung(Signal):
     """``k = r (1 - r) M ω²``, ``d = 2 ζ r (1 - r) M ω`` for a joint's inertia M: a spring and its damping.
 
+    Bent by x it holds ``z (1 + h z²)`` with ``z = k x``: strain wave gears stiffen so, and their makers tell how by
+    torques.
+
     Attributes:
         joint: The joint that gives.
         frequency: Resonance ω/2π, Hz.
         damping: ζ.
         rotor_share: r, the rotor's share of M; 0 for an encoder on the link.
+        hardening: h, 1/(N m)²; 0 for a spring that is linear.
     """
 
     frequency: float
     damping: float = 0.05
     rotor_share: float = 0.0
+    hardening: float = 0.0
 
     @property
     def geared(self) -> bool:
@@ -39,3 +49,41 @@ class Sprung(Signal):
     def unseen(self) -> float:
         """The link's share, with the encoder on the rotor."""
         return 1 - self.rotor_share if self.geared else 0.0
+
+    def stiffness(self, inertia: float) -> float:
+        """k, N m/rad, of the soft part, at a joint's inertia M, kg m²."""
+        return self.rotor_share * (1 - self.rotor_share) * inertia * (2 * np.pi * self.frequency) ** 2
+
+    def grown(self, z: Array) -> Array:
+        """``h z²``: share of its soft part z, N m, that the spring holds beyond it."""
+        return self.hardening * z**2
+
+    def slope(self, z: Array) -> Array:
+        """``1 + 3 h z²``: its stiffness, in units of k."""
+        return 1 + 3 * self.grown(z)
+
+    def soft(self, torque: Array) -> Array:
+        """``z: z (1 + h z²) = torque``: the soft part of what it holds, N m, by Cardano."""
+        if not self.hardening:
+            return torque
+        size = 2 / np.sqrt(3 * self.hardening)
+        return np.asarray(size * np.sinh(np.arcsinh(3 * torque / size) / 3))
+
+    @property
+    @abstractmethod
+    def held(self) -> Sprung:
+        """The link alone on its spring, the rotor held."""
+
+    def even(self, z: Array) -> Sprung:
+        """The linear spring ``k (1 + 3 h <z²>)`` of the same damping d that is nearest along some soft torques, N m.
+
+        Exact in the mean for a normal z (Roberts and Spanos, Random Vibration and Statistical Linearization, 1990).
+        """
+        if not self.hardening:
+            return self
+        grown = float(np.sqrt(1 + 3 * self.hardening * np.mean(z**2)))
+        frequency, damping = (
+            float(cut(x, shape.lower, shape.upper))
+            for x, shape in zip((self.frequency * grown, self.damping / grown), self.shapes)
+        )
+        return replace(self, frequency=frequency, damping=damping, hardening=0.0)
