@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.score import CLEARED, Score, all_gained, gained, score
-from gimbal_pin.diagnosis.shapes import free, measure, refined, same
+from gimbal_pin.diagnosis.shapes import free, measure, otherwise, refined, same
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -66,9 +66,15 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
         if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < WORTH:
             first[key] = whole(state, [other for _, other in rows], one.cause)
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
-    again = [(measure(state, cause), cause) for cause in best]
+    again = [best_form(state, cause) for cause in best]
     passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def best_form(state: State, cause: Cause) -> tuple[Score, Cause]:
+    """Score a cause, or its other form that fits better where it has been found."""
+    rows = [(measure(state, one), one) for one in (cause, *otherwise(state, cause))]
+    return max(rows, key=lambda row: net(*row))
 
 
 def lines(state: State, rows: Sequence[tuple[float, Columns]]) -> list[tuple[float, Columns]]:

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.score import Score
-from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, refined, same, shape_names, worth
+from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, otherwise, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -214,5 +214,5 @@ def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cau
     best: dict[tuple[object, ...], Cause] = {}
     for _, one in ranked(base, others):
         best.setdefault(form(one.cause), one.cause)
-    found = [refined(base, other) for other in (*best.values(), *cause.akin())]
+    found = [*(refined(base, other) for other in best.values()), *otherwise(base, cause)]
     return [(measure(base, other), other) for other in found]

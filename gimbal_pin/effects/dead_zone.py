@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import copysign, log, nan
+from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
@@ -17,6 +17,8 @@ RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
 SHARP = (1.5, 4.0, 16.0)
 """Sharpnesses that a search starts from."""
+APART = 1.015
+"""Largest step between thresholds that are tried where an edge was found: one must be met within two per cent."""
 HALVINGS = 40
 """Of the interval in which a compensating command is looked for."""
 THROUGH = 50.0
@@ -83,8 +85,15 @@ class DeadZone(Static):
         return self.whole
 
     def akin(self) -> tuple[Cause, ...]:
-        """A threshold where a sharp edge has been found: on the grid it would have to be met within a few per cent."""
-        return (replace(self, sharpness=0.0, whole=True),) if self.sharpness else ()
+        """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.
+
+        On the grid one would have to be met within a few per cent.
+        """
+        if not self.sharpness:
+            return ()
+        low, high = (self.width * log2(1.0 / x) ** (1.0 / self.sharpness) for x in (0.8, 0.2))
+        widths = ladder(low, high, ceil(log(high / low) / log(APART)) + 1, self.shapes[0])
+        return tuple(replace(self, width=width, sharpness=0.0, whole=True) for width in widths)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
