@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hushes, net, possible, ranked
+from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hushes, net, possible, ranked, signs_only
 from gimbal_pin.diagnosis.fit import improves
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
@@ -118,6 +118,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
             for i, ((found, cause), base) in enumerate(zip(rows, bases))
             if surest(base, cause, found) > limit
             or hushes(base, found, cause)
+            or signs_only(base, found, cause)
             or falls(base, found, cause)
             or not material(base, found)
             or not holds(base, cause)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.contenders import untaken
 from gimbal_pin.diagnosis.finding import Slight
 from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
@@ -71,7 +72,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     check_driven(first)
     shelf = Library(problem, library(problem, comparable(causes)))
     state = polished(composed(first, shelf))
-    null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
+    null = flipped(state.fit, untaken(state, shelf.columns(state)), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
     state = reconsidered(polished(state, step=FINE), shelf)

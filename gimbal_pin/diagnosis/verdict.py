@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, Load, build
+from gimbal_pin.diagnosis.edges import decided
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, NOISY
@@ -17,7 +18,7 @@ from gimbal_pin.diagnosis.search import rivals_of
 from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.wandering import hides, steady
-from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import weight
@@ -227,6 +228,8 @@ def doubtful(first: State, state: State, cause: Cause) -> bool:
     joints = state.problem.evidence.rig.joints
     at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
     before, after = first.fit.dispersion[list(at)], steady(state)[list(at)]
+    if isinstance(cause, Signal) and (known := decided(first, state, cause)) is not None:
+        before, after = np.array(known)[:, None]
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))

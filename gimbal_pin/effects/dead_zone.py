@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
 
+import numpy as np
+
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, exp, size
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Static
+from gimbal_pin.effects.signal import Flags, Static
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 RAMP = 0.05
@@ -83,6 +86,10 @@ class DeadZone(Static):
     def abrupt(self) -> bool:
         """True for a threshold."""
         return self.whole
+
+    def uncertain(self, command: Array, error: float) -> Flags:
+        """About the edge of a threshold."""
+        return np.asarray(self.whole & (np.abs(np.abs(command) - self.width) < error))
 
     def akin(self) -> tuple[Cause, ...]:
         """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.
