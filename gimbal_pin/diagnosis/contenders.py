@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import PUSHED, Columns, Stand, build, plain_columns, pushes
-from gimbal_pin.diagnosis.fit import LUCK, improves, project
+from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.score import CLEARED, Score, all_gained, gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, otherwise, refined, same
-from gimbal_pin.diagnosis.state import State, width
+from gimbal_pin.diagnosis.state import State, solved, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
 
 ENTER = 1e-4
@@ -36,6 +37,8 @@ MOST_CAPPED = 0.5
 SWUNG = 20.0
 """What dry and viscous friction alone leaves of those over what the whole model leaves, from which the joint's motion
 follows them: a sine, as any motion has, leaves a fifth of a square wave of its phase."""
+LIGHTER = 0.5
+"""Share of the given rig's torque by which the fitted one's may be another, if so much less acts than is commanded."""
 OUTBENT = 0.5
 """Share of a joint's dry friction by which more of it may bend: bristles of another form than these take so much."""
 BESIDE = 30.0
@@ -257,9 +260,10 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
 
 
 def signs_only(state: State, found: Score, cause: Cause) -> bool:
-    """Whether a drive's limit leaves but the signs of the commands, and friction explains these: it does so of any.
+    """Whether a drive's limit leaves but the signs of the commands, as friction or lighter bodies explain of any.
 
-    Where the limit is one the joint's acceleration is as large as it says, from one sign to the next.
+    Where the limit is one the joint's acceleration is as large as it says for the rig's own masses, from one sign to
+    the next.
     """
     if not isinstance(cause, Signal):
         return False
@@ -267,12 +271,15 @@ def signs_only(state: State, found: Score, cause: Cause) -> bool:
     j = evidence.rig.joint_index(cause.place)
     if np.mean(cause.biting(np.concatenate([x[:, j] for x in state.acting]))) <= MOST_CAPPED:
         return False
-    columns, rows, at = state.columns(cause).at(j), now.rows(j), len(state.problem.reduction.independent)
+    after = solved(state.problem, (*state.causes, cause), state, keep=True)
+    given = given_beta(evidence.rig, state.problem.reduction)
+    rows, at = now.rows(j), len(given)
     brakes = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.place]
-    A, b = now.stack[rows][:, brakes], now.target[rows] - now.weighted(columns)[:, 0]
-    alone = b - A @ np.linalg.lstsq(A, b, rcond=1e-10)[0]
-    after = now.residual[rows] - project(now, columns)[rows, 0]
-    return bool(alone @ alone < SWUNG * (after @ after))
+    A, b = now.stack[rows][:, brakes], after.fit.target[rows]
+    alone, left = b - A @ np.linalg.lstsq(A, b, rcond=1e-10)[0], after.fit.residual[rows]
+    rigid = now.stack[rows][:, :at]
+    off, asked = rigid @ (after.fit.theta[:at] - given), rigid @ given
+    return bool(alone @ alone < SWUNG * (left @ left) or off @ off > LIGHTER**2 * (asked @ asked))
 
 
 def on_model(state: State, cause: Signal) -> float:
