@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.score import Score
-from gimbal_pin.diagnosis.shapes import COARSE, form, free, measure, otherwise, refined, same, shape_names, worth
+from gimbal_pin.diagnosis.shapes import COARSE, TOLD, form, free, measure, otherwise, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -24,6 +24,8 @@ WORSE = 0.1
 """Rise of what is left by which a step is none: what was there before stood on what a joint bears, and that moved."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
+SHIFTED = 2.0**0.25
+"""Factor by which shapes are moved first to make up for a cause that is left out."""
 SWAPS = 4
 """Most rounds of swapping."""
 
@@ -92,6 +94,24 @@ def polished(state: State, only: Cause | None = None, step: float = COARSE) -> S
             better = refined(without(state, cause), cause, step)
             state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
     return linked(consistent(state), again=step < COARSE)
+
+
+def needed(state: State) -> State:
+    """Leave out a drive's signal without which the others of its joint, moved, explain as much.
+
+    What a shape that is a little off leaves over may be named next, and then holds it there: without it alone much is
+    missed, and no shape by itself can be moved to where it would not be.
+    """
+    for cause in state.causes:
+        beside = [c for c in state.causes if c is not cause and isinstance(c, Signal) and c.place == cause.place]
+        if not isinstance(cause, Signal) or not beside:
+            continue
+        rest = tuple(c for c in state.causes if c is not cause)
+        other = polished(solved(state.problem, rest, state), step=SHIFTED)
+        rows = state.problem.evidence.rows * float(np.max(state.problem.evidence.used()))
+        if rows * (left(other) - left(state)) < TOLD:
+            return needed(other)
+    return state
 
 
 def spot(cause: Cause) -> str | None:

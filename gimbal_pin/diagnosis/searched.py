@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.relatives import related
 from gimbal_pin.diagnosis.restart import composed
-from gimbal_pin.diagnosis.search import polished, pruned
+from gimbal_pin.diagnosis.search import needed, polished, pruned
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.wandering import calmed, reconsidered
@@ -71,7 +71,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     first = solved(problem, (), solved(problem, ()))
     check_driven(first)
     shelf = Library(problem, library(problem, comparable(causes)))
-    state = polished(composed(first, shelf))
+    state = needed(polished(composed(first, shelf)))
     null = flipped(state.fit, untaken(state, shelf.columns(state)), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     state, small = pruned(state, limit, verdict.material)
