@@ -13,11 +13,13 @@ from gimbal_pin.diagnosis.edges import away, decided
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import NOTHING
-from gimbal_pin.diagnosis.search import variants
+from gimbal_pin.diagnosis.search import needed, variants
 from gimbal_pin.diagnosis.shapes import otherwise, refined, worth
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import APART, DeadZone
+from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.model import nominal
@@ -126,3 +128,15 @@ def test_only_what_can_enter_is_asked_for() -> None:
     state = solved(looped().problem, (zone, Cogging(place, (3.0,))), looped())
     columns = [state.columns(one) for one in (other, tooth, DeadZone(RIG.joints[1], 0.2))]
     assert untaken(state, columns) == columns[1:]
+
+
+def test_a_lag_that_mends_what_a_delay_is_off_is_left_out_and_what_is_there_is_not() -> None:
+    place, late = RIG.joints[0], 0.012
+    torque = np.concatenate(looped().problem.evidence.torque)[:, 0]
+    limit = Saturation(place, 0.8 * float(np.max(np.abs(torque))))
+    before = looped(limit, Delay(place, late))
+    mended = (limit, Delay(place, late - 6e-4), ActuatorLag(place, 6e-4))
+    found = needed(solved(before.problem, mended, before))
+    assert {cause.name for cause in found.causes} == {"saturation", "delay"}
+    delay = next(cause for cause in found.causes if isinstance(cause, Delay))
+    assert delay.late(DT) == pytest.approx(late, rel=0.03)
