@@ -224,16 +224,25 @@ def minor(state: State, cause: Cause) -> bool:
 
 
 def doubtful(first: State, state: State, cause: Cause) -> bool:
-    """Whether so much is left at the cause's joint that no name deserves trust."""
+    """Whether so much is left at the cause's joint that no name deserves trust, and that by no unsure edge of its own.
+
+    `first` is the state without any cause.
+    """
     joints = state.problem.evidence.rig.joints
-    at = [joints.index(cause.place)] if cause.of_joint else range(len(joints))
-    before, after = first.fit.dispersion[list(at)], steady(state)[list(at)]
-    if isinstance(cause, Signal) and (known := decided(first, state, cause)) is not None:
-        before, after = np.array(known)[:, None]
+    at = [joints.index(cause.place)] if cause.of_joint else list(range(len(joints)))
+    if too_much(cause, first.fit.dispersion[at], steady(state)[at]):
+        known = decided(first, state, cause) if isinstance(cause, Signal) else None
+        if known is None or too_much(cause, *np.array(known)[:, None]):
+            return True
+    return at_bound(without(state, cause), cause)
+
+
+def too_much(cause: Cause, before: Array, after: Array) -> bool:
+    """Whether too much is left for a cause's name, by the dispersions before and after all that was found, (k,)."""
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
-    return bool(loud or np.any((after > MUCH) & (explained < least))) or at_bound(without(state, cause), cause)
+    return bool(loud or np.any((after > MUCH) & (explained < least)))
 
 
 def slight(state: State, causes: Sequence[Cause]) -> tuple[Slight, ...]:
