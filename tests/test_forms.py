@@ -27,7 +27,7 @@ from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.rig_effect import RigEffect
-from gimbal_pin.effects.saturation import CLOSE, Saturation
+from gimbal_pin.effects.saturation import CLOSE, LOWEST, NARROW, WIDE, WIDER, Saturation
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.stribeck import STROKE, Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias
@@ -118,8 +118,10 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
 def test_clips_are_tried_a_step_apart_however_rare_the_peaks(peak: float) -> None:
     clips = [one for one in Saturation.tried("tilt", SEEN._replace(peak=peak)) if isinstance(one, Saturation)]
     limits = np.array([one.limit for one in clips if one.side == 0 and not one.knee])
-    assert limits[0] == pytest.approx(0.5 * SEEN.torque) and limits[-1] == pytest.approx(0.95 * peak)
+    assert limits[0] == pytest.approx(LOWEST * SEEN.torque) and limits[-1] == pytest.approx((1 - NARROW) * peak)
     assert np.max(limits[1:] / limits[:-1]) <= CLOSE * (1 + 1e-9)
+    off = peak - limits[limits >= (1 - WIDE) * peak * (1 - 1e-9)]
+    assert np.max(off[:-1] / off[1:]) <= WIDER * (1 + 1e-9)
 
 
 def test_once_per_turn_about_a_vertical_axis_may_be_a_base_that_leans() -> None:

@@ -31,9 +31,6 @@ PUSHED = 0.2
 """Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
 MOST_TAKEN = 0.9
 """A drive that takes more of the torque than this explains nothing: it silences the joint."""
-MOST_CAPPED = 0.5
-"""Share of the samples at which a drive's limit may bite: of more commands than that but their sign is left, and dry
-friction explains any sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +133,10 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
     if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything
         taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
-    capped = np.mean(signal.biting(np.concatenate(whole))) > MOST_CAPPED
     silenced = taken > MOST_TAKEN**2 * most and not signal.springy  # what adds what its model says silences nothing
     everywhere = any(y is not None and (y.across is not None or y.taken is not None) for y in borne)
     found = evidence.whiten_all(spread) if everywhere and evidence.rig.n > 1 else white
-    return np.zeros_like(found) if capped or silenced else found
+    return np.zeros_like(found) if silenced else found
 
 
 class Stand(NamedTuple):

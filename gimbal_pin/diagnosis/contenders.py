@@ -11,10 +11,11 @@ from gimbal_pin.diagnosis.fit import LUCK, improves
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.score import CLEARED, Score, all_gained, gained, score
-from gimbal_pin.diagnosis.shapes import free, measure, refined, same
-from gimbal_pin.diagnosis.state import State, width
+from gimbal_pin.diagnosis.shapes import free, measure, otherwise, refined, same
+from gimbal_pin.diagnosis.state import State, solved, width
 from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
 
 ENTER = 1e-4
@@ -31,6 +32,13 @@ HUSHED = 1.5
 """Gain of a drive's signal over what it takes off the unexplained torque, under which it does only that."""
 GENUINE = 0.5
 """Share of such a gain that must be left where it acts on the model's torque in place of the measured one."""
+MOST_CAPPED = 0.5
+"""Share of the samples at which a drive's limit bites, from which little more than the commands' signs is left."""
+SWUNG = 20.0
+"""What dry and viscous friction alone leaves of those over what the whole model leaves, from which the joint's motion
+follows them: a sine, as any motion has, leaves a fifth of a square wave of its phase."""
+LIGHTER = 0.5
+"""Share of the given rig's torque by which the fitted one's may be another, if so much less acts than is commanded."""
 OUTBENT = 0.5
 """Share of a joint's dry friction by which more of it may bend: bristles of another form than these take so much."""
 BESIDE = 30.0
@@ -57,18 +65,28 @@ def contenders(state: State, shelf: Library, place: str | None = None) -> list[t
         shelf: The library.
         place: Only causes at this joint and of the whole rig; None: of any joint, that of the best candidate.
     """
-    taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
-    gains = ranked(state, shelf.columns(state, place))
-    rows = lines(state, [(gain, one) for gain, one in gains if (one.cause.name, one.cause.place) not in taken])
+    rows = lines(state, ranked(state, untaken(state, shelf.columns(state, place))))
     first: dict[tuple[str, str], Cause] = {}
     for gain, one in rows:
         key = (one.cause.name, one.cause.place)
         if gain > CLOSE * rows[0][0] and key not in first and score(state.fit, one, False).p < WORTH:
             first[key] = whole(state, [other for _, other in rows], one.cause)
     best = [refined(state, cause) for cause in list(first.values())[:MOST]]
-    again = [(measure(state, cause), cause) for cause in best]
+    again = [best_form(state, cause) for cause in best]
     passed = [row for row in again if row[0].p < ENTER and net(*row) > 0 and possible(state, *row)]
     return sorted(passed, key=lambda row: -net(*row))
+
+
+def untaken(state: State, columns: Sequence[Columns]) -> list[Columns]:
+    """Leave out what cannot enter: a second cause of one kind at one place, unless it is a harmonic or of the rig."""
+    taken = {(c.name, c.place) for c in state.causes if not isinstance(c, (Harmonic, RigEffect))}
+    return [one for one in columns if (one.cause.name, one.cause.place) not in taken]
+
+
+def best_form(state: State, cause: Cause) -> tuple[Score, Cause]:
+    """Score a cause, or its other form that fits better where it has been found."""
+    rows = [(measure(state, one), one) for one in (cause, *otherwise(state, cause))]
+    return max(rows, key=lambda row: net(*row))
 
 
 def lines(state: State, rows: Sequence[tuple[float, Columns]]) -> list[tuple[float, Columns]]:
@@ -133,7 +151,7 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, holds_fast, drives, outbends, falls, strays)
+    tests = (hushes, signs_only, holds_fast, drives, outbends, falls, strays)
     return not any(test(state, found, cause) for test in tests)
 
 
@@ -239,6 +257,29 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
     hushed = float(np.sum(evidence.whiten([cause.acting(x, p.dt) for x, p in zip(left, evidence.parts)], j) ** 2))
     gain = found.gain / float(state.fit.scale[j]) ** 2
     return gain < HUSHED * (loud - hushed) and loud - gain > CLEARED * hushed
+
+
+def signs_only(state: State, found: Score, cause: Cause) -> bool:
+    """Whether a drive's limit leaves but the signs of the commands, as friction or lighter bodies explain of any.
+
+    Where the limit is one the joint's acceleration is as large as it says for the rig's own masses, from one sign to
+    the next.
+    """
+    if not isinstance(cause, Signal):
+        return False
+    evidence, now = state.problem.evidence, state.fit
+    j = evidence.rig.joint_index(cause.place)
+    if np.mean(cause.biting(np.concatenate([x[:, j] for x in state.acting]))) <= MOST_CAPPED:
+        return False
+    after = solved(state.problem, (*state.causes, cause), state, keep=True)
+    given = given_beta(evidence.rig, state.problem.reduction)
+    rows, at = now.rows(j), len(given)
+    brakes = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.place]
+    A, b = now.stack[rows][:, brakes], after.fit.target[rows]
+    alone, left = b - A @ np.linalg.lstsq(A, b, rcond=1e-10)[0], after.fit.residual[rows]
+    rigid = now.stack[rows][:, :at]
+    off, asked = rigid @ (after.fit.theta[:at] - given), rigid @ given
+    return bool(alone @ alone < SWUNG * (left @ left) or off @ off > LIGHTER**2 * (asked @ asked))
 
 
 def on_model(state: State, cause: Signal) -> float:

@@ -7,13 +7,25 @@ from itertools import combinations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hushes, net, possible, ranked
+from gimbal_pin.diagnosis.contenders import MOST, PENALTY, contenders, falls, hushes, net, possible, ranked, signs_only
 from gimbal_pin.diagnosis.fit import improves
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.score import Score
-from gimbal_pin.diagnosis.shapes import COARSE, FINE, form, free, measure, refined, same, shape_names, worth
+from gimbal_pin.diagnosis.shapes import (
+    COARSE,
+    FINE,
+    TOLD,
+    form,
+    free,
+    measure,
+    otherwise,
+    refined,
+    same,
+    shape_names,
+    worth,
+)
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -26,6 +38,8 @@ CLEARER = float(np.log(2.0))
 """Fall of what is left from which more parameters led to something better: by half."""
 FURTHER = 2.0
 """Net gain of a new cause over that of a further harmonic of one that stands, under which the harmonic goes first."""
+SHIFTED = 2.0**0.25
+"""Factor by which shapes are moved first to make up for a cause that is left out."""
 SWAPS = 4
 """Most rounds of swapping."""
 
@@ -111,6 +125,24 @@ def polished(state: State, only: Cause | None = None, step: float = COARSE) -> S
     return linked(consistent(state), again=step < COARSE)
 
 
+def needed(state: State) -> State:
+    """Leave out a drive's signal without which the others of its joint, moved, explain as much.
+
+    What a shape that is a little off leaves over may be named next, and then holds it there: without it alone much is
+    missed, and no shape by itself can be moved to where it would not be.
+    """
+    for cause in state.causes:
+        beside = [c for c in state.causes if c is not cause and isinstance(c, Signal) and c.place == cause.place]
+        if not isinstance(cause, Signal) or not beside:
+            continue
+        rest = tuple(c for c in state.causes if c is not cause)
+        other = polished(solved(state.problem, rest, state), step=SHIFTED)
+        rows = state.problem.evidence.rows * float(np.max(state.problem.evidence.used()))
+        if rows * (left(other) - left(state)) < TOLD:
+            return needed(other)
+    return state
+
+
 def spot(cause: Cause) -> str | None:
     """Joint at which a cause's rivals sit, beside those of the whole rig; None: at any."""
     return cause.place if cause.of_joint else None
@@ -135,6 +167,7 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
             for i, ((found, cause), base) in enumerate(zip(rows, bases))
             if surest(base, cause, found) > limit
             or hushes(base, found, cause)
+            or signs_only(base, found, cause)
             or falls(base, found, cause)
             or not material(base, found)
             or not holds(base, cause)
@@ -261,5 +294,5 @@ def variants(base: State, cause: Cause, shelf: Library) -> list[tuple[Score, Cau
     best: dict[tuple[object, ...], Cause] = {}
     for _, one in ranked(base, others):
         best.setdefault(form(one.cause), one.cause)
-    found = [refined(base, other) for other in (*best.values(), *cause.akin())]
+    found = [*(refined(base, other) for other in best.values()), *otherwise(base, cause)]
     return [(measure(base, other), other) for other in found]

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.diagnosis import leftover, verdict
+from gimbal_pin.diagnosis.contenders import untaken
 from gimbal_pin.diagnosis.finding import Slight
 from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.relatives import related
 from gimbal_pin.diagnosis.restart import composed
-from gimbal_pin.diagnosis.search import polished, pruned, regrown
+from gimbal_pin.diagnosis.search import needed, polished, pruned, regrown
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.wandering import calmed, reconsidered
@@ -70,8 +71,8 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     first = solved(problem, (), solved(problem, ()))
     check_driven(first)
     shelf = Library(problem, library(problem, comparable(causes)))
-    state = polished(composed(first, shelf))
-    null = flipped(state.fit, shelf.columns(state), rng, FLIPS)
+    state = needed(polished(composed(first, shelf)))
+    null = flipped(state.fit, untaken(state, shelf.columns(state)), rng, FLIPS)
     limit = float(np.quantile(null, ERROR_RATE))
     left, small = pruned(state, limit, verdict.material)
     state = regrown(state, left, shelf, limit, verdict.material)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from functools import partial
 from math import log
 
 from gimbal_pin.diagnosis.score import Score, gained, score
@@ -15,6 +16,8 @@ COARSE = 2.0
 """Factor by which a shape parameter is moved first."""
 FINE = 2.0 ** (1 / 64)
 """The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
+NEAR = 2.0 ** (1 / 32)
+"""The same where the best of many that stand close is moved on."""
 TOLD = 10.0
 """Gain from which a log tells one shape or form from another: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
 
@@ -39,6 +42,12 @@ def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
             best, at = found, other
         step **= 0.5
     return at
+
+
+def otherwise(state: State, cause: Cause) -> tuple[Cause, ...]:
+    """The other form of a cause that gains most where the search has found it, refined; none where it has none."""
+    best = max(cause.akin(), key=partial(worth, state), default=None)
+    return () if best is None else (refined(state, best, NEAR),)
 
 
 def onward(before: Cause, at: Cause) -> Cause | None:

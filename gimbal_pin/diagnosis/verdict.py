@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, Load, build
+from gimbal_pin.diagnosis.edges import decided
 from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, NOISY
@@ -17,7 +18,7 @@ from gimbal_pin.diagnosis.search import rivals_of
 from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.wandering import hides, steady
-from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
@@ -224,14 +225,24 @@ def minor(state: State, cause: Cause) -> bool:
 
 
 def doubtful(first: State, state: State, cause: Cause) -> bool:
-    """Whether so much is left at the cause's joint that no name deserves trust."""
+    """Whether so much is left at the cause's joint that no name deserves trust, and that by no unsure edge of its own.
+
+    `first` is the state without any cause.
+    """
     at = shaken(state, cause)
-    before, after = first.fit.dispersion[at], steady(state)[at]
+    if too_much(cause, first.fit.dispersion[at], steady(state)[at]) or misses(state, cause):
+        known = decided(first, state, cause) if isinstance(cause, Signal) else None
+        if known is None or too_much(cause, *np.array(known)[:, None]):
+            return True
+    return goes_on(state, cause) or at_bound(without(state, cause), cause)
+
+
+def too_much(cause: Cause, before: Array, after: Array) -> bool:
+    """Whether too much is left for a cause's name, by the dispersions before and after all that was found, (k,)."""
     explained = 1 - (after - 1) / np.maximum(before - 1, 1e-9)
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
-    poor = bool(loud or np.any((after > MUCH) & (explained < least)))
-    return poor or goes_on(state, cause) or misses(state, cause) or at_bound(without(state, cause), cause)
+    return bool(loud or np.any((after > MUCH) & (explained < least)))
 
 
 def misses(state: State, cause: Cause) -> bool:

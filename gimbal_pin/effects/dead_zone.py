@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import copysign, log, nan
+from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
+
+import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, exp, size
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Static
+from gimbal_pin.effects.signal import Flags, Static
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
 SHARP = (1.5, 4.0, 16.0)
 """Sharpnesses that a search starts from."""
+APART = 1.015
+"""Largest step between thresholds that are tried where an edge was found: one must be met within two per cent."""
 HALVINGS = 40
 """Of the interval in which a compensating command is looked for."""
 THROUGH = 50.0
@@ -82,9 +87,20 @@ class DeadZone(Static):
         """True for a threshold."""
         return self.whole
 
+    def uncertain(self, command: Array, error: float) -> Flags:
+        """About the edge of a threshold."""
+        return np.asarray(self.whole & (np.abs(np.abs(command) - self.width) < error))
+
     def akin(self) -> tuple[Cause, ...]:
-        """A threshold where a sharp edge has been found: on the grid it would have to be met within a few per cent."""
-        return (replace(self, sharpness=0.0, whole=True),) if self.sharpness else ()
+        """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.
+
+        On the grid one would have to be met within a few per cent.
+        """
+        if not self.sharpness:
+            return ()
+        low, high = (self.width * log2(1.0 / x) ** (1.0 / self.sharpness) for x in (0.8, 0.2))
+        widths = ladder(low, high, ceil(log(high / low) / log(APART)) + 1, self.shapes[0])
+        return tuple(replace(self, width=width, sharpness=0.0, whole=True) for width in widths)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

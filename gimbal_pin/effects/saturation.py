@@ -20,8 +20,19 @@ SOFT = 2.0
 """Knee that a search starts from."""
 CLOSE = 1.25
 """Largest step between clips that a search starts from: one that is a third off gains nothing."""
+LOWEST = 0.2
+"""Share of the torque from which they start: of commands many times what acts little more than the sign is left."""
+NARROW, WIDE = 0.05, 0.25
+"""Shares of the peak by which those are under it that clip peaks alone."""
+WIDER = 1.8
+"""Largest step between these: what a clip takes off a peak grows with how far it is under it."""
 NEAREST = 0.999
 """Share of a soft limit up to which a controller commands what it takes."""
+
+
+def stepped(low: float, high: float, most: float) -> tuple[float, ...]:
+    """Return values from low to high, each at most so many times the last; none where low is no less."""
+    return ladder(low, high, ceil(log(max(high / low, 1.0)) / log(most)) + 1, Saturation.shapes[0])
 
 
 @dataclass(frozen=True)
@@ -89,12 +100,12 @@ class Saturation(Static):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
-        low, high = max(0.5 * seen.torque, cls.shapes[0].lower), 0.95 * seen.peak
-        steps = ceil(log(max(high / low, 1.0)) / log(CLOSE))
-        limits = ladder(low, high, max(steps + 1, 8), cls.shapes[0])
+        low, high = max(LOWEST * seen.torque, cls.shapes[0].lower), (1.0 - WIDE) * seen.peak
+        under = stepped(low, high, CLOSE)
+        limits = (*under, *(seen.peak - one for one in stepped(NARROW * seen.peak, WIDE * seen.peak, WIDER)))
         beyond = ladder(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
         return (
-            *(cls(joint, limit, side) for limit in limits for side in (0, 1, -1)),
+            *(cls(joint, limit, side) for limit in sorted(set(limits)) for side in (0, 1, -1)),
             *(cls(joint, limit, 0, SOFT) for limit in beyond),
         )
 
