@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import load_logs
+from gimbal_pin.cli.inputs import load_logs, typed
 from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed, optional
 from gimbal_pin.cli.present import present
 
@@ -45,4 +45,5 @@ def diagnose(
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     files = {} if output is None else write_diagnosis(found, output)
-    present(text.diagnosis(found, files), found.to_dict(), json)
+    asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)
+    present(text.diagnosis(found, files, asked), found.to_dict(), json)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis.finding import Finding
     from gimbal_pin.parameter import Parameter
 
-
 DEVIATIONS = "(± is one standard deviation)"
 LIMIT = (
     "(noise may be larger than what would be found: it averages out over the log, and a torque that goes with the"
@@ -22,9 +21,11 @@ LIMIT = (
 ALONE = "(a finding's error before is without it and with all others; the table's is the refitted model's alone)"
 
 
-def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
-    """Verdict, findings, what is left at each joint, and where the files lie."""
-    lines = [f"verdict: {found.verdict}{doubted(found)}"] + ([""] if found.spoiling or found.findings else [])
+def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> str:
+    """Verdict, findings, what is left at each joint, and where the files lie; `command`: the call that asked for it."""
+    lines = [f"verdict: {found.verdict}{doubted(found)}"]
+    lines += [] if found.timing is None else [f"next: {line}" for line in found.timing.next(command)]
+    lines += [""] if found.spoiling or found.findings else []
     for fault in found.spoiling:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
         lines += [f"  {sized(p)}" for p in fault.answer]

@@ -33,6 +33,7 @@ MOVED = "The platform's motion is in it, as the IMU tells it: below stands what 
 def diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
     parts = [paragraph(toned(said(found), "good" if found.beside == "nothing" else "fair"))]
+    parts += [] if found.timing is None else [paragraph(f"Next: {line}.") for line in found.timing.next()]
     parts += (
         [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
     )
