@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, NamedTuple
 
+from gimbal_pin.digits import digits
+
 ASKED = "gimbal-pin diagnose RIG LOG"
 """The call that asks for a diagnosis, where nobody knows its arguments."""
 
@@ -47,7 +49,7 @@ class Timing:
     def seen(self) -> str:
         """The delays that the wider band shows and this one does not; nothing where there is none."""
         rows = [(joint, there.shown) for joint, (_, there) in self.joints.items() if there.shown]
-        return ", ".join(f"{1e3 * shown:.2g} ms at {joint}" for joint, shown in rows)
+        return ", ".join(f"{digits(1e3 * shown, 2)} ms at {joint}" for joint, shown in rows)
 
     @property
     def option(self) -> str:
@@ -77,4 +79,4 @@ class Timing:
 
 def found(late: Late) -> str:
     """``from 2.8 ms on``."""
-    return f"from {1e3 * late.least:.2g} ms on" if isfinite(late.least) else "of no length"
+    return f"from {digits(1e3 * late.least, 2)} ms on" if isfinite(late.least) else "of no length"

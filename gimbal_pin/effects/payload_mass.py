@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
 from gimbal_pin.errors import UsageError
 from gimbal_pin.parameter import Parameter
@@ -79,8 +80,8 @@ class PayloadMass(RigEffect):
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""
-        weight = f"{abs(1e3 * self.extra):.4g} g"
-        place = np.linalg.norm([self.x, self.y, self.z])
+        weight = f"{digits(abs(1e3 * self.extra), 4)} g"
+        place = float(np.linalg.norm([self.x, self.y, self.z]))
         if place:
-            return f"a weight of some {weight} sits on the payload, {1e3 * place:.2g} mm from its centre of mass"
+            return f"a weight of some {weight} sits on the payload, {digits(1e3 * place, 2)} mm from its centre of mass"
         return f"the payload is {weight} {'heavier' if self.extra >= 0 else 'lighter'} than stated"

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import degrees
 from typing import TYPE_CHECKING, Any
 
+from gimbal_pin.digits import digits
 from gimbal_pin.text.cells import number, table
 
 if TYPE_CHECKING:
@@ -51,7 +52,9 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> 
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model{freely(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
-    lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
+    lines += [
+        f"too small to matter: {s.cause} at {s.joint or 'rig'} ({digits(100 * s.share, 2)} %)" for s in found.immaterial
+    ]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.platform_motion import COMPENSATION
+from gimbal_pin.digits import digits
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
@@ -52,7 +53,9 @@ def diagnosis(found: Diagnosis) -> Section:
     if found.given is not None:
         parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
     hidden = [f"{each.cause} at {each.joint or 'the rig'}" for each in found.untestable]
-    small = [f"{each.cause} at {each.joint or 'the rig'} ({100 * each.share:.2g} %)" for each in found.immaterial]
+    small = [
+        f"{each.cause} at {each.joint or 'the rig'} ({digits(100 * each.share, 2)} %)" for each in found.immaterial
+    ]
     notes = [
         *found.notes,
         *([f"{found.timing.sentence}."] if found.timing else []),
@@ -96,7 +99,9 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list
     gain = finding.gain
     if gain["rollout_rmse_before"] > 0:
         rolled = gain["rollout_rmse_after"] / gain["rollout_rmse_before"]
-        lines.append(f"Simulated from the same torque, the angle is off by {rolled:.2g} times what it was without it.")
+        lines.append(
+            f"Simulated from the same torque, the angle is off by {digits(rolled, 2)} times what it was without it."
+        )
     title = f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}"
     told = [heading(title), paragraph(finding.sentence), bullets(lines)]
     return [*told, *rivals(finding), *(part for one in likest for part in alike_map(one, colour))]
