@@ -26,6 +26,7 @@ from gimbal_pin.report import Section, html, numbers, plots, svg
 from gimbal_pin.report.base import anchors
 from gimbal_pin.report.evaluation import Evaluated, Part, evaluate
 from gimbal_pin.report.joints import PALETTE, joint_colours, joints_of
+from gimbal_pin.report.sections.diagnosis import WRONG
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.known import known
 from gimbal_pin.report.sections.overlay import broken, rounded, worst
@@ -104,6 +105,12 @@ def animation(walk: Walk) -> str:
 def page(walk: Walk, animation: str) -> str:
     """The whole report."""
     return report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation)
+
+
+def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
+    why = "turret.csv: its torque has nothing to do with the motion; check its column"
+    said = report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, "", undiagnosed=why)
+    assert why in said and why not in page and WRONG in said
 
 
 def parsed(text: str) -> Any:
@@ -403,6 +410,7 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
     assert vague is not None
     unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
     assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None))
+    assert any("not to be run" in reason for reason in cautions(tune(unsure, dt=0.002), None))
 
 
 def test_sliding_joints_are_shown_in_millimetres() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 
 from gimbal_pin.control.design import LAYERED, Wish
-from gimbal_pin.control.drawn import DRAWS
+from gimbal_pin.control.drawn import DRAWS, LARGEST, Ratios
 from gimbal_pin.control.loop import Margins
 from gimbal_pin.control.lyapunov import Robust
 from gimbal_pin.control.uncertainty import Bounds
@@ -53,6 +53,29 @@ def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, d
         return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}"
     why = f"{digits(wanted)} Hz would leave a disk margin under {wish.disk:g} {late}"
     return f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}"
+
+
+def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tuple[str, ...]:
+    """Say which loops nobody should close: those whose inertia may as well be half of what is believed, or less.
+
+    Args:
+        joints: Joint names.
+        over: Gains of the plant over what the law believes, of all draws.
+        least: The worst margins of all draws.
+    """
+    most = [max(ratios) for ratios in over]
+    rows = [(j, m, own) for j, m, own in zip(joints, most, least) if m >= 1 / (1 - UNSAFE_ALPHA)]
+    said = [
+        f"not to be run: the logs leave its inertia open, its loop's gain may be {times(m)} what is believed and cross "
+        f"at {digits(own.crossover_hz)} Hz; identify it better first (gimbal-pin excite designs a motion)"
+        for _, m, own in rows
+    ]
+    return tuple(grouped([joint for joint, _, _ in rows], said))
+
+
+def times(gain: float) -> str:
+    """How many times a gain another one is; beyond those looked at it has no bound."""
+    return "any number of times" if gain >= LARGEST * (1 - 1e-9) else f"{digits(gain, 2)} times"
 
 
 def about_gains(wish: Wish) -> str:

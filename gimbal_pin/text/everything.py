@@ -19,7 +19,7 @@ def auto(found: Auto, command: str = "") -> str:
     files = table("file", "", rows=[(what, str(path)) for what, path in found.files.items()])
     parts = [
         identified(found.identified),
-        *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {}, command)]),
+        f"not diagnosed: {found.undiagnosed}" if found.diagnosis is None else diagnosis(found.diagnosis, {}, command),
         tuning(found.tuning),
         tracking(found.tracking, found.plant),
         f"no camera held on a platform: {found.why}" if found.held is None else verified(found.held),

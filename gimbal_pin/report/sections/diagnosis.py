@@ -20,6 +20,7 @@ from gimbal_pin.report.numbers import figures, listed, torque_text
 from gimbal_pin.report.sections.gain import gain
 from gimbal_pin.report.sections.residuals import residuals
 
+WRONG = "What the simulation gets wrong"
 VERDICTS = {
     "named": "Something is missing from the model, and this log says what.",
     "ambiguous": "Something is missing from the model; this log leaves more than one cause possible.",
@@ -63,7 +64,7 @@ def diagnosis(found: Diagnosis) -> Section:
     ]
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
     parts += [folded("Notes", bullets(notes))] if notes else []
-    return Section("What the simulation gets wrong", join(parts), "On the part of the log that no choice has seen.")
+    return Section(WRONG, join(parts), "On the part of the log that no choice has seen.")
 
 
 def said(found: Diagnosis) -> str:
