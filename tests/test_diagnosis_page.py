@@ -7,8 +7,11 @@ from dataclasses import replace
 import lxml.html
 import numpy as np
 import pytest
+from markupsafe import escape
 
+from gimbal_pin import text
 from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.diagnosis.followed import BANDWIDTH, HOW, SIZE
 from gimbal_pin.diagnosis.heat import heat
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.nearness import cosine
@@ -51,6 +54,12 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
     rows = found.to_dict()["tracking"]
     assert list(rows) == ["pan", "tilt"]
     assert 0 < rows["tilt"]["rms_after"] < 0.3 * rows["tilt"]["rms_before"]
+
+
+def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:
+    """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
+    assert f"{BANDWIDTH:g} Hz" in HOW and f"{np.degrees(SIZE):.0f}°" in HOW
+    assert f"({HOW})" in text.diagnosis(found, {}) and escape(HOW) in sections.diagnosis(found).html
 
 
 def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:

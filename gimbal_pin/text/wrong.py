@@ -121,7 +121,9 @@ def worse(finding: Finding) -> list[str]:
 
 def tracking_gain(found: Diagnosis) -> list[str]:
     """How closely a controller follows with the found causes compensated, and without, in degrees."""
+    from gimbal_pin.diagnosis.followed import HOW
+
     rows = found.tracking.items()
     cells = [(joint, *(number(degrees(row[key]), 2) for key in ("rms_before", "rms_after"))) for joint, row in rows]
     told = ", ".join(f"{joint} {before}° → {after}°" for joint, before, after in cells)
-    return [f"tracking error in simulation, rms, without and with compensation: {told}"] if cells else []
+    return [f"tracking error in simulation, rms, without and with compensation: {told} ({HOW})"] if cells else []
