@@ -26,8 +26,8 @@ SIZE = 0.35
 MOVE = 1.0
 """Duration of each of its moves, s."""
 HOW = (
-    f"all axes {degrees(SIZE):.0f}° to and fro at once where limits leave room, in moves of {MOVE:g} s, by computed torque "
-    f"of {BANDWIDTH:g} Hz on the extended model; neither the log's motion nor its controller"
+    f"all axes {degrees(SIZE):.0f}° to and fro at once where limits leave room, in moves of {MOVE:g} s, by computed "
+    f"torque of {BANDWIDTH:g} Hz on the extended model; neither the log's motion nor its controller"
 )
 """Which motion it is, and who follows it: a log's own tracking error is of another."""
 
