@@ -515,6 +515,10 @@ OUTSIDE = """[...document.querySelectorAll('svg')].flatMap(svg => { const box = 
 
 WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
+CUT = """[...document.querySelectorAll('.plot, .table')].filter(part => part.scrollWidth > part.clientWidth + 1)
+  .map(part => [part.scrollWidth, part.clientWidth, part.textContent.slice(0, 40)])"""
+"""Figures and tables of which the page's width leaves something out."""
+
 SCENE = """(() => { const scene = document.querySelector('iframe').contentWindow;
   const canvas = scene.document.querySelector('canvas');
   return [canvas.width > 300, scene.document.getElementById('clock').value]; })()"""
@@ -530,3 +534,13 @@ def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_
     for empty, outside, wider, (drawn, clock) in (seen.values[:4], seen.values[4:]):
         assert (empty, outside, wider, drawn) == ([], [], 0, True)
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
+
+
+@needs_browser
+def test_nothing_is_cut_off_on_a_desktop(page: str, tmp_path: Path) -> None:
+    """At any width of a window on half a screen or a whole one, contents beside the page or above it."""
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    widths = (800, 960, 1000, 1180, 1181, 1250, 1400)
+    seen = visit(path.as_uri(), *(step for pixels in widths for step in (wide(pixels), CUT)))
+    assert dict(zip(widths, seen.values)) == {pixels: [] for pixels in widths}
