@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import lxml.html
 import numpy as np
@@ -17,6 +18,7 @@ from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.nearness import cosine
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import UsageError
+from gimbal_pin.io import write_log
 from gimbal_pin.log import Log
 from gimbal_pin.report import sections
 from gimbal_pin.report.joints import joints_of
@@ -26,6 +28,7 @@ from gimbal_pin.report.sections.residuals import ranked
 from gimbal_pin.report.sections.summary import verdict
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
+from tests.command_line import Run
 from tests.test_compensation import with_causes
 
 FEW = ("cogging", "cable-spring", "torque-ripple", "delay", "actuator-lag", "stribeck")
@@ -151,3 +154,18 @@ def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis)
     assert said(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
     sure = replace(found, verdict="named", findings=(finding,))
     assert text.diagnosis(sure, {}).startswith("verdict: named\n") and said(sure).endswith("says what.")
+
+
+def test_a_diagnosis_has_a_page_of_its_own(
+    run: Run, log: Log, found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands beside the JSON and says what the terminal says."""
+    monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr("gimbal_pin.diagnosis.planned", lambda found, **_: found)
+    write_log(log, tmp_path / "log.csv")
+    code, out, err = run("diagnose", "turret", tmp_path / "log.csv", "-o", tmp_path / "wrong")
+    page = tmp_path / "wrong" / "report.html"
+    assert code == 0 and f"report: {page}" in out, err
+    words = lxml.html.fromstring(page.read_text(encoding="utf-8")).text_content()
+    assert all(one.sentence in words for one in found.findings) and "Travel" in words
+    assert (tmp_path / "wrong" / "diagnosis.json").exists()

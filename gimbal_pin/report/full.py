@@ -70,6 +70,12 @@ def full(
     return render(rig.title, every, rig.config.description)
 
 
+def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis, command: str = "") -> str:
+    """Return the report of a diagnosis alone as HTML; `command`: the call that asked for it."""
+    parts = [sections.diagnosis(found, command), sections.data(rig, logs), sections.rig_section(rig)]
+    return render(rig.title, parts, rig.config.description)
+
+
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
 OTHER = "Camera, recorded motion"
 

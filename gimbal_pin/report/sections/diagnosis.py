@@ -32,10 +32,10 @@ VERDICTS = {
 MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
 
 
-def diagnosis(found: Diagnosis) -> Section:
-    """Return what a diagnosis says."""
+def diagnosis(found: Diagnosis, command: str = "") -> Section:
+    """Return what a diagnosis says; `command`: the call that asked for it."""
     parts = [paragraph(toned(said(found), "good" if found.beside == "nothing" else "fair"))]
-    parts += [] if found.timing is None else [paragraph(f"Next: {line}.") for line in found.timing.next()]
+    parts += [] if found.timing is None else [paragraph(f"Next: {line}.") for line in found.timing.next(command)]
     parts += (
         [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
     )
