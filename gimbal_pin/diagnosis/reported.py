@@ -157,7 +157,8 @@ def finding(
     shown = walked(state, cause, widened(state, cause, parameters(state, cause), found.shelf))
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
-    said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}"
+    within = figure.holds(values)
+    said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}{f' ({within})' if within else ''}"
     said = f"{said}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
     ambiguous = len(judged.alike) > 1
     return Finding(

@@ -141,6 +141,13 @@ class CableSpring(Effect):
             return (found[0], *(replace(p, value=getattr(self, p.name)) for p in KNOTS[self.sides]))
         return (*found, replace(GROWTH, value=self.growth)) if self.growth else found
 
+    def holds(self, values: Sequence[float] = ()) -> str:
+        """``k (q - rest) + c = k (q - (rest - c/k))``: a constant torque beside a spring is in where it rests."""
+        k = 0.0 if self.growth or self.taut else self.spring(values)[0]
+        return (
+            f"a torque-bias or asymmetric-friction beside it would be in rest, {1 / k:.2g} rad per N m" if k > 0 else ""
+        )
+
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
         """Stiffness, rest, cubic stiffness."""
