@@ -66,7 +66,8 @@ def reported(
     rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
     each, twice = once(combined([finding(found, *row, held, baseline, hidden, rng) for row in rows]))
     late = [j for j, one in zip(joints, found.residual) if one.where == ONLY]
-    said = [*map(denial, found.denied), *starmap(mending, mends.items()), *starmap(doubled, twice)]
+    denied = tuple(map(denial, found.denied))
+    said = [*denied, *starmap(mending, mends.items()), *starmap(doubled, twice)]
     said += [lateness(joint, found.best["torque_rmse"][joint]) for joint in late]
     return Diagnosis(
         rig=held.rig.name,
@@ -86,6 +87,7 @@ def reported(
         after=after,
         held=held,
         state=found.final,
+        denied=denied,
         tracking=followed(before, after, rng) if each else {},
         likeness=tuple(likeness(found.final, cause, found.shelf) for cause, _ in rows),
     )

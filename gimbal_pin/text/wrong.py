@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from gimbal_pin.parameter import Parameter
 
 DEVIATIONS = "(± is one standard deviation)"
-LIMIT = (
-    "(noise may be larger than what would be found: it averages out over the log, and a torque that goes with the"
-    " motion all log long does not)"
-)
 ALONE = "(a finding's error before is without it and with all others; the table's is the refitted model's alone)"
 
 
@@ -46,7 +42,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> 
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
-        lines += [LIMIT] if drowned(found) else []
+        lines += [f"({found.drowned})"] if found.drowned else []
         lines += [ALONE] if len(found.findings) > 1 else []
     lines += [] if found.timing is None else [found.timing.sentence]
     lines += tracking_gain(found)
@@ -65,13 +61,9 @@ def doubted(found: Diagnosis) -> str:
     open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
     if found.findings and not found.lacking:
         return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
+    if found.verdict == "nothing" and found.denied:
+        return f", though {'; '.join(found.denied)}"
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
-
-
-def drowned(found: Diagnosis) -> bool:
-    """Whether noise is larger than what would be found, which may read as a contradiction."""
-    after, limit = found.extended["torque_rmse"], found.detection_limit
-    return any(left.state == "noise" and after[joint] > limit[joint] for joint, left in found.residual.items())
 
 
 def freely(found: Diagnosis) -> str:

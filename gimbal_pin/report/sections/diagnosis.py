@@ -49,6 +49,7 @@ def diagnosis(found: Diagnosis, command: str = "") -> Section:
     if found.held is not None:
         parts += [heading("What is left")] if found.findings else []
         parts.append(table(HEAD, [row(found, joint) for joint in joints], label="Torque error before and after"))
+        parts += [paragraph(f"{found.drowned}.", "side")] if found.drowned else []
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
     if found.given is not None:
@@ -71,6 +72,7 @@ def said(found: Diagnosis) -> str:
     """Return the verdict; a cause that is left open is not said to be named."""
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
+    more += f" Yet {'; '.join(found.denied)}." if found.verdict == "nothing" and found.denied else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
     return f"{VERDICTS[found.beside]}{more}{moved}"
 
