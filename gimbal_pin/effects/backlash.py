@@ -39,9 +39,17 @@ class Backlash(Signal):
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("gap", nan, "rad", 0.0, 0.5),
-        Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
-        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
+        Parameter("gap", nan, "rad", 0.0, 0.5, meaning="how far the joint turns from one flank to the other"),
+        Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0, meaning="rotor's inertia that crosses the gap, at the joint"),
+        Parameter(
+            "rotor_share",
+            0.0,
+            "1",
+            0.0,
+            0.95,
+            meaning="share of the joint's inertia that is the rotor's, where the encoder sits on the motor; 0: "
+            "it sits on the link",
+        ),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"

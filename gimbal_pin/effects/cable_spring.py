@@ -16,9 +16,9 @@ from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 STATED = (
-    Parameter("stiffness", nan, "N m/rad", 0.0, inf),
-    Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi),
-    Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
+    Parameter("stiffness", nan, "N m/rad", 0.0, inf, meaning="torque per angle where it rests"),
+    Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi, meaning="angle at which it pulls neither way"),
+    Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf, meaning="torque per cube of the angle, beside that"),
 )
 GROWTH = Parameter("growth", 0.0, "rad", 0.0, 10.0)
 KNOTS: tuple[Parameter, ...] = (

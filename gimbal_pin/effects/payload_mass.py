@@ -44,8 +44,19 @@ class PayloadMass(RigEffect):
     of_joint: ClassVar[bool] = False
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("extra", nan, "kg", -100.0, 100.0),
-        *(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz"),
+        Parameter("extra", nan, "kg", -100.0, 100.0, meaning="mass on top of the stated one"),
+        *(
+            Parameter(
+                axis,
+                0.0,
+                "m",
+                -0.5,
+                0.5,
+                meaning="place of the weight from the payload's centre of mass; all zero: spread like the payload's "
+                "own",
+            )
+            for axis in "xyz"
+        ),
     )
     experiment: ClassVar[str] = "fast motion of all axes at once"
     compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"
