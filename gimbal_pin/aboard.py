@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gimbal_pin.digits import digits
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import Array, Imu
 from gimbal_pin.platform import CUTOFF, TURNS
@@ -75,7 +76,7 @@ def plausible(accel: Array, name: str) -> None:
     """Raise `LogError` where specific force, (N, 3), is not that of something carried."""
     mean = float(np.mean(np.linalg.norm(accel, axis=1)))
     if not WEIGHT[0] < mean < WEIGHT[1]:
-        what = f"its accelerometer reads {mean:.3g} m/s² in the mean, and whoever is carried feels 9.81"
+        what = f"its accelerometer reads {digits(mean)} m/s² in the mean, and whoever is carried feels 9.81"
         raise LogError(name, what, "give specific force: --map accel_LINK_x=ax*9.81 where it is in g, gravity included")
 
 
@@ -126,8 +127,10 @@ def said(word: str, t: Array, stuck: Flags) -> list[str]:
     lengths = [float(t[min(end, len(t) - 1)] - t[begin - 1]) for begin, end in found]
     k = int(np.argmax(lengths))
     times = "once" if len(found) == 1 else f"{len(found)} times, the longest time"
-    where = f"for {lengths[k]:.3g} s from {t[found[k][0] - 1]:.4g} s on"
-    return [f"the {word} repeats itself {times} {where} ({100 * stuck.mean():.2g} % of the log): that is left out"]
+    where = f"for {digits(lengths[k])} s from {digits(t[found[k][0] - 1], 4)} s on"
+    return [
+        f"the {word} repeats itself {times} {where} ({digits(100 * stuck.mean(), 2)} % of the log): that is left out"
+    ]
 
 
 def whole(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[str]]:
@@ -142,16 +145,16 @@ def whole(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[s
     first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
     lasts = float(t[rows[end - 1]] - t[rows[first]])
     if lasts < SHORTEST and len(edges) > 2:
-        what = f"holds no {SHORTEST:g} s in a row without a gap of more than {BRIDGED:g} s: {lasts:.3g} s at most"
+        what = f"holds no {SHORTEST:g} s in a row without a gap of more than {BRIDGED:g} s: {digits(lasts)} s at most"
         raise LogError(name, what, "record the platform again, or give another stretch")
     told = []
     if len(edges) > 2:
-        between = f"{t[rows[first]]:.4g} to {t[rows[end - 1]]:.4g} s"
-        lost = f"{len(edges) - 2} gap{'s' * (len(edges) > 3)} of more than {BRIDGED:g} s, up to {steps.max():.3g} s"
+        between = f"{digits(t[rows[first]], 4)} to {digits(t[rows[end - 1]], 4)} s"
+        lost = f"{len(edges) - 2} gap{'s' * (len(edges) > 3)} of more than {BRIDGED:g} s, up to {digits(steps.max())} s"
         told.append(f"{lost}: the longest stretch without one is used, {between}")
     short = [k for k in gaps.tolist() if first <= k < end - 1]
     if short:
-        longest = f"{len(short)} gap{'s' * (len(short) > 1)} of up to {steps[short].max():.3g} s"
+        longest = f"{len(short)} gap{'s' * (len(short) > 1)} of up to {digits(steps[short].max())} s"
         told.append(f"{longest} in it: the motion there is interpolated")
     return int(first), int(end), told
 
@@ -159,13 +162,15 @@ def whole(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[s
 def slow(t: Array) -> list[str]:
     """Say that a log does not show motion up to the cutoff."""
     rate = 1 / float(np.median(np.diff(t)))
-    return [f"sampled at {rate:.3g} Hz: motion above {rate / 2:.3g} Hz is not in it"] if rate < 2 * CUTOFF else []
+    return (
+        [f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it"] if rate < 2 * CUTOFF else []
+    )
 
 
 def quick(imu: Imu) -> list[str]:
     """Say that a gyro may be in degrees."""
     rms = 0.0 if imu.gyro is None else float(np.sqrt(np.mean(np.sum(imu.gyro**2, axis=1))))
-    return [f"turns at {rms:.3g} rad/s rms: if that is in degrees, map it with *pi/180"] if rms > FAST else []
+    return [f"turns at {digits(rms)} rad/s rms: if that is in degrees, map it with *pi/180"] if rms > FAST else []
 
 
 def picked(imu: Imu, rows: NDArray[np.intp]) -> Imu:

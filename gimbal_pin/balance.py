@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.checking import poses
+from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import facing, payload, slide
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import Identified
@@ -69,16 +70,16 @@ class Balance:
         clear = np.where(np.abs(self.way) > np.maximum(2 * self.std, WORTH), self.way, 0.0)
         who, unit, factor = ("payload", "mm", 1.0) if self.named else ("payload that was put on", "mm kg", self.mass)
         if not clear.any():
-            return (
-                f"the {who} is balanced, to {1e3 * factor * float(np.max(np.abs(self.way) + 2 * self.std)):.2g} {unit}"
-            )
+            most = 1e3 * factor * float(np.max(np.abs(self.way) + 2 * self.std))
+            return f"the {who} is balanced, to {digits(most, 2)} {unit}"
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
         std = 1e3 * max(float(self.std.max()), 1e-5)
-        saved = f"gravity then takes {self.after[joint]:.2g} instead of {self.before[joint]:.2g} N m at {joint}"
+        after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
+        saved = f"gravity then takes {after} instead of {before} N m at {joint}"
         forward, left, up = (-clear * factor).tolist()
-        way = f"{slide(forward, left, up, unit=unit)} (± {std * factor:.1g} {unit}"
+        way = f"{slide(forward, left, up, unit=unit)} (± {digits(std * factor, 1)} {unit}"
         stands = (
-            f" at its {1e3 * self.mass:.4g} g)"
+            f" at its {digits(1e3 * self.mass, 4)} g)"
             if self.named
             else "), each divided by its mass in kg, which nobody told"
         )
@@ -89,8 +90,8 @@ class Balance:
         joint = max(self.held, key=lambda name: self.held[name])
         share = self.held[joint]
         if not np.isfinite(self.available[joint]) or share == 0:
-            return f"unbalanced, gravity takes up to {self.before[joint]:.2g} N m at {joint}"
-        taken = f"gravity takes up to {100 * share:.2g} % of {joint}'s torque"
+            return f"unbalanced, gravity takes up to {digits(self.before[joint], 2)} N m at {joint}"
+        taken = f"gravity takes up to {digits(100 * share, 2)} % of {joint}'s torque"
         if share >= 1:
             return f"unbalanced, the motors cannot hold it: {taken}"
         return f"unbalanced, the motors hold it{', with little left to move it' if share > TIGHT else ''}: {taken}"

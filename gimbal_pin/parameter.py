@@ -17,6 +17,7 @@ class Parameter:
         lower: Smallest admissible value.
         upper: Largest admissible value.
         std: Standard deviation; ``nan`` where it was not estimated.
+        meaning: What it is, in a clause without its unit, for who states it; nothing where nobody does.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Parameter:
     lower: float = -inf
     upper: float = inf
     std: float = float("nan")
+    meaning: str = ""
 
     @property
     def in_units(self) -> str:

@@ -15,7 +15,7 @@ from gimbal_pin.control.bandwidth import granted
 from gimbal_pin.control.design import Wish, braking, inner, layered, seen_inertia
 from gimbal_pin.control.drawn import DRAWS, Ratios, drawn, widened
 from gimbal_pin.control.lyapunov import lyapunov
-from gimbal_pin.control.reasons import about_inertia, about_layer, about_loops, about_model, grouped
+from gimbal_pin.control.reasons import about_inertia, about_layer, about_loops, about_model, doubts, grouped
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.model import Model, model_from, plain_model
 from gimbal_pin.rig import Rig
@@ -46,6 +46,7 @@ class Tuning:
         ratios: Gains of the plant over what the law believes that `worst` is of, one tuple per joint.
         robust: Lyapunov redesign, or None.
         reasons: Sentences.
+        doubts: Which joints' loops should not be closed, and why; in sentences.
     """
 
     model: Model
@@ -60,6 +61,7 @@ class Tuning:
     ratios: Ratios
     robust: Robust | None
     reasons: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
     @cached_property
     def controller(self) -> Law:
@@ -75,7 +77,7 @@ class Tuning:
             f"{found.phase_margin_deg:.3g}°, gain {found.gain_margin_db:.3g} dB, disk {found.disk_margin:.3g}"
             for joint, pid, hz, found in rows
         )
-        return "\n".join([f"{self.wish.kind} for {rig.name}", *each, *self.reasons])
+        return "\n".join([f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *self.reasons])
 
     def with_(self, **changes: Any) -> Tuning:
         """Tune again with some wishes changed: ``tuning.with_(bandwidth_hz=12)``."""
@@ -119,6 +121,7 @@ class Tuning:
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
             "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
             "reasons": list(self.reasons),
+            "doubts": list(self.doubts),
             "model": plain_model(self.model),
         }
 
@@ -182,7 +185,8 @@ def tune(
     else:
         reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
     draws, brakes = 0 if over is None else DRAWS, braking(model)
-    return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons))
+    unsure = () if over is None else doubts(model.rig.joints, over, least)
+    return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons), unsure)
 
 
 def law_of(

@@ -61,6 +61,7 @@ class Auto:
         plant: What the steps were simulated on, in words.
         held: The camera held on a moving platform; None where that cannot be.
         why: Why it cannot, or nothing.
+        undiagnosed: Why there is no diagnosis, or nothing.
     """
 
     identified: Identified
@@ -73,6 +74,7 @@ class Auto:
     plant: str
     held: Verified | None = None
     why: str = ""
+    undiagnosed: str = ""
 
     @property
     def tuning(self) -> Tuning:
@@ -93,6 +95,7 @@ class Auto:
             "tune": self.tuning.to_dict(),
             "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
             "not_held": self.why or None,
+            "not_diagnosed": self.undiagnosed or None,
             "files": {what: str(path) for what, path in self.files.items()},
         }
 
@@ -128,7 +131,7 @@ def auto(
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
-    wrong = examined(rig, logs, rng, holdout)
+    wrong, undiagnosed = examined(rig, logs, rng, holdout)
     extended = wrong is not None and bool(wrong.lacking)
     model = wrong.after.model if wrong is not None and extended else identified.model
     asked = wish or Wish()
@@ -140,7 +143,7 @@ def auto(
     held, why = carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, output_folder(folder), wrong, held)
-    found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why)
+    found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why, undiagnosed)
     write(rig, logs, found)
     return found
 
@@ -158,13 +161,15 @@ def alike(tuning: Tuning) -> dict[str, Any]:
     return {"bandwidth_hz": dict(zip(tuning.model.rig.joints, tuning.bandwidth_hz)), "disk_margin": None}
 
 
-def examined(rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None) -> Diagnosis | None:
-    """Diagnose logs, if they are long enough for it, and plan the next experiment where they leave a choice."""
+def examined(
+    rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None
+) -> tuple[Diagnosis | None, str]:
+    """Diagnose logs, and plan the next experiment where they leave a choice; return it, or why they cannot answer."""
     try:
         found = diagnose(rig, logs, rng=rng, holdout=holdout)
-    except DataError:
-        return None
-    return planned(found, rng=rng)
+    except DataError as error:
+        return None, str(error)
+    return planned(found, rng=rng), ""
 
 
 def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, late: int) -> tuple[Verified | None, str]:
@@ -197,7 +202,16 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
     files, identified = found.files, found.identified
     animation = view.record(rig, found.animated)
     results = identified, found.tunings, found.tracking, animation, found.diagnosis
-    page = report.full(rig, logs, *results, plant=found.plant, held=found.held, held_on=found.held_on, why=found.why)
+    page = report.full(
+        rig,
+        logs,
+        *results,
+        plant=found.plant,
+        held=found.held,
+        held_on=found.held_on,
+        why=found.why,
+        undiagnosed=found.undiagnosed,
+    )
     write_model(identified, files["model"])
     atomic_write(files["urdf"], identified.to_urdf())
     if found.diagnosis is not None and "extended model" in files:

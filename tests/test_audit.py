@@ -268,6 +268,14 @@ def test_spikes_are_bridged(turret: tuple[Rig, Log]) -> None:
     assert np.array_equal(found.log.q[~hit], log.q[~hit])
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.0, "1 lone wild sample,"), (3e-4, "3 lone wild samples,")])
+def test_spikes_are_counted_in_words_that_agree(turret: tuple[Rig, Log], share: float, said: str) -> None:
+    rig, log = turret
+    share = share * 1e4 / len(log)
+    found = CHECKS["outliers"](rig, corrupted(log, "outliers", channel="q", share=share), FILTER)
+    assert found is not None and said in found.fault.sentence
+
+
 def test_garbage_is_cut_out(turret: tuple[Rig, Log]) -> None:
     rig, log = turret
     bad = corrupted(log, "outliers", seconds=1.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import resource
@@ -10,13 +11,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gimbal_pin.cli import VERBS
+from gimbal_pin.cli import VERBS, parse
 from gimbal_pin.cli.holding import Holding
+from gimbal_pin.cli.inputs import typed
 from gimbal_pin.control.design import Wish
 from gimbal_pin.controllers import HOLDING
 from gimbal_pin.errors import LogError
@@ -301,3 +304,14 @@ def test_the_yaml_of_the_readme_loads(tmp_path: Path) -> None:
     (tmp_path / "my_rig.yaml").write_text(code[1])
     rig = Rig.load(tmp_path / "my_rig.yaml")
     assert rig.payload == "mirrorless" and rig.motors[0].tau_max == 5.0
+
+
+def test_a_call_that_is_told_says_what_was_asked() -> None:
+    """Parsed again it is the same call, odd names of files and columns included."""
+    given = {"output": Path("my folder"), "map": ("q_pan=a b", "t=time"), "holdout": None, "alignment": 0.001}
+    words = shlex.split(typed("diagnose", "turret", ("my log.csv@cinema",), **given))
+    found = parse(words[1:])
+    assert isinstance(found, partial) and found.func is VERBS["diagnose"]
+    said = inspect.signature(found.func).bind(*found.args, **found.keywords).arguments
+    assert said["rig"] == "turret" and said["logs"] == ("my log.csv@cinema",)
+    assert {name: said.get(name) for name in given} == given

@@ -297,6 +297,19 @@ def test_a_cause_is_the_same_in_every_log_of_one_rig(rig: Rig, sizes: tuple[floa
     assert (fault is None) == (len(set(sizes)) == 1)
 
 
+@pytest.mark.parametrize("beside", ["torque-bias:tilt:bias=0.02", "asymmetric-friction:tilt:coulomb=0.02"])
+def test_what_pulls_one_way_beside_a_spring_is_told_to_be_in_where_it_rests(rig: Rig, beside: str) -> None:
+    """``k (q - rest) + c = k (q - (rest - c/k))``: the angle is off by that, and the sentence says so per N m."""
+    spring = "cable-spring:tilt:stiffness=0.5,rest=0.2"
+    plant = plant_with(nominal(rig), [parse_effect(one, rig) for one in (spring, beside)]).plant
+    few = {name: CAUSES[name] for name in ("cable-spring", "torque-bias", "asymmetric-friction")}
+    log = prescribed(plant, seconds=16.0, torque_noise=0.01, dt=0.002)
+    (found,) = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0)).findings
+    figures = {figure.name: figure.value for figure in found.parameters}
+    assert found.cause == "cable-spring" and figures["rest"] == pytest.approx(0.2 - 0.02 / 0.5, abs=0.01)
+    assert "torque-bias or asymmetric-friction" in found.sentence and "in rest, 2 rad per N m" in found.sentence
+
+
 def test_every_cause_of_the_contract_is_looked_for() -> None:
     """The library is what `effects` exports: nothing is listed twice."""
     assert all(kind.name == name for name, kind in CAUSES.items())

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import lxml.html
 import numpy as np
 import pytest
+from markupsafe import escape
 
+from gimbal_pin import text
 from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.diagnosis.followed import BANDWIDTH, HOW, SIZE
 from gimbal_pin.diagnosis.heat import heat
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.nearness import cosine
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import UsageError
+from gimbal_pin.io import write_log
 from gimbal_pin.log import Log
 from gimbal_pin.report import sections
 from gimbal_pin.report.joints import joints_of
@@ -23,6 +28,7 @@ from gimbal_pin.report.sections.residuals import ranked
 from gimbal_pin.report.sections.summary import verdict
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
+from tests.command_line import Run
 from tests.test_compensation import with_causes
 
 FEW = ("cogging", "cable-spring", "torque-ripple", "delay", "actuator-lag", "stribeck")
@@ -51,6 +57,12 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
     rows = found.to_dict()["tracking"]
     assert list(rows) == ["pan", "tilt"]
     assert 0 < rows["tilt"]["rms_after"] < 0.3 * rows["tilt"]["rms_before"]
+
+
+def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:
+    """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
+    assert f"{BANDWIDTH:g} Hz" in HOW and f"{np.degrees(SIZE):.0f}°" in HOW
+    assert f"({HOW})" in text.diagnosis(found, {}) and escape(HOW) in sections.diagnosis(found).html
 
 
 def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:
@@ -142,3 +154,18 @@ def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis)
     assert said(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
     sure = replace(found, verdict="named", findings=(finding,))
     assert text.diagnosis(sure, {}).startswith("verdict: named\n") and said(sure).endswith("says what.")
+
+
+def test_a_diagnosis_has_a_page_of_its_own(
+    run: Run, log: Log, found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands beside the JSON and says what the terminal says."""
+    monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr("gimbal_pin.diagnosis.planned", lambda found, **_: found)
+    write_log(log, tmp_path / "log.csv")
+    code, out, err = run("diagnose", "turret", tmp_path / "log.csv", "-o", tmp_path / "wrong")
+    page = tmp_path / "wrong" / "report.html"
+    assert code == 0 and f"report: {page}" in out, err
+    words = lxml.html.fromstring(page.read_text(encoding="utf-8")).text_content()
+    assert all(one.sentence in words for one in found.findings) and "Travel" in words
+    assert (tmp_path / "wrong" / "diagnosis.json").exists()

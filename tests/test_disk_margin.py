@@ -197,6 +197,18 @@ def test_a_margin_that_no_bandwidth_keeps_is_refused_and_one_that_nobody_asked_f
     assert any("identify it better" in reason for reason in unsure.reasons)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_loop_is_doubted_where_half_the_inertia_is_possible(kind: str) -> None:
+    """Deviations of a share of the inertias: small ones leave no doubt, large ones do, and that is told first."""
+    sure, unsure = tune(known(0.02), kind=kind), tune(known(1.0), kind=kind)
+    assert sure.doubts == () and sure.to_dict()["doubts"] == []
+    assert unsure.doubts and text.tuning(unsure).startswith(unsure.doubts[0])
+    gains = drawn(unsure.model, kind, np.random.default_rng(0))
+    assert gains is not None
+    doubted = {joint for line in unsure.doubts for joint in line.split(": ")[0].split(", ")}
+    assert doubted == {joint for joint, (_, _, most) in zip(unsure.model.rig.joints, gains) if most >= 2}
+
+
 def test_it_is_told_in_json_and_text(model: Model) -> None:
     tuning, plain = tune(model, disk_margin=1.0), tune(nominal(model.rig), disk_margin=1.0)
     data = json.loads(json.dumps(tuning.to_dict(), allow_nan=False))

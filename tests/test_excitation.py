@@ -27,8 +27,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin import text
+from gimbal_pin.cli.excite import to_show
 from gimbal_pin.config import Limits
-from gimbal_pin.effects import Coulomb, Effect, LoadDependentFriction, Stribeck, Term
+from gimbal_pin.effects import CAUSES, Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.excitation import (
     Condition,
@@ -704,3 +705,14 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     assert "interrupted: this is the best it had found" in said
     assert json.loads((tmp_path / "j").read_text())["finished"] is False
     assert len((tmp_path / "t.csv").read_text().splitlines()) == 4_002
+
+
+@pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not issubclass(kind, Effect)))
+def test_a_cause_that_no_motion_is_designed_for_says_what_shows_it(name: str) -> None:
+    """A drive, or a body: the refusal names the excitation that shows it, who plants it, and what else may be asked."""
+    kind = CAUSES[name]
+    values = ",".join(f"{p.name}={max(p.lower, min(p.upper, 0.01)):g}" for p in kind.stated())
+    asked = f"{name}:{'pan:' if kind.of_joint else ''}{values}"
+    with pytest.raises(UsageError, match="'simulate --effect' plants it") as refused:
+        to_show(nominal(Rig.load("turret")), [asked])
+    assert kind.experiment in str(refused.value) and "cogging" in refused.value.mend

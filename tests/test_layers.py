@@ -14,7 +14,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-DATA = "errors threads parameter controllers reading log limited urdf_checks urdf config floating rig_files rig"
+DATA = "errors threads digits parameter controllers reading log limited urdf_checks urdf config floating rig_files rig"
 SENSED = "signals platform aboard profile gyros eccentricity calibration regressor imu"
 ROWS = "holes rows replay"
 LOOP = "sensors planting drive simulation"

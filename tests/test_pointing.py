@@ -17,7 +17,7 @@ from gimbal_pin.control import JointPid, Pid
 from gimbal_pin.control.aim import Ahead, Aim, Carried
 from gimbal_pin.control.carried import CarriedTorque, share
 from gimbal_pin.control.equal import Equal
-from gimbal_pin.control.loop import margins
+from gimbal_pin.control.loop import Margins, margins
 from gimbal_pin.control.observer import Observer, observed_loop, observed_margins
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
@@ -33,8 +33,8 @@ from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing, pars
 from gimbal_pin.pointing.forecast import TAPS, Forecast
 from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
-from gimbal_pin.pointing.loops import Loops
-from gimbal_pin.pointing.measures import cumulative, jitter
+from gimbal_pin.pointing.loops import Loops, slack
+from gimbal_pin.pointing.measures import SLOW, cumulative, jitter
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.planted import planted_once
 from gimbal_pin.pointing.result import Pointing
@@ -401,6 +401,14 @@ def test_the_budget_adds_up(sizes: list[float]) -> None:
     assert Budget.of({"pid-world": 1.0, "switch": 0.1}) is None
     assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "the oracle's own"]
     assert parted.size("the oracle's own") == pytest.approx(sizes[2]) == parted.left
+    assert bool(parted.note) == (min(parted.parts.values()) < 0)  # and then alone one is more than all
+
+
+@given(st.lists(st.floats(0.01, 10.0), min_size=2, max_size=2))
+def test_who_crosses_below_what_counts_as_jitter_does_not_hold_the_camera(crossovers: list[float]) -> None:
+    loops = {"tuned": tuple(Margins(60.0, 10.0, 1.0, 0.01, hz) for hz in crossovers)}
+    said = " ".join(slack(loops, ("pan", "tilt")))
+    assert [joint in said for joint in ("pan", "tilt")] == [hz < SLOW for hz in crossovers]
 
 
 def test_a_target_knows_which_way_is_up() -> None:

@@ -26,6 +26,7 @@ from gimbal_pin.report import Section, html, numbers, plots, svg
 from gimbal_pin.report.base import anchors
 from gimbal_pin.report.evaluation import Evaluated, Part, evaluate
 from gimbal_pin.report.joints import PALETTE, joint_colours, joints_of
+from gimbal_pin.report.sections.diagnosis import WRONG
 from gimbal_pin.report.sections.experiments import marked
 from gimbal_pin.report.sections.known import known
 from gimbal_pin.report.sections.overlay import broken, rounded, worst
@@ -104,6 +105,12 @@ def animation(walk: Walk) -> str:
 def page(walk: Walk, animation: str) -> str:
     """The whole report."""
     return report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation)
+
+
+def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
+    why = "turret.csv: its torque has nothing to do with the motion; check its column"
+    said = report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, "", undiagnosed=why)
+    assert why in said and why not in page and WRONG in said
 
 
 def parsed(text: str) -> Any:
@@ -403,6 +410,7 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
     assert vague is not None
     unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
     assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None))
+    assert any("not to be run" in reason for reason in cautions(tune(unsure, dt=0.002), None))
 
 
 def test_sliding_joints_are_shown_in_millimetres() -> None:
@@ -507,6 +515,10 @@ OUTSIDE = """[...document.querySelectorAll('svg')].flatMap(svg => { const box = 
 
 WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
+CUT = """[...document.querySelectorAll('.plot, .table')].filter(part => part.scrollWidth > part.clientWidth + 1)
+  .map(part => [part.scrollWidth, part.clientWidth, part.textContent.slice(0, 40)])"""
+"""Figures and tables of which the page's width leaves something out."""
+
 SCENE = """(() => { const scene = document.querySelector('iframe').contentWindow;
   const canvas = scene.document.querySelector('canvas');
   return [canvas.width > 300, scene.document.getElementById('clock').value]; })()"""
@@ -522,3 +534,13 @@ def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_
     for empty, outside, wider, (drawn, clock) in (seen.values[:4], seen.values[4:]):
         assert (empty, outside, wider, drawn) == ([], [], 0, True)
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
+
+
+@needs_browser
+def test_nothing_is_cut_off_on_a_desktop(page: str, tmp_path: Path) -> None:
+    """At any width of a window on half a screen or a whole one, contents beside the page or above it."""
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    widths = (800, 960, 1000, 1180, 1181, 1250, 1400)
+    seen = visit(path.as_uri(), *(step for pixels in widths for step in (wide(pixels), CUT)))
+    assert dict(zip(widths, seen.values)) == {pixels: [] for pixels in widths}

@@ -97,12 +97,13 @@ def test_every_cause_is_tried() -> None:
 
 @pytest.mark.parametrize("name", sorted(SOME))
 def test_help_lists_every_parameter_of_every_cause(run: Run, name: str) -> None:
-    """With its unit, and what it is if it is not given; nothing is simulated for it."""
+    """With its meaning, its unit, and its value if it is not given; nothing is simulated for it."""
     code, out, _ = run("simulate", "turret", "--effect", "help")
     lines = out.splitlines()
     at = next(k for k, line in enumerate(lines) if line.startswith(f"{name}:"))
     for parameter in CAUSES[name].stated():
-        told = next(row for row in lines[at + 1].strip().split("; ") if row.startswith(f"{parameter.name},"))
+        told = next(row for row in lines[at + 1 :] if row.startswith(f"  {parameter.name},"))
+        assert told.endswith(f": {parameter.meaning}") and len(parameter.meaning.split()) > 2
         assert parameter.unit in ("", "1") or parameter.unit in told
         assert ("if not given" in told) == np.isfinite(parameter.value)
     assert code == 0

@@ -76,6 +76,9 @@ def test_a_wider_band_shows_less_of_a_delay_and_the_one_that_is_there() -> None:
     narrow = said(time)
     assert not narrow.findings and narrow.timing is not None
     assert f"--cutoff {narrow.timing.cutoff:g}" in text.diagnosis(narrow, {})
+    assert (
+        text.diagnosis(narrow, {}, "CALL").splitlines()[1].startswith(f"next: CALL --cutoff {narrow.timing.cutoff:g} ")
+    )
     shown = narrow.timing.joints["pan"][1].shown
     found = said(time, narrow.timing.cutoff).findings[0]
     assert shown == pytest.approx(time, rel=0.1) and found.parameters[0].value == pytest.approx(shown, rel=0.05)
@@ -106,6 +109,10 @@ def test_figures_without_an_end_are_null_in_json_and_words_in_text() -> None:
     timing = Timing(30.0, {"pan": (Late(np.inf), Late(0.003, 0.006))})
     assert timing.to_dict()["joints"]["pan"] == {"least": None, "least_there": 0.003, "shown_there": 0.006}
     assert "inf" not in timing.sentence and "6 ms" in timing.sentence
+
+
+def test_a_band_that_shows_no_delay_is_not_asked_for() -> None:
+    assert Timing(30.0, {"pan": (Late(0.01), Late(0.003))}).next("CALL") == ()
 
 
 @cache

@@ -60,6 +60,7 @@ from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.reduction import reduce
+from gimbal_pin.report.sections.diagnosis import said as page
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 from gimbal_pin.text import wrong
@@ -506,13 +507,22 @@ def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
 def test_noise_that_is_larger_than_what_would_be_found_is_said_to_average_out() -> None:
     """It is no contradiction, and where none is larger nothing is said."""
 
-    def found(after: float, state: str) -> Diagnosis:
+    def said(after: float, state: str) -> str:
         left = {"pan": Residual(state, 1e-3, 1.0, "")}
         shown = SimpleNamespace(residual=left, extended={"torque_rmse": {"pan": after}}, detection_limit={"pan": 0.01})
-        return cast(Diagnosis, shown)
+        return cast(Callable[[object], str], Diagnosis.__dict__["drowned"].fget)(shown)
 
-    assert wrong.drowned(found(0.02, "noise"))
-    assert not wrong.drowned(found(0.002, "noise")) and not wrong.drowned(found(0.02, "structured"))
+    assert said(0.02, "noise").startswith("pan: would be found") and "knocks" in said(0.02, "noise")
+    assert said(0.002, "noise") == said(0.02, "structured") == ""
+
+
+def test_nothing_says_what_the_held_out_part_did_not_confirm() -> None:
+    """A cause that fits the training part alone is no finding, and no reason to call a model as good as the data."""
+    why = "pan: backlash fits the part that was trained on and the held-out part does not confirm it"
+    bare = SimpleNamespace(verdict="nothing", findings=(), lacking=(), beside="nothing", denied=())
+    told = SimpleNamespace(**{**vars(bare), "denied": (why,)})
+    for say in (wrong.doubted, page):
+        assert why in say(cast(Diagnosis, told)) and "confirm" not in say(cast(Diagnosis, bare))
 
 
 @pytest.mark.parametrize(("cause", "told"), [("payload-shift", True), ("cogging", False)])

@@ -7,7 +7,7 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import filtering, load_logs, play
+from gimbal_pin.cli.inputs import filtering, load_logs, play, typed
 from gimbal_pin.cli.options import (
     USUAL,
     Alignment,
@@ -59,6 +59,7 @@ def auto(
         filtering=filtering(cutoff, alignment),
         wish=gains.wish,
     )
-    present(text.auto(found), found.to_dict(), json)
+    asked = typed("diagnose", rig, logs, payload=payload, map=map, holdout=holdout)
+    present(text.auto(found, asked), found.to_dict(), json)
     if live:
         play(loaded, found.animated)

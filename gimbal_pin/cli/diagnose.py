@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import load_logs
+from gimbal_pin.cli.inputs import load_logs, typed
 from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed, optional
 from gimbal_pin.cli.present import present
 
@@ -23,7 +24,7 @@ def diagnose(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """What the simulation gets wrong, why, the extended model and its gain; with -o the next experiment, too.
+    """What the simulation gets wrong, why, the extended model and its gain; -o: a report and the next experiment, too.
 
     It looks for, of friction: stribeck, asymmetric-friction, load-dependent-friction, presliding,
     position-dependent-friction, friction-drift, quadratic-drag; of motor and drive: cogging, torque-ripple,
@@ -34,9 +35,11 @@ def diagnose(
     """
     import numpy as np
 
+    from gimbal_pin import report
     from gimbal_pin.diagnosis import BAND, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.io.diagnosis import write_diagnosis
+    from gimbal_pin.io.files import atomic_write
     from gimbal_pin.rows import Filtering
 
     loaded, read = load_logs(rig, payload, logs, map)
@@ -44,5 +47,10 @@ def diagnose(
     found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
-    files = {} if output is None else write_diagnosis(found, output)
-    present(text.diagnosis(found, files), found.to_dict(), json)
+    asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)
+    files: dict[str, Path] = {}
+    if output is not None:
+        page = output / "report.html"
+        files = {**write_diagnosis(found, output), "report": page}
+        atomic_write(page, report.diagnosed(loaded, read, found, asked))
+    present(text.diagnosis(found, files, asked), found.to_dict(), json)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from math import floor, isfinite, log2
 
 from gimbal_pin.control.design import LAYERED, Wish
+from gimbal_pin.digits import digits
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 
@@ -54,7 +55,7 @@ def refused(wish: Wish, rows: Sequence[Row]) -> tuple[str, str]:
     what = f"is {wish.disk:g}, and the most that any bandwidth keeps with {shape}"
     every = [ratio for _, _, ratios, _ in rows for ratio in ratios]
     unsure = min(every) < max(every)
-    what += f" and {min(every):.2g} to {max(every):.2g} times the believed gain" if unsure else ""
+    what += f" and {digits(min(every), 2)} to {digits(max(every), 2)} times the believed gain" if unsure else ""
     most, other = largest(wish, rows), replace(wish, damping=max(DAMPED, wish.damping), integral=0.0)
     more = largest(other, rows)
     mend = f"ask for that, or with damping={other.damping:g}, integral=0 for up to {floored(more)}"

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from math import isfinite
 
 from gimbal_pin.control.design import LAYERED, Wish
-from gimbal_pin.control.drawn import DRAWS
+from gimbal_pin.control.drawn import DRAWS, LARGEST, Ratios
 from gimbal_pin.control.loop import Margins
 from gimbal_pin.control.lyapunov import Robust
 from gimbal_pin.control.uncertainty import Bounds
+from gimbal_pin.digits import digits
 from gimbal_pin.effects import ALWAYS, Signal
 from gimbal_pin.model import Model
 
@@ -43,15 +44,38 @@ def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, d
         f"disk margin {found.disk_margin:.2f}, delay margin {1e3 * found.delay_margin:.1f} ms"
     )
     if granted == wanted:
-        return f"bandwidth {granted:.3g} Hz, damping {wish.damping:g}; {margins}"
-    late = f"with {1e3 * (wish.delay + wish.dt / 2):.3g} ms of delay and hold"
+        return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}"
+    late = f"with {digits(1e3 * (wish.delay + wish.dt / 2))} ms of delay and hold"
     late += "".join(f", and the drive's {signal.name}" for signal in drive if signal.linear)
     if not isfinite(wanted):
         share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
         why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
-        return f"bandwidth {granted:.3g} Hz, damping {wish.damping:g}, {why}; {margins}"
-    why = f"{wanted:.3g} Hz would leave a disk margin under {wish.disk:g} {late}"
-    return f"bandwidth lowered to {granted:.3g} Hz, as {why}; {margins}"
+        return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}"
+    why = f"{digits(wanted)} Hz would leave a disk margin under {wish.disk:g} {late}"
+    return f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}"
+
+
+def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tuple[str, ...]:
+    """Say which loops nobody should close: those whose inertia may as well be half of what is believed, or less.
+
+    Args:
+        joints: Joint names.
+        over: Gains of the plant over what the law believes, of all draws.
+        least: The worst margins of all draws.
+    """
+    most = [max(ratios) for ratios in over]
+    rows = [(j, m, own) for j, m, own in zip(joints, most, least) if m >= 1 / (1 - UNSAFE_ALPHA)]
+    said = [
+        f"not to be run: the logs leave its inertia open, its loop's gain may be {times(m)} what is believed and cross "
+        f"at {digits(own.crossover_hz)} Hz; identify it better first (gimbal-pin excite designs a motion)"
+        for _, m, own in rows
+    ]
+    return tuple(grouped([joint for joint, _, _ in rows], said))
+
+
+def times(gain: float) -> str:
+    """How many times a gain another one is; beyond those looked at it has no bound."""
+    return "any number of times" if gain >= LARGEST * (1 - 1e-9) else f"{digits(gain, 2)} times"
 
 
 def about_gains(wish: Wish) -> str:
@@ -70,7 +94,7 @@ def about_draws(found: Margins, wish: Wish) -> str:
         return f"the worst of {DRAWS} models drawn from the covariance makes the loop unstable: identify it better"
     worst = (
         f"the worst of {DRAWS} models drawn from the covariance has disk margin {found.disk_margin:.2f}, "
-        f"phase margin {found.phase_margin_deg:.0f}°, crossover {found.crossover_hz:.3g} Hz"
+        f"phase margin {found.phase_margin_deg:.0f}°, crossover {digits(found.crossover_hz)} Hz"
     )
     less = f", and no bandwidth would leave {wish.disk:g}: identify it better"
     return worst + ("" if wish.kept(found.disk_margin) else less)
@@ -90,16 +114,19 @@ def about_compensation(model: Model, kind: str) -> list[str]:
 def about_inertia(nominal: float, ratios: Sequence[float]) -> str:
     """Say how the inertia changes with the pose under a PID."""
     low, high = nominal / max(ratios), nominal / min(ratios)
-    return f"the inertia goes from {low:.3g} to {high:.3g} kg m² with the pose; the margins are the worst of them"
+    return (
+        f"the inertia goes from {digits(low)} to {digits(high)} kg m² with the pose; the margins are the worst of them"
+    )
 
 
 def about_model(known: Bounds) -> str:
     """Say how far the model may be off, and when PID is safer."""
-    off = f"the model may be off by α = {known.alpha:.2g} in inertia and {known.phi:.2g} N m otherwise ({known.source})"
+    sizes = f"α = {digits(known.alpha, 2)} in inertia and {digits(known.phi, 2)} N m otherwise"
+    off = f"the model may be off by {sizes} ({known.source})"
     if known.alpha >= UNSAFE_ALPHA:
         return f"{off}: a PID is safer (tune --kind pid) until it is identified better"
     if known.cross_model > known.cross_pid:
-        why = f"{known.cross_model:.2g} rad/s² per rad/s², {known.cross_pid:.2g} with PID"
+        why = f"{digits(known.cross_model, 2)} rad/s² per rad/s², {digits(known.cross_pid, 2)} with PID"
         return f"{off}: one joint may move another more than without a model ({why}): a PID is safer (tune --kind pid)"
     return off
 
@@ -110,6 +137,6 @@ def about_layer(law: Robust | None) -> str:
         return "no Lyapunov redesign: the outer loop leaves no margin for its boundary layer; ask for less bandwidth"
     at_rest = law.size([0.0], [0.0])
     return (
-        f"Lyapunov redesign: up to {at_rest:.2g} rad/s² at rest, gain {law.gain:.2g} within a boundary layer of "
-        f"{at_rest / law.gain:.2g} rad/s²; the margins include it"
+        f"Lyapunov redesign: up to {digits(at_rest, 2)} rad/s² at rest, gain {digits(law.gain, 2)} within a boundary "
+        f"layer of {digits(at_rest / law.gain, 2)} rad/s²; the margins include it"
     )

@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.audit import Fault
 from gimbal_pin.diagnosis.difference import outside
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.digits import digits
 from gimbal_pin.effects import Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array, Log
@@ -147,8 +148,8 @@ def told(rig: Rig, rows: Sequence[Apart], limit: Array) -> Fault:
     j = int(np.argmax(worst.excess * worst.serious(limit)))
     figures = tuple(Parameter(f"log {row.log}", float(row.torque[j]), "N m") for row in rows)
     sentence = (
-        f"the logs are not of one rig: what fits each of them apart differs by {worst.torque[j]:.2g} N m rms at "
-        f"{rig.joints[j]} in log {worst.log}, {worst.excess[j]:.2g} times what the fits leave"
+        f"the logs are not of one rig: what fits each of them apart differs by {digits(worst.torque[j], 2)} N m rms at "
+        f"{rig.joints[j]} in log {worst.log}, {digits(worst.excess[j], 2)} times what the fits leave"
     )
     mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
     return Fault(NAME, rig.joints[j], sentence, figures, float(worst.excess[j]), True, mend)

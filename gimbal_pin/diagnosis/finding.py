@@ -23,6 +23,13 @@ MEASURED = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
 
 
+DROWNED = (
+    "would be found is what one cause in the library's very form adds all log long: noise averages out beside it, and "
+    "may be larger; what has another form, or knocks in few moments, may be larger, too, and be in what is left"
+)
+"""How the torque that would be found may be less than the noise that is left."""
+
+
 @dataclass(frozen=True)
 class Rival:
     """Another cause that was fitted in a finding's place.
@@ -152,6 +159,7 @@ class Diagnosis:
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
             compensated, rad; empty where nothing was found.
         likeness: For every finding, which other causes look like it on these logs.
+        denied: Causes that fit the training part and that the held-out part does not confirm, in sentences.
         timing: What of drives' delays a wider band would show; None: nothing more that is worth telling.
     """
 
@@ -177,6 +185,7 @@ class Diagnosis:
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     likeness: tuple[Likeness, ...] = ()
     timing: Timing | None = None
+    denied: tuple[str, ...] = ()
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
@@ -193,6 +202,13 @@ class Diagnosis:
         """The verdict without what that model has."""
         statuses = [finding.status for finding in self.lacking]
         return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
+
+    @property
+    def drowned(self) -> str:
+        """Why more is left of noise than would be found, where that is so of a joint, in a sentence; else nothing."""
+        after, limit = self.extended.get("torque_rmse", {}), self.detection_limit
+        more = [j for j, left in self.residual.items() if left.state == "noise" and after[j] > limit[j]]
+        return f"{', '.join(more)}: {DROWNED}" if more else ""
 
     @property
     def next_motion(self) -> Motion | None:

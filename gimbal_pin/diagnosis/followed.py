@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import nan
+from math import degrees, nan
 
 import numpy as np
 
@@ -25,6 +25,11 @@ SIZE = 0.35
 """Angle to each side of the motion, rad, where the limits leave room."""
 MOVE = 1.0
 """Duration of each of its moves, s."""
+HOW = (
+    f"all axes {degrees(SIZE):.0f}° to and fro at once where limits leave room, in moves of {MOVE:g} s, by computed "
+    f"torque of {BANDWIDTH:g} Hz on the extended model; neither the log's motion nor its controller"
+)
+"""Which motion it is, and who follows it: a log's own tracking error is of another."""
 
 Followed = Mapping[str, Mapping[str, float]]
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.diagnosis.difference import Difference, Seen
+from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import carried, facing, payload, shifted, slide
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
@@ -81,9 +82,9 @@ class Given:
         told = np.where(np.abs(change) > np.maximum(TOLD * std, MATTERS), change, 0.0)
         if self.shift.chance > SURE or not told.any():
             most = max(float((np.abs(change) + 1.96 * std).max()), MATTERS)
-            return f"the payload sits where its URDF says, to {1e3 * most:.2g} mm{unseen}"
+            return f"the payload sits where its URDF says, to {digits(1e3 * most, 2)} mm{unseen}"
         away = [
-            f"{1e3 * abs(x):.3g} ± {max(1e3 * s, 0.01):.1g} mm further {names[x < 0]}"
+            f"{digits(1e3 * abs(x))} ± {digits(max(1e3 * s, 0.01), 1)} mm further {names[x < 0]}"
             for x, s, names in zip(told.tolist(), std.tolist(), AXES)
             if x
         ]
@@ -92,12 +93,12 @@ class Given:
     def weight(self) -> str:
         """Say what it weighs."""
         if not len(self.mass.value):
-            return f"its mass does not show: taken as the stated {1e3 * self.stated:.4g} g"
+            return f"its mass does not show: taken as the stated {digits(1e3 * self.stated, 4)} g"
         extra, std = 1e3 * float(self.mass.change[0]), 1e3 * float(deviations(self.mass.spread)[0])
         if self.mass.chance > SURE:
-            return f"it weighs the stated {1e3 * self.stated:.4g} g, to {1.96 * std:.2g} g"
+            return f"it weighs the stated {digits(1e3 * self.stated, 4)} g, to {digits(1.96 * std, 2)} g"
         way = "heavier" if extra > 0 else "lighter"
-        return f"it is {abs(extra):.3g} ± {std:.2g} g {way} than the stated {1e3 * self.stated:.4g} g"
+        return f"it is {digits(abs(extra))} ± {digits(std, 2)} g {way} than the stated {digits(1e3 * self.stated, 4)} g"
 
     def skew(self) -> str:
         """Say that the body's products of inertia are others than stated, or nothing."""
@@ -106,7 +107,7 @@ class Given:
             return ""
         std = deviations(self.products.spread)
         shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), std.tolist())
-        figures = ", ".join(f"{name} by {x:+.2g} ± {s:.1g}" for name, x, s in shown if abs(x) > TOLD * s)
+        figures = ", ".join(f"{name} by {x:+.2g} ± {digits(s, 1)}" for name, x, s in shown if abs(x) > TOLD * s)
         meaning = "turning one axis pushes the others more than the URDF says"
         return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
 

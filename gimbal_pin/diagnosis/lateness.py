@@ -7,6 +7,11 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, NamedTuple
 
+from gimbal_pin.digits import digits
+
+ASKED = "gimbal-pin diagnose RIG LOG"
+"""The call that asks for a diagnosis, where nobody knows its arguments."""
+
 
 class Late(NamedTuple):
     """What a log shows of one joint's delay.
@@ -37,9 +42,27 @@ class Timing:
         """All of it for a person."""
         here = ", ".join(f"{found(late)} at {joint}" for joint, (late, _) in self.joints.items())
         there = ", ".join(found(late) for _, late in self.joints.values())
-        seen = [f"{1e3 * late.shown:.2g} ms at {joint}" for joint, (_, late) in self.joints.items() if late.shown]
-        more = f"; there one of some {', '.join(seen)} shows" if seen else ""
-        return f"a delay or lag would be found {here}; with --cutoff {self.cutoff:g} {there}{more}"
+        more = f"; there one of some {self.seen} shows" if self.seen else ""
+        return f"a delay or lag would be found {here}; {self.option} {there}{more}"
+
+    @property
+    def seen(self) -> str:
+        """The delays that the wider band shows and this one does not; nothing where there is none."""
+        rows = [(joint, there.shown) for joint, (_, there) in self.joints.items() if there.shown]
+        return ", ".join(f"{digits(1e3 * shown, 2)} ms at {joint}" for joint, shown in rows)
+
+    @property
+    def option(self) -> str:
+        """How one asks for the wider band, within a sentence."""
+        return f"with --cutoff {self.cutoff:g}"
+
+    def next(self, command: str = "") -> tuple[str, ...]:
+        """Where the wider band shows a delay, the call that finds it, by the one that did not; else nothing.
+
+        It comes before what is said without it: a cause that is named beside a delay nobody knows may stand for it.
+        """
+        why = f"there a delay or lag of some {self.seen} shows; what is said here is said without it"
+        return (f"{command or ASKED} --cutoff {self.cutoff:g} ({why})",) if self.seen else ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds, s; null for a delay that no band shows."""
@@ -56,4 +79,4 @@ class Timing:
 
 def found(late: Late) -> str:
     """``from 2.8 ms on``."""
-    return f"from {1e3 * late.least:.2g} ms on" if isfinite(late.least) else "of no length"
+    return f"from {digits(1e3 * late.least, 2)} ms on" if isfinite(late.least) else "of no length"

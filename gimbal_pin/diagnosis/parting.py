@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Motion
 
 NAMED = 4.0
@@ -108,7 +109,7 @@ def together(partings: Sequence[Parting]) -> str:
     after = [one.expected.deviations for one in partings if one.expected is not None]
     if not after:
         return f"{who} can be the same torque in every motion that was tried; what else may part them: {instead}"
-    expected = ", ".join(f"{x:.3g}" for x in after)
+    expected = ", ".join(digits(x) for x in after)
     beside = "on the next experiment's log alone" if first.alone else "with the next experiment"
     if first.same:
         said = f"{who} are one torque on these logs, {expected} standard deviations apart {beside}"
@@ -116,7 +117,7 @@ def together(partings: Sequence[Parting]) -> str:
         said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
         return f"{said} standard deviations apart there"
     else:
-        now = ", ".join(f"{one.now.deviations:.2g}" for one in partings)
+        now = ", ".join(digits(one.now.deviations, 2) for one in partings)
         said = f"{who} lie {now} standard deviations apart so far, {expected} {beside}"
     more = {
         "named": "",
@@ -167,7 +168,7 @@ class NextExperiment:
         told = tuple(together(group) for group in groups.values())
         if self.motion is None:
             return told
-        how = f"the motion lasts {self.seconds:.3g} s, from rest to rest within the rig's limits"
+        how = f"the motion lasts {digits(self.seconds)} s, from rest to rest within the rig's limits"
         how += "" if self.finished else "; the search for it was interrupted, it is the best so far"
         if any(one.alone for one in self.partings):
             return (*told, f"{how}: play it, and diagnose its log alone; what either diagnosis rules out is ruled out")

@@ -66,7 +66,8 @@ def reported(
     rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
     each, twice = once(combined([finding(found, *row, held, baseline, hidden, rng) for row in rows]))
     late = [j for j, one in zip(joints, found.residual) if one.where == ONLY]
-    said = [*map(denial, found.denied), *starmap(mending, mends.items()), *starmap(doubled, twice)]
+    denied = tuple(map(denial, found.denied))
+    said = [*denied, *starmap(mending, mends.items()), *starmap(doubled, twice)]
     said += [lateness(joint, found.best["torque_rmse"][joint]) for joint in late]
     return Diagnosis(
         rig=held.rig.name,
@@ -86,6 +87,7 @@ def reported(
         after=after,
         held=held,
         state=found.final,
+        denied=denied,
         tracking=followed(before, after, rng) if each else {},
         likeness=tuple(likeness(found.final, cause, found.shelf) for cause, _ in rows),
     )
@@ -157,7 +159,8 @@ def finding(
     shown = walked(state, cause, widened(state, cause, parameters(state, cause), found.shelf))
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
-    said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}"
+    within = figure.holds(values)
+    said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}{f' ({within})' if within else ''}"
     said = f"{said}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
     ambiguous = len(judged.alike) > 1
     return Finding(

@@ -25,7 +25,16 @@ class ActuatorLag(Signal):
     time_constant: float
 
     name: ClassVar[str] = "actuator-lag"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", nan, "s", 1e-5, 1.0),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "time_constant",
+            nan,
+            "s",
+            1e-5,
+            1.0,
+            meaning="time that the torque takes to follow a step of the command by 63 %",
+        ),
+    )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a lag loses torque with frequency, a delay does not"
     compensation: ClassVar[str] = "tune with the time constant added to the loop's delay; raise the current loop's gain"

@@ -17,7 +17,9 @@ class Armature(Effect):
     """``tau = inertia a``: inertia felt by its own motor and by no other."""
 
     name: ClassVar[str] = "armature"
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("inertia", nan, "kg m^2", 0.0, inf),)
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("inertia", nan, "kg m^2", 0.0, inf, meaning="rotor's inertia, felt at its joint alone"),
+    )
     like_inertia: ClassVar[bool] = True
     experiment: ClassVar[str] = "fast accelerations of all axes together, at poses that couple them"
 

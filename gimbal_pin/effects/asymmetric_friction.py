@@ -19,8 +19,16 @@ class AsymmetricFriction(Effect):
 
     name: ClassVar[str] = "asymmetric-friction"
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coulomb", 0.0, "N m", -inf, inf),
-        Parameter("viscous", 0.0, "N m s/rad", -inf, inf),
+        Parameter(
+            "coulomb",
+            0.0,
+            "N m",
+            -inf,
+            inf,
+            meaning="half of what dry friction differs by between the directions, positive where the positive "
+            "one brakes more",
+        ),
+        Parameter("viscous", 0.0, "N m s/rad", -inf, inf, meaning="the same of the friction that grows with the rate"),
     )
     dry: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same constant speeds both ways, and holds at rest in between"

@@ -92,11 +92,19 @@ class Backlash(Signal):
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("gap", nan, "rad", 0.0, 0.5),
-        Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0),
-        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
-        Parameter("flank", 0.0, "Hz", 0.0, 500.0),
-        Parameter("damping", 0.0, "1", 0.0, 10.0),
+        Parameter("gap", nan, "rad", 0.0, 0.5, meaning="how far the joint turns from one flank to the other"),
+        Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0, meaning="rotor's inertia that crosses the gap, at the joint"),
+        Parameter(
+            "rotor_share",
+            0.0,
+            "1",
+            0.0,
+            0.95,
+            meaning="share of the joint's inertia that is the rotor's, where the encoder sits on the motor; 0: "
+            "it sits on the link",
+        ),
+        Parameter("flank", 0.0, "Hz", 0.0, 500.0, meaning="how fast the link rings on a flank; 0: it lands for good"),
+        Parameter("damping", 0.0, "1", 0.0, 10.0, meaning="damping ratio of that ringing"),
     )
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"

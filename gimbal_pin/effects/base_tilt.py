@@ -45,10 +45,10 @@ class BaseTilt(RigEffect):
     name: ClassVar[str] = "base-tilt"
     of_joint: ClassVar[bool] = False
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("roll", 0.0, "rad", -3.2, 3.2),
-        Parameter("pitch", 0.0, "rad", -3.2, 3.2),
-        Parameter("roll_rate", 0.0, "rad/s", -0.1, 0.1),
-        Parameter("pitch_rate", 0.0, "rad/s", -0.1, 0.1),
+        Parameter("roll", 0.0, "rad", -3.2, 3.2, meaning="how far the base leans about its x"),
+        Parameter("pitch", 0.0, "rad", -3.2, 3.2, meaning="how far it leans about its y"),
+        Parameter("roll_rate", 0.0, "rad/s", -0.1, 0.1, meaning="how fast it sinks about its x"),
+        Parameter("pitch_rate", 0.0, "rad/s", -0.1, 0.1, meaning="how fast it sinks about its y"),
     )
     experiment: ClassVar[str] = "slow motion of all axes with the base turned by a quarter in between"
     compensation: ClassVar[str] = "level the base, or let the controller use gravity in the base's frame"

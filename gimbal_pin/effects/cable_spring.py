@@ -16,9 +16,9 @@ from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 STATED = (
-    Parameter("stiffness", nan, "N m/rad", 0.0, inf),
-    Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi),
-    Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
+    Parameter("stiffness", nan, "N m/rad", 0.0, inf, meaning="torque per angle where it rests"),
+    Parameter("rest", 0.0, "rad", -4 * pi, 4 * pi, meaning="angle at which it pulls neither way"),
+    Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf, meaning="torque per cube of the angle, beside that"),
 )
 GROWTH = Parameter("growth", 0.0, "rad", 0.0, 10.0)
 KNOTS: tuple[Parameter, ...] = (
@@ -140,6 +140,13 @@ class CableSpring(Effect):
         if self.taut:
             return (found[0], *(replace(p, value=getattr(self, p.name)) for p in KNOTS[self.sides]))
         return (*found, replace(GROWTH, value=self.growth)) if self.growth else found
+
+    def holds(self, values: Sequence[float] = ()) -> str:
+        """``k (q - rest) + c = k (q - (rest - c/k))``: a constant torque beside a spring is in where it rests."""
+        k = 0.0 if self.growth or self.taut else self.spring(values)[0]
+        return (
+            f"a torque-bias or asymmetric-friction beside it would be in rest, {1 / k:.2g} rad per N m" if k > 0 else ""
+        )
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:

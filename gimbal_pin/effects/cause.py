@@ -87,6 +87,10 @@ class Cause(ABC):
         """``yaw: cogging, 0.055 N m at 42 per turn``; `values` as in `shown`."""
         return f"{self.place}: {self.name}, {self.says(values)}"
 
+    def holds(self, values: Sequence[float] = ()) -> str:
+        """Return which of its figures hold what other causes add beside it, within a sentence; nothing for most."""
+        return ""
+
     def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
         """Return its parameters as a person reads them, with units and standard deviations.
 

@@ -51,8 +51,22 @@ class DeadZone(Static):
 
     name: ClassVar[str] = "dead-zone"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("width", nan, "N m", 0.0, 1e6),
-        Parameter("sharpness", 0.0, "1", 0.0, 2000.0),
+        Parameter(
+            "width",
+            nan,
+            "N m",
+            0.0,
+            1e6,
+            meaning="largest command that gives no torque; with a sharpness, that which gives half of itself",
+        ),
+        Parameter(
+            "sharpness",
+            0.0,
+            "1",
+            0.0,
+            2000.0,
+            meaning="how sharply torque sets in beyond it; 0 for a gap that takes its width off every command",
+        ),
     )
     experiment: ClassVar[str] = "a balanced rig moved slowly to and fro: torques that cross zero often"
     compensation: ClassVar[str] = "what is lost is added to the command, in its direction"

@@ -25,7 +25,9 @@ class Delay(Signal):
     time: float
 
     name: ClassVar[str] = "delay"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("time", nan, "s", 0.0, 0.2),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("time", nan, "s", 0.0, 0.2, meaning="how much later than commanded the torque acts"),
+    )
     linear: ClassVar[bool] = True
     wanders: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"

@@ -39,13 +39,36 @@ class FrictionDrift(Effect):
 
     name: ClassVar[str] = "friction-drift"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("span", 300.0, "s", 1.0, 1e5),
-        Parameter("held", 0.0, "N m", 0.0, 1e6),
+        Parameter(
+            "span",
+            300.0,
+            "s",
+            1.0,
+            1e5,
+            meaning="time in which the friction has changed by 63 %; well over the log's length it changes in "
+            "proportion to time",
+        ),
+        Parameter(
+            "held",
+            0.0,
+            "N m",
+            0.0,
+            1e6,
+            meaning="torque that warms the motor, held for ever, to the change that is stated; 0 where time "
+            "alone counts",
+        ),
     )
     chosen: ClassVar[tuple[str, ...]] = ("held",)
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coulomb", 0.0, "N m", -inf, inf),
-        Parameter("viscous", 0.0, "N m s/rad", -inf, inf),
+        Parameter("coulomb", 0.0, "N m", -inf, inf, meaning="what dry friction changes by in the end"),
+        Parameter(
+            "viscous",
+            0.0,
+            "N m s/rad",
+            -inf,
+            inf,
+            meaning="what the friction that grows with the rate changes by in the end",
+        ),
     )
     dry: ClassVar[bool] = True
     lasting: ClassVar[bool] = True

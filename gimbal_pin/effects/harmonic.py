@@ -17,7 +17,7 @@ from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
-PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi)
+PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi, meaning="phase of the cosine at the joint's zero")
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,9 @@ class Harmonic(Effect):
 
     harmonic: tuple[float, ...]
 
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("harmonic", nan, "per turn", 1.0, 1000.0),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("harmonic", nan, "per turn", 1.0, 1000.0, meaning="how often per turn of the joint it repeats"),
+    )
     amplitude: ClassVar[Parameter]
     """Name and unit of A_k."""
 

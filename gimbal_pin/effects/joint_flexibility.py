@@ -42,10 +42,25 @@ class JointFlexibility(Sprung):
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("frequency", nan, "Hz", 0.5, 500.0),
-        Parameter("damping", 0.05, "1", 1e-3, 0.5),
-        Parameter("hardening", 0.0, "1/(N m)^2", 0.0, 1e6),
-        Parameter("rotor_share", 0.0, "1", 0.0, 0.95),
+        Parameter("frequency", nan, "Hz", 0.5, 500.0, meaning="resonance of the link on its spring"),
+        Parameter("damping", 0.05, "1", 1e-3, 0.5, meaning="damping ratio of that resonance"),
+        Parameter(
+            "hardening",
+            0.0,
+            "1/(N m)^2",
+            0.0,
+            1e6,
+            meaning="growth of the torque with the square of what a linear spring would hold; 0: it is linear",
+        ),
+        Parameter(
+            "rotor_share",
+            0.0,
+            "1",
+            0.0,
+            0.95,
+            meaning="share of the joint's inertia that is the rotor's, where the encoder sits on the motor; 0: "
+            "it sits on the link",
+        ),
     )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"

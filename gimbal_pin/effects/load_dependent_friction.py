@@ -15,7 +15,15 @@ from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
-WEIGHS = Parameter("weighs", 0.0, "1", 0.0, 1.0)
+WEIGHS = Parameter(
+    "weighs",
+    0.0,
+    "1",
+    0.0,
+    1.0,
+    meaning="0 for a gear, which the joint's whole torque loads; 1 for a bearing, which the weight "
+    "loads that it carries",
+)
 
 
 @dataclass(frozen=True)
@@ -39,10 +47,10 @@ class LoadDependentFriction(Effect):
 
     name: ClassVar[str] = "load-dependent-friction"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("driven", 0.0, "1", 0.0, 10.0),
-        Parameter("preload", 0.0, "N m", 0.0, 100.0),
+        Parameter("driven", 0.0, "1", 0.0, 10.0, meaning="share of the torque that loads a bearing beside the weight"),
+        Parameter("preload", 0.0, "N m", 0.0, 100.0, meaning="what loads it without any torque or weight"),
     )
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("mu", nan, "1", 0.0, 0.95),)
+    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("mu", nan, "1", 0.0, 0.95, meaning="friction per load"),)
     dry: ClassVar[bool] = True
     loaded: ClassVar[bool] = True
     weighed: ClassVar[bool] = True

@@ -34,7 +34,10 @@ class OffDiagonalInertia(RigEffect):
     name: ClassVar[str] = "off-diagonal-inertia"
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0) for symbol in ("Ixy", "Ixz", "Iyz")
+        Parameter(
+            symbol, 0.0, "kg m^2", -10.0, 10.0, meaning="product of inertia beside the URDF's, in the joint's frame"
+        )
+        for symbol in ("Ixy", "Ixz", "Iyz")
     )
     experiment: ClassVar[str] = "fast motion of all axes at once: products of inertia couple them"
     compensation: ClassVar[str] = "the controller uses the identified model with full inertias"

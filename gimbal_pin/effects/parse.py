@@ -35,8 +35,12 @@ def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:
 
 
 def every() -> str:
-    """All causes as one writes them, each over its parameters with bounds, units and defaults."""
-    return "\n".join(f"{usage(CAUSES[name])}\n  {listed(CAUSES[name])}" for name in sorted(CAUSES))
+    """All causes as one writes them, each over its parameters: meaning, bounds, units and defaults."""
+    lines = list[str]()
+    for name in sorted(CAUSES):
+        kind = CAUSES[name]
+        lines += [usage(kind), *(f"  {described(p)}: {p.meaning}" for p in kind.stated())]
+    return "\n".join(lines)
 
 
 def valued(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float]:

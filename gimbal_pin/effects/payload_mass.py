@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
 from gimbal_pin.errors import UsageError
 from gimbal_pin.parameter import Parameter
@@ -43,8 +44,19 @@ class PayloadMass(RigEffect):
     of_joint: ClassVar[bool] = False
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("extra", nan, "kg", -100.0, 100.0),
-        *(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz"),
+        Parameter("extra", nan, "kg", -100.0, 100.0, meaning="mass on top of the stated one"),
+        *(
+            Parameter(
+                axis,
+                0.0,
+                "m",
+                -0.5,
+                0.5,
+                meaning="place of the weight from the payload's centre of mass; all zero: spread like the payload's "
+                "own",
+            )
+            for axis in "xyz"
+        ),
     )
     experiment: ClassVar[str] = "fast motion of all axes at once"
     compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"
@@ -79,8 +91,8 @@ class PayloadMass(RigEffect):
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""
-        weight = f"{abs(1e3 * self.extra):.4g} g"
-        place = np.linalg.norm([self.x, self.y, self.z])
+        weight = f"{digits(abs(1e3 * self.extra), 4)} g"
+        place = float(np.linalg.norm([self.x, self.y, self.z]))
         if place:
-            return f"a weight of some {weight} sits on the payload, {1e3 * place:.2g} mm from its centre of mass"
+            return f"a weight of some {weight} sits on the payload, {digits(1e3 * place, 2)} mm from its centre of mass"
         return f"the payload is {weight} {'heavier' if self.extra >= 0 else 'lighter'} than stated"

@@ -24,7 +24,17 @@ class PayloadShift(RigEffect):
     name: ClassVar[str] = "payload-shift"
     of_joint: ClassVar[bool] = False
     of_given_model: ClassVar[bool] = True
-    shapes: ClassVar[tuple[Parameter, ...]] = tuple(Parameter(axis, 0.0, "m", -0.5, 0.5) for axis in "xyz")
+    shapes: ClassVar[tuple[Parameter, ...]] = tuple(
+        Parameter(
+            axis,
+            0.0,
+            "m",
+            -0.5,
+            0.5,
+            meaning="how far the centre of mass is from the URDF's, along the payload's frame",
+        )
+        for axis in "xyz"
+    )
     experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
     compensation: ClassVar[str] = "slide the payload back by as much, or let the controller use the identified model"
 

@@ -18,7 +18,9 @@ class PositionDependentFriction(Harmonic):
     """``tau = slide sum_k (a_k cos kq + b_k sin kq)``: a bent shaft or a tight spot, on top of Coulomb friction."""
 
     name: ClassVar[str] = "position-dependent-friction"
-    amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "N m", 0.0, inf)
+    amplitude: ClassVar[Parameter] = Parameter(
+        "amplitude", nan, "N m", 0.0, inf, meaning="how much dry friction changes over the angle, to either side"
+    )
     dry: ClassVar[bool] = True
     highest: ClassVar[int] = 12
     bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)

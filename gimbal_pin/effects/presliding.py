@@ -41,10 +41,19 @@ class Presliding(Effect):
     slips: bool = False
 
     name: ClassVar[str] = "presliding"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("stroke", nan, "rad", 1e-4, 0.5),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "stroke",
+            nan,
+            "rad",
+            1e-4,
+            0.5,
+            meaning="angle over which friction builds up after the direction turned, to 63 %",
+        ),
+    )
     linear: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("level", nan, "N m", 0.0, inf),
-        Parameter("damping", 0.0, "N m s/rad", 0.0, inf),
+        Parameter("level", nan, "N m", 0.0, inf, meaning="friction once it slides"),
+        Parameter("damping", 0.0, "N m s/rad", 0.0, inf, meaning="torque per rate while it builds up"),
     )
     bristly: ClassVar[bool] = True
     experiment: ClassVar[str] = "small reversals, from a tenth of the stroke to ten strokes"

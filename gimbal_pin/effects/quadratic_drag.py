@@ -30,9 +30,13 @@ class QuadraticDrag(Effect):
     power: float = 2.0
 
     name: ClassVar[str] = "quadratic-drag"
-    shapes: ClassVar[tuple[Parameter, ...]] = (Parameter("power", 2.0, "1", 1.2, 4.5),)
+    shapes: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("power", 2.0, "1", 1.2, 4.5, meaning="power of the rate with which it grows"),
+    )
     chosen: ClassVar[tuple[str, ...]] = ("power",)
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("drag", nan, "N m (s/rad)^power", 0.0, inf),)
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("drag", nan, "N m (s/rad)^power", 0.0, inf, meaning="torque at 1 rad/s"),
+    )
     rising: ClassVar[bool] = True
     experiment: ClassVar[str] = "the highest speeds that the rig allows, next to slow ones"
     compensation: ClassVar[str] = "drag feed-forward at the reference's rate"

@@ -55,8 +55,8 @@ class Saturation(Static):
 
     name: ClassVar[str] = "saturation"
     shapes: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("limit", nan, "N m", 1e-6, 1e6),
-        Parameter("knee", 0.0, "1", 0.0, 20.0),
+        Parameter("limit", nan, "N m", 1e-6, 1e6, meaning="largest torque that the motor gives"),
+        Parameter("knee", 0.0, "1", 0.0, 20.0, meaning="how suddenly it is reached, the more the larger; 0 for a clip"),
     )
     experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"

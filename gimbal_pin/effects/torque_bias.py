@@ -18,7 +18,9 @@ class TorqueBias(Effect):
     """``tau = bias``: the reported torque is off by a constant, N m."""
 
     name: ClassVar[str] = "torque-bias"
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("bias", nan, "N m", -inf, inf),)
+    linear: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("bias", nan, "N m", -inf, inf, meaning="constant torque that is reported beside the true one"),
+    )
     affine: ClassVar[bool] = True
     experiment: ClassVar[str] = "the same motion both ways, and holds at rest approached from both sides"
     compensation: ClassVar[str] = "a constant feed-forward; calibrate the current sensor's zero"

@@ -31,7 +31,9 @@ class TorqueGain(Effect):
 
     name: ClassVar[str] = "torque-gain"
     linear: ClassVar[tuple[Parameter, ...]] = (Parameter("missing", nan, "1", -1.0, 0.95),)
-    gain: ClassVar[Parameter] = Parameter("gain", nan, "1", 0.05, 2.0)
+    gain: ClassVar[Parameter] = Parameter(
+        "gain", nan, "1", 0.05, 2.0, meaning="torque that acts over the torque that is reported"
+    )
     loaded: ClassVar[bool] = True
     hidden: ClassVar[str] = (
         "the inertias that this joint moves scale as a gain in both directions would: only a known load, or fast "

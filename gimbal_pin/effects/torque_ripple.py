@@ -18,7 +18,9 @@ class TorqueRipple(Harmonic):
     """``tau = tau_model sum_k (a_k cos kq + b_k sin kq)``: the share of the torque that the motor fails to give."""
 
     name: ClassVar[str] = "torque-ripple"
-    amplitude: ClassVar[Parameter] = Parameter("amplitude", nan, "1", 0.0, 0.95)
+    amplitude: ClassVar[Parameter] = Parameter(
+        "amplitude", nan, "1", 0.0, 0.95, meaning="how much of the torque comes and goes over the angle, to either side"
+    )
     loaded: ClassVar[bool] = True
     highest: ClassVar[int] = 300
     overtones: ClassVar[tuple[int, ...]] = (2, 3)

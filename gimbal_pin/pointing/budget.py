@@ -41,6 +41,12 @@ class Budget:
         """Whether it parts the error at all: one controller beside the baseline leaves one part and the rest."""
         return len(self.parts) > 2
 
+    @property
+    def note(self) -> str:
+        """Why parts may be more than all of it, where one is; else nothing."""
+        harm = [what for what, share in self.parts.items() if share < 0]
+        return f"all parts are 100 %: {', '.join(harm)} did harm, which the others make up for" if harm else ""
+
     @staticmethod
     def of(jitter: Mapping[str, float], beside: Sequence[str] = ()) -> Budget | None:
         """Part the error by controllers' jitter, rad rms; steps whose controller did not run are told with the next.

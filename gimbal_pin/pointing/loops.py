@@ -13,7 +13,9 @@ from gimbal_pin.control.computed_torque import ComputedTorque
 from gimbal_pin.control.design import inner
 from gimbal_pin.control.equal import DAMPING, INTEGRAL, Equal, bandwidth, redesigned
 from gimbal_pin.control.observer import Observer, observed_margins
+from gimbal_pin.digits import digits
 from gimbal_pin.model import Model
+from gimbal_pin.pointing.measures import SLOW
 
 FALLEN = 0.5
 """Share of the bandwidth of the PID that is fallen back to."""
@@ -101,6 +103,23 @@ class Loops:
         if name == "lyapunov":
             return tuple(equal.of(pid) for equal, pid in zip(self.equals, inner(self.slow, self.robust)))
         return tuple(equal.margins for equal in self.equals)
+
+
+def slack(loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]) -> tuple[str, ...]:
+    """Say whose loops are too slow to hold the camera: what is faster than their crossover they let pass.
+
+    Args:
+        loops: Controller → the margins of its loops, joint by joint.
+        joints: Joint names.
+    """
+    rows = [
+        (", ".join(names), places, own) for names, places, own in distinct(loops, joints) if own.crossover_hz < SLOW
+    ]
+    return tuple(
+        f"{who} does not hold the camera: {', '.join(places)} crosses at {digits(own.crossover_hz)} Hz, and all above "
+        f"{SLOW:g} Hz is jitter"
+        for who, places, own in rows
+    )
 
 
 def distinct(

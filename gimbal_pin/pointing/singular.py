@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.sight import Sight
 
@@ -27,6 +28,6 @@ def lost_turn(sight: Sight, q: Array) -> str:
     named = AXES if len(left) == 3 else AXES[1:]
     axis = named[int(np.argmax(np.abs(left[:, -1])))]
     joints = [joint for joint, part in zip(sight.rig.joints, np.abs(right[-1])) if part > TAKES_PART]
-    times = f"{1 / values[-1]:.2g} times as fast" if values[-1] > 1e-3 else "without end"
+    times = f"{digits(1 / values[-1], 2)} times as fast" if values[-1] > 1e-3 else "without end"
     who = " and ".join(joints)
     return f"to turn the camera about {axis}, {who} would have to turn {times}, so nobody holds it there"

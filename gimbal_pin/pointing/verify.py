@@ -25,6 +25,7 @@ from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
+from gimbal_pin.pointing.loops import slack
 from gimbal_pin.pointing.planted import missed, planted_once
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import NAMES
@@ -139,6 +140,11 @@ class Verified:
         """Joint names."""
         return self.contest.rows[0].runs[0].joints
 
+    @property
+    def slack(self) -> tuple[str, ...]:
+        """Whose loops are too slow to hold the camera, in sentences."""
+        return slack(self.loops, self.joints)
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `track`)."""
         more: dict[str, Any] = {} if self.steps is None else {"experiments": self.steps.to_dict()["experiments"]}
@@ -161,6 +167,7 @@ class Verified:
             },
             "compensated": list(self.causes),
             "not_compensated": list(self.missed),
+            "too_slow": list(self.slack),
             **more,
         }
 

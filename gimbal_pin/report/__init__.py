@@ -9,6 +9,7 @@ from gimbal_pin.report.base import write as write
 from gimbal_pin.report.evaluation import Evaluated as Evaluated
 from gimbal_pin.report.evaluation import evaluate as evaluate
 from gimbal_pin.report.full import carried as carried
+from gimbal_pin.report.full import diagnosed as diagnosed
 from gimbal_pin.report.full import full as full
 from gimbal_pin.report.full import moving as moving
 from gimbal_pin.report.sections import animation as animation

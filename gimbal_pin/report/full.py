@@ -18,6 +18,7 @@ from gimbal_pin.report import sections
 from gimbal_pin.report.base import Section, render
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.html import paragraph
+from gimbal_pin.report.sections.diagnosis import WRONG
 from gimbal_pin.rig import Rig
 from gimbal_pin.tracking import Tracking
 from gimbal_pin.tuning import Tuning
@@ -26,6 +27,7 @@ from gimbal_pin.view.onboard import onboard
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
 HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
+NOT_DIAGNOSED = "These logs could not be diagnosed. {}."
 NOT_HELD = "It was not held still on a platform that moves: {}."
 
 
@@ -41,11 +43,13 @@ def full(
     held: Verified | None = None,
     held_on: str = "the identified model",
     why: str = "",
+    undiagnosed: str = "",
 ) -> str:
     """Return the report of a whole walk, from logs to a tuned controller, as HTML.
 
     The animation shows the first of the tunings. `plant` and `held_on` say within a sentence what the steps, and the
-    camera on a moving platform, were simulated on; `why`: why the camera was not held, if that is to be said.
+    camera on a moving platform, were simulated on; `why`: why the camera was not held, and
+    `undiagnosed`: why the logs were not diagnosed, if that is to be said.
     """
     evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
     steps: list[Callable[[], Section]] = [
@@ -56,6 +60,7 @@ def full(
         lambda: sections.parameters(found, evaluated, rig),
         lambda: sections.torque(found, evaluated),
         *([] if wrong is None else [partial(sections.diagnosis, wrong)]),
+        *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(undiagnosed)))] if undiagnosed else []),
         lambda: sections.margins(*tunings.values()),
         lambda: sections.tracking(result, rig, plant),
         *([] if held is None else [partial(sections.pointing, held, HELD.format(held_on))]),
@@ -63,6 +68,12 @@ def full(
     ]
     every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
     return render(rig.title, every, rig.config.description)
+
+
+def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis, command: str = "") -> str:
+    """Return the report of a diagnosis alone as HTML; `command`: the call that asked for it."""
+    parts = [sections.diagnosis(found, command), sections.data(rig, logs), sections.rig_section(rig)]
+    return render(rig.title, parts, rig.config.description)
 
 
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."

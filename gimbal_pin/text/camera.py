@@ -20,7 +20,7 @@ def verified(found: Verified) -> str:
     judged = [(t.name, number(t.value, 3), number(t.must), number(t.aim), t.verdict) for t in found.targets]
     parts = [circumstances(found), controllers(found), *weak(found), ""]
     parts += [margins(found.loops, found.joints), ""] if found.loops else []
-    parts += unstable(found)
+    parts += [*unstable(found), *found.slack]
     parts += [table("target", "value", "must", "aim", "reached", rows=judged)] if judged else []
     parts += [f"{t.name}: {t.note}" for t in found.targets if t.note and t.value is not None]
     parts += [*asking(found), *swept(found), *budget(found)]
@@ -167,4 +167,5 @@ def budget(found: Verified) -> list[str]:
         (what, f"{100 * share:.1f}", f"{degrees(parted.size(what)):.4f}", "█" * round(40 * min(max(share, 0.0), 1.0)))
         for what, share in parted.parts.items()
     ]
-    return ["", table("error budget", f"% of {BASELINE}'s mean square", "°", "", rows=rows)]
+    note = [parted.note] if parted.note else []
+    return ["", table("error budget", f"% of {BASELINE}'s mean square", "°", "", rows=rows), *note]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf
 
+from gimbal_pin.digits import digits
+
 
 def table(*heads: str, rows: Sequence[Sequence[str]]) -> str:
     """Return rows under heads in aligned columns; numbers to the right, words to the left."""
@@ -30,8 +32,8 @@ def is_number(cell: str) -> bool:
     return cell[:1] in "-+.0123456789∞–" or cell == ""
 
 
-def number(value: float | None, digits: int = 4) -> str:
+def number(value: float | None, count: int = 4) -> str:
     """Return a value with so many significant digits; – for none, ∞ for no limit."""
     if value is None or value != value:
         return "–"
-    return ("∞" if value > 0 else "-∞") if abs(value) == inf else f"{value:.{digits}g}"
+    return ("∞" if value > 0 else "-∞") if abs(value) == inf else digits(value, count)

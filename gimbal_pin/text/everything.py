@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from gimbal_pin.walk import Auto
 
 
-def auto(found: Auto) -> str:
-    """Everything that `auto` found, and where its files lie."""
+def auto(found: Auto, command: str = "") -> str:
+    """Everything that `auto` found, and where its files lie; `command`: the call that would diagnose its logs."""
     files = table("file", "", rows=[(what, str(path)) for what, path in found.files.items()])
     parts = [
         identified(found.identified),
-        *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
+        f"not diagnosed: {found.undiagnosed}" if found.diagnosis is None else diagnosis(found.diagnosis, {}, command),
         tuning(found.tuning),
         tracking(found.tracking, found.plant),
         f"no camera held on a platform: {found.why}" if found.held is None else verified(found.held),

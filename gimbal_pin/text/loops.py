@@ -29,7 +29,7 @@ def tuning(found: Tuning) -> str:
         for joint, gains, hz, margins in zip(found.model.rig.joints, found.gains, found.bandwidth_hz, found.margins)
     ]
     heads = ("joint", "kp", "ki", "kd", "bandwidth Hz")
-    return "\n".join([table(*heads, *MARGINS, rows=rows), *drawn(found), *found.reasons])
+    return "\n".join([*found.doubts, table(*heads, *MARGINS, rows=rows), *drawn(found), *found.reasons])
 
 
 def drawn(found: Tuning) -> list[str]:

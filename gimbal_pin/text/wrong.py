@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import degrees
 from typing import TYPE_CHECKING, Any
 
+from gimbal_pin.digits import digits
 from gimbal_pin.text.cells import number, table
 
 if TYPE_CHECKING:
@@ -13,18 +14,15 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis.finding import Finding
     from gimbal_pin.parameter import Parameter
 
-
 DEVIATIONS = "(± is one standard deviation)"
-LIMIT = (
-    "(noise may be larger than what would be found: it averages out over the log, and a torque that goes with the"
-    " motion all log long does not)"
-)
 ALONE = "(a finding's error before is without it and with all others; the table's is the refitted model's alone)"
 
 
-def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
-    """Verdict, findings, what is left at each joint, and where the files lie."""
-    lines = [f"verdict: {found.verdict}{doubted(found)}"] + ([""] if found.spoiling or found.findings else [])
+def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> str:
+    """Verdict, findings, what is left at each joint, and where the files lie; `command`: the call that asked for it."""
+    lines = [f"verdict: {found.verdict}{doubted(found)}"]
+    lines += [] if found.timing is None else [f"next: {line}" for line in found.timing.next(command)]
+    lines += [""] if found.spoiling or found.findings else []
     for fault in found.spoiling:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
         lines += [f"  {sized(p)}" for p in fault.answer]
@@ -44,13 +42,15 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
-        lines += [LIMIT] if drowned(found) else []
+        lines += [f"({found.drowned})"] if found.drowned else []
         lines += [ALONE] if len(found.findings) > 1 else []
     lines += [] if found.timing is None else [found.timing.sentence]
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model{freely(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
-    lines += [f"too small to matter: {s.cause} at {s.joint or 'rig'} ({100 * s.share:.2g} %)" for s in found.immaterial]
+    lines += [
+        f"too small to matter: {s.cause} at {s.joint or 'rig'} ({digits(100 * s.share, 2)} %)" for s in found.immaterial
+    ]
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
@@ -61,13 +61,9 @@ def doubted(found: Diagnosis) -> str:
     open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
     if found.findings and not found.lacking:
         return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
+    if found.verdict == "nothing" and found.denied:
+        return f", though {'; '.join(found.denied)}"
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
-
-
-def drowned(found: Diagnosis) -> bool:
-    """Whether noise is larger than what would be found, which may read as a contradiction."""
-    after, limit = found.extended["torque_rmse"], found.detection_limit
-    return any(left.state == "noise" and after[joint] > limit[joint] for joint, left in found.residual.items())
 
 
 def freely(found: Diagnosis) -> str:
@@ -117,7 +113,9 @@ def worse(finding: Finding) -> list[str]:
 
 def tracking_gain(found: Diagnosis) -> list[str]:
     """How closely a controller follows with the found causes compensated, and without, in degrees."""
+    from gimbal_pin.diagnosis.followed import HOW
+
     rows = found.tracking.items()
     cells = [(joint, *(number(degrees(row[key]), 2) for key in ("rms_before", "rms_after"))) for joint, row in rows]
     told = ", ".join(f"{joint} {before}° → {after}°" for joint, before, after in cells)
-    return [f"tracking error in simulation, rms, without and with compensation: {told}"] if cells else []
+    return [f"tracking error in simulation, rms, without and with compensation: {told} ({HOW})"] if cells else []

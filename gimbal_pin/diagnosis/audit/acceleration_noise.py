@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.probe import MATERIAL, Probe, probe, rows_at
 from gimbal_pin.diagnosis.audit.quantisation import angle_noise, bits, quantum
 from gimbal_pin.diagnosis.audit.samples import local_noise
+from gimbal_pin.digits import digits
 from gimbal_pin.estimators.base import Estimate
 from gimbal_pin.estimators.instrumental import instrumental, repeated
 from gimbal_pin.estimators.weighted import weighted
@@ -122,15 +123,16 @@ def told(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer:
     """Return the fault, described."""
     share, bias, near, far, cutoff = (figure.value for figure in figures)
     joint, step = rig.joints[worst], quantum(log.q[:, worst])
-    coarse = f" (encoder steps of {1000 * step:.2g} mrad, {bits(step):.0f} bits per turn)" if step else ""
+    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits(step):.0f} bits per turn)" if step else ""
     unreliable = bias > MATERIAL or near > SAFE or far > WALKED
     end = (
-        f"parameters walk with the filter: {100 * near:.2g} % of the torque from {cutoff:g} to {NEAR * cutoff:g} Hz, "
-        f"{100 * far:.2g} % to {FAR * cutoff:g} Hz; this is noise in the motion, no physics"
+        f"parameters walk with the filter: {digits(100 * near, 2)} % of the torque from {cutoff:g} to "
+        f"{NEAR * cutoff:g} Hz, {digits(100 * far, 2)} % to {FAR * cutoff:g} Hz; this is noise in the "
+        f"motion, no physics"
         if unreliable
         else f"at {cutoff:g} Hz it does no harm"
     )
-    sentence = f"{joint}: noise is {share:.2g} times the motion's own acceleration{coarse}; {end}"
+    sentence = f"{joint}: noise is {digits(share, 2)} times the motion's own acceleration{coarse}; {end}"
     mend = (
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"

@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.harm import harm
 from gimbal_pin.diagnosis.audit.samples import channels, left_out, noted, taken
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -161,7 +162,7 @@ def told(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, spa
     jitter, lost, gap, stale = (figure.value for figure in figures)
     texts = (
         f"stamps jitter by {100 * jitter:.0f} % of a period",
-        f"{100 * lost:.2g} % of the samples are lost",
+        f"{digits(100 * lost, 2)} % of the samples are lost",
         f"up to {1000 * gap:.0f} ms are lost in a row",
         f"{100 * stale:.0f} % of the rows of a stretch repeat the row before",
     )

@@ -10,6 +10,7 @@ import numpy as np
 from gimbal_pin import signals
 from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.samples import noted
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -120,10 +121,10 @@ def told(joint: str, count: int, figures: tuple[Parameter, ...], strength: float
     """Return the fault, described."""
     left, _, over = (figure.value for figure in figures)
     joints = f" (and {count - 1} more)" if count > 1 else ""
-    never = f"{100 * over:.2g} % of it is beyond the motor's limit and never acted"
+    never = f"{digits(100 * over, 2)} % of it is beyond the motor's limit and never acted"
     sentence = (
         f"{joint}{joints}: the torque was commanded, not measured: a formula of the other channels leaves "
-        f"{left:.1g} N m of it; {never if over else 'what the drive makes of it does not show'}"
+        f"{digits(left, 1)} N m of it; {never if over else 'what the drive makes of it does not show'}"
     )
     mend = "log the motor's current as well, times its torque constant"
     return Fault(NAME, joint, sentence, figures, strength, bool(over), mend)

@@ -11,6 +11,7 @@ from gimbal_pin import signals
 from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.harm import harm
 from gimbal_pin.diagnosis.audit.samples import noted
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -174,8 +175,8 @@ def told(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
     )
     joints = f" (and {count - 1} more)" if count > 1 else ""
     sentence = (
-        f"{joint}{joints}: the rate is the angle behind a low-pass of {lag.corner:.2g} Hz, which changes it by "
-        f"{100 * lag.change:.2g} %; {'it spoils the torque' if unreliable else 'it does little harm here'}"
+        f"{joint}{joints}: the rate is the angle behind a low-pass of {digits(lag.corner, 2)} Hz, which changes it by "
+        f"{digits(100 * lag.change, 2)} %; {'it spoils the torque' if unreliable else 'it does little harm here'}"
     )
     mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
     return Fault(NAME, joint, sentence, figures, lag.change / VISIBLE, unreliable, mend)

@@ -10,6 +10,7 @@ import numpy as np
 from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.harm import harm
 from gimbal_pin.diagnosis.audit.samples import WORDS, changed, channels, edges, left_out, level, noted, taken
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -158,7 +159,9 @@ def told(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool)
         Parameter("garbage", float(seconds), "s"),
         Parameter("size", worst.size, "standard deviations"),
     )
-    parts = ([f"{count} lone wild samples"] if count else []) + ([f"{seconds:.2g} s of garbage"] if bad else [])
+    parts = ([f"{count} lone wild sample{'s' * (count > 1)}"] if count else []) + (
+        [f"{digits(seconds, 2)} s of garbage"] if bad else []
+    )
     end = "they spoil the torque" if unreliable else "the filter takes care of them"
     joint = log.joints[worst.joint]
     sentence = f"{joint}: {' and '.join(parts)}, worst in the {WORDS[worst.channel]}; {end}"

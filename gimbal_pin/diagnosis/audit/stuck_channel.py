@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.probe import probe, rows_at
 from gimbal_pin.diagnosis.audit.quantisation import quantum
 from gimbal_pin.diagnosis.audit.samples import CHANNELS, WORDS, changed, channels, edges, level, noted, taken
+from gimbal_pin.digits import digits
 from gimbal_pin.estimators.base import residuals
 from gimbal_pin.estimators.weighted import weighted
 from gimbal_pin.log import Array, Log
@@ -203,8 +204,8 @@ def told(rig: Rig, log: Log, worst: Held, count: int) -> Fault:
     railed = np.all(np.isin(column[worst.rows], (column.min(), column.max())))
     does = "ends at a rail" if railed else "stands still"
     sentence = (
-        f"{joint}: the {what} {does} for up to {longest:.2g} s ({100 * share:.2g} % of the log) while the joint "
-        f"moves on" + (f" ({count} channels in all)" if count > 1 else "")
+        f"{joint}: the {what} {does} for up to {digits(longest, 2)} s ({digits(100 * share, 2)} % of the log) while "
+        f"the joint moves on" + (f" ({count} channels in all)" if count > 1 else "")
     )
     mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
     return Fault(NAME, joint, sentence, figures, worst.loudness / LOUD, True, mend)

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.platform_motion import COMPENSATION
+from gimbal_pin.digits import digits
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.report import plots
 from gimbal_pin.report.base import Section
@@ -19,6 +20,7 @@ from gimbal_pin.report.numbers import figures, listed, torque_text
 from gimbal_pin.report.sections.gain import gain
 from gimbal_pin.report.sections.residuals import residuals
 
+WRONG = "What the simulation gets wrong"
 VERDICTS = {
     "named": "Something is missing from the model, and this log says what.",
     "ambiguous": "Something is missing from the model; this log leaves more than one cause possible.",
@@ -30,9 +32,10 @@ VERDICTS = {
 MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
 
 
-def diagnosis(found: Diagnosis) -> Section:
-    """Return what a diagnosis says."""
+def diagnosis(found: Diagnosis, command: str = "") -> Section:
+    """Return what a diagnosis says; `command`: the call that asked for it."""
     parts = [paragraph(toned(said(found), "good" if found.beside == "nothing" else "fair"))]
+    parts += [] if found.timing is None else [paragraph(f"Next: {line}.") for line in found.timing.next(command)]
     parts += (
         [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
     )
@@ -46,12 +49,15 @@ def diagnosis(found: Diagnosis) -> Section:
     if found.held is not None:
         parts += [heading("What is left")] if found.findings else []
         parts.append(table(HEAD, [row(found, joint) for joint in joints], label="Torque error before and after"))
+        parts += [paragraph(f"{found.drowned}.", "side")] if found.drowned else []
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
     if found.given is not None:
         parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
     hidden = [f"{each.cause} at {each.joint or 'the rig'}" for each in found.untestable]
-    small = [f"{each.cause} at {each.joint or 'the rig'} ({100 * each.share:.2g} %)" for each in found.immaterial]
+    small = [
+        f"{each.cause} at {each.joint or 'the rig'} ({digits(100 * each.share, 2)} %)" for each in found.immaterial
+    ]
     notes = [
         *found.notes,
         *([f"{found.timing.sentence}."] if found.timing else []),
@@ -59,13 +65,14 @@ def diagnosis(found: Diagnosis) -> Section:
     ]
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
     parts += [folded("Notes", bullets(notes))] if notes else []
-    return Section("What the simulation gets wrong", join(parts), "On the part of the log that no choice has seen.")
+    return Section(WRONG, join(parts), "On the part of the log that no choice has seen.")
 
 
 def said(found: Diagnosis) -> str:
     """Return the verdict; a cause that is left open is not said to be named."""
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
+    more += f" Yet {'; '.join(found.denied)}." if found.verdict == "nothing" and found.denied else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
     return f"{VERDICTS[found.beside]}{more}{moved}"
 
@@ -95,7 +102,9 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list
     gain = finding.gain
     if gain["rollout_rmse_before"] > 0:
         rolled = gain["rollout_rmse_after"] / gain["rollout_rmse_before"]
-        lines.append(f"Simulated from the same torque, the angle is off by {rolled:.2g} times what it was without it.")
+        lines.append(
+            f"Simulated from the same torque, the angle is off by {digits(rolled, 2)} times what it was without it."
+        )
     title = f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}"
     told = [heading(title), paragraph(finding.sentence), bullets(lines)]
     return [*told, *rivals(finding), *(part for one in likest for part in alike_map(one, colour))]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis
+from gimbal_pin.diagnosis.followed import HOW
 from gimbal_pin.report import plots
 from gimbal_pin.report.joints import Joint, units
 from gimbal_pin.report.numbers import figures, torque_unit
@@ -44,7 +45,7 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
     caption = (
         "Before (grey) and after (colour), each joint to its own scale: torque predicted on the held-out part; angle "
         "after 0.2 s of simulation from the held-out torque; and a simulated controller's tracking error without and "
-        "with the causes compensated."
+        f"with the causes compensated ({HOW})."
     )
     return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
 

@@ -87,6 +87,7 @@ def budget_picture(budget: Budget) -> Markup:
         f"{controller_name(BASELINE)}'s mean square of {angle(budget.baseline)} rms, by what knowing one thing more "
         f"takes off it, from left to right. What is left at the end, {angle(budget.left)} rms, none of them undoes."
     )
+    caption += f" {budget.note[:1].upper()}{budget.note[1:]}." if budget.note else ""
     return plots.picture(partial(bar, budget), f"Error budget: {said}", caption[:1].upper() + caption[1:])
 
 

@@ -224,5 +224,6 @@ def told(found: Verified) -> list[Markup]:
     parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
     parts += [heading("Planted and not compensated"), bullets(found.missed)] if found.missed else []
     parts += [notice("Unstable", bullets(swings))] if swings else []
+    parts += [notice("Too slow", bullets(found.slack))] if found.slack else []
     more = [f"and {len(events) - EVENTS} more, all in the JSON"] if len(events) > EVENTS else []
     return [*parts, notice("What happened", bullets([*events[:EVENTS], *more]))] if events else parts

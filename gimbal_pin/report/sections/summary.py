@@ -155,7 +155,7 @@ def about_tracking(rig: Rig, result: Tracking, ratio: Mapping[str, float], plant
 
 def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:
     """Return what speaks against taking the headline at its word."""
-    found = [reason for reason in tuning.reasons if "is safer" in reason] if tuning is not None else []
+    found = [*tuning.doubts, *(why for why in tuning.reasons if "is safer" in why)] if tuning is not None else []
     if result is None:
         return found
     for experiment in chosen(result, TOGETHER):
