@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.links import begun
 from gimbal_pin.diagnosis.state import State, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
-from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.identification import units
@@ -56,7 +56,7 @@ class Extended:
             link = begun(self.model.rig, part, signal, command - whole)
             if link is not None:
                 return Borne(brake, asked - brake, taken=link.asked)
-        if isinstance(signal, Backlash) and signal.springy:
+        if isinstance(signal, Loose) and signal.springy:
             return Borne(brake, asked - brake, taken=loose(self.model.rig, part, signal))
         push = across(inertia(self.model.rig, c.q, joint), joint, self.model.armature[joint])
         return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push)

@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin import signals
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.links import Swing, axes, moved
-from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.effects.loose import Loose
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import inertia
 from gimbal_pin.rig import Rig
@@ -24,7 +24,7 @@ FARTHEST = 1.0
 """Angle beyond its gap by which no link leaves its motor, rad: a motion farther than that is no solution."""
 
 
-def loose(rig: Rig, part: Part, gap: Backlash) -> Array:
+def loose(rig: Rig, part: Part, gap: Loose) -> Array:
     """What a loose link asks of every joint beyond the rigid rig at the encoder's angle, N m, (m, n).
 
     Args:
@@ -44,7 +44,7 @@ def loose(rig: Rig, part: Part, gap: Backlash) -> Array:
     return moved(rig, part, j, x) - still - stays * x.a[:, None]
 
 
-def flight(part: Part, asked: Array, steeper: Array, gap: Backlash) -> Swing:
+def flight(part: Part, asked: Array, steeper: Array, gap: Loose) -> Swing:
     """The link's angle less the rotor's, smoothed as the log's channels are.
 
     Args:
@@ -64,7 +64,7 @@ def flight(part: Part, asked: Array, steeper: Array, gap: Backlash) -> Swing:
     return Swing(x[::count], v[::count], a[::count])
 
 
-def flown(asked: Array, steeper: Array, dt: float, gap: Backlash) -> Array:
+def flown(asked: Array, steeper: Array, dt: float, gap: Loose) -> Array:
     """``x'' = -asked - steeper x - flanks``: the link's angle less the rotor's, (N,); at rest on its flank before."""
     flanks, rest = gap.flanks(dt), float(asked[0])
     x, v, out = -float(np.sign(rest)) * flanks.half - rest / flanks.k, 0.0, list[float]()

@@ -50,7 +50,7 @@ def composed(first: State, shelf: Library) -> State:
     for j in np.argsort(-state.fit.dispersion).tolist():
         if state.fit.dispersion[j] > MUCH:
             joint = state.problem.evidence.rig.joints[j]
-            start = loosened(state, joint)
+            start = loosened(state, joint, shelf)
             if start is not None and clearer(start, state) and stands(start, joint):
                 state = swapped(forward(start, shelf), shelf)
     return state

@@ -20,7 +20,8 @@ from gimbal_pin.diagnosis.search import needed, polished, pruned, regrown
 from gimbal_pin.diagnosis.shapes import FINE
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.wandering import calmed, reconsidered
-from gimbal_pin.effects import Cause, Signal
+from gimbal_pin.effects import Cause
+from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Array
 
@@ -106,7 +107,7 @@ def swings(state: State, final: State) -> bool:
 
 def springy(cause: Cause) -> bool:
     """Whether a cause is a joint that gives."""
-    return isinstance(cause, Signal) and cause.springy
+    return isinstance(cause, Sprung) and cause.springy
 
 
 def untrusted(first: State, state: State, cause: Cause) -> bool:

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.swinging import swinging
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
-from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
@@ -173,7 +173,7 @@ class State:
             return None
         if cause in self.swings:
             return [Borne(0.0, 0.0, taken=taken) for taken in self.swings[cause]]
-        if isinstance(cause, Backlash) and cause.springy:
+        if isinstance(cause, Loose) and cause.springy:
             rig = (self.alike or self).rig
             return [Borne(0.0, 0.0, taken=loose(rig, part, cause)) for part in self.problem.evidence.parts]
         if cause.springy:

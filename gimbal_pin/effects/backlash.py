@@ -4,70 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from math import copysign, nan, pi
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
+from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.effects.signal import Borne, Memory, Signal
+from gimbal_pin.effects.signal import Borne, Memory
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
 
-class Flanks(NamedTuple):
-    """``x'' = push - k p - d x'`` on a flank, p deep; ``x'' = push`` between them.
-
-    Attributes:
-        half: Half of the gap, rad.
-        k: 1/s².
-        d: 1/s.
-        dt: Step, s.
-        exact: What a step makes of (p, x', push) on a flank, ((3), (3)).
-    """
-
-    half: float
-    k: float
-    d: float
-    dt: float
-    exact: tuple[tuple[float, ...], ...]
-
-    def moved(self, x: float, v: float, push: float) -> tuple[float, float]:
-        """Place and rate a step later; where it meets a flank or leaves one in it, to second order from then on."""
-        half, k, d, dt = self.half, self.k, self.d, self.dt
-        side = half if x > half else -half if x < -half else 0.0
-        if side:
-            (xx, xv, xu), (vx, vv, vu) = self.exact
-            p = x - side
-            p, v = xx * p + xv * v + xu * push, vx * p + vv * v + vu * push
-            if p * side >= 0.0 or v * side >= 0.0:
-                return side + p, v
-            since = p / v
-            v += (k * since / 2 + d) * p
-            x = side + p + (k * since / 6 + d / 2) * since * p
-        else:
-            x, v = x + (v + push * dt / 2) * dt, v + push * dt
-        over = x - half if x > half else x + half if x < -half else 0.0
-        if over * v > 0.0:
-            since = over / v
-            v, x = v - (k * since / 2 + d) * over, x - (k * since / 6 + d / 2) * since * over
-        return x, v
-
-
-@lru_cache
-def exact(k: float, d: float, dt: float) -> tuple[tuple[float, ...], ...]:
-    """What a step of `dt` s makes of (p, p', push) by ``p'' = push - k p - d p'``, the push held."""
-    from scipy.linalg import expm
-
-    step = expm(np.array([[0.0, 1.0, 0.0], [-k, -d, 1.0], [0.0, 0.0, 0.0]]) * dt)
-    return tuple(tuple(row) for row in step[:2].tolist())
-
-
 @dataclass(frozen=True)
-class Backlash(Signal):
+class Backlash(Loose):
     """``y = x - (1 - 1/r) J dw/dt``: a rotor at rate w in a gap passes nothing on, and its momentum when it lands.
 
     Two masses J (rotor) and I (link): the rigid joint feels y. With the encoder on the rotor r = J/(I + J), the rotor's
@@ -83,12 +35,6 @@ class Backlash(Signal):
         flank: Frequency at which the link rings on a flank, its motor held, Hz; 0: it lands and does not bounce.
         damping: ζ of that.
     """
-
-    gap: float
-    inertia: float = 1e-3
-    rotor_share: float = 0.0
-    flank: float = 0.0
-    damping: float = 0.0
 
     name: ClassVar[str] = "backlash"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -114,33 +60,12 @@ class Backlash(Signal):
         """The gap is behind the motor's bearing."""
         return True
 
-    @property
-    def springy(self) -> bool:
-        """With flanks that give and the encoder on the rotor, a link flies as it is asked to."""
-        return self.flank > 0 and self.rotor_share > 0
-
-    @property
-    def implied(self) -> tuple[str, ...]:
-        """The rotor's share is J over the joint's inertia, which the rigid model says where the link flies by it."""
-        return ("rotor_share",) if self.springy else ()
-
-    @property
-    def unseen(self) -> float:
-        """The link's share, with the encoder on the rotor."""
-        return 1 - self.rotor_share if self.rotor_share else 0.0
-
     def beside(self, borne: Borne) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
 
         Nothing with the encoder on the link: the friction that a log shows by its rate's sign is then the link's.
         """
         return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake if self.rotor_share else 0.0
-
-    def flanks(self, dt: float, share: float = 1.0) -> Flanks:
-        """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""
-        w = 2 * pi * self.flank
-        k, d = w * w / share, 2 * self.damping * w / share
-        return Flanks(self.gap / 2, k, d, dt, exact(k, d, dt))
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""

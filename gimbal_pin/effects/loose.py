@@ -1,0 +1,114 @@
+"""A link that is loose in a gap between flanks that give: what a fit needs to know of one to work out how it flies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import pi
+from typing import NamedTuple
+
+from gimbal_pin.effects.signal import Signal
+
+GAPS = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+"""Gaps that are tried, rad."""
+FLANKS = (15.0, 50.0)
+"""Frequencies of their flanks, Hz."""
+SHARES = (0.1, 0.3)
+"""The rotor's shares of the joint's inertia."""
+DAMPING = 0.7
+"""Damping on the flanks that is tried: a link that lands on a gear bounces little."""
+
+
+class Flanks(NamedTuple):
+    """``x'' = push - k p - d x'`` on a flank, p deep; ``x'' = push`` between them.
+
+    Attributes:
+        half: Half of the gap, rad.
+        k: 1/s².
+        d: 1/s.
+        dt: Step, s.
+        exact: What a step makes of (p, x', push) on a flank, ((3), (3)).
+    """
+
+    half: float
+    k: float
+    d: float
+    dt: float
+    exact: tuple[tuple[float, ...], ...]
+
+    def moved(self, x: float, v: float, push: float) -> tuple[float, float]:
+        """Place and rate a step later; where it meets a flank or leaves one in it, to second order from then on."""
+        half, k, d, dt = self.half, self.k, self.d, self.dt
+        side = half if x > half else -half if x < -half else 0.0
+        if side:
+            (xx, xv, xu), (vx, vv, vu) = self.exact
+            p = x - side
+            p, v = xx * p + xv * v + xu * push, vx * p + vv * v + vu * push
+            if p * side >= 0.0 or v * side >= 0.0:
+                return side + p, v
+            since = p / v
+            v += (k * since / 2 + d) * p
+            x = side + p + (k * since / 6 + d / 2) * since * p
+        else:
+            x, v = x + (v + push * dt / 2) * dt, v + push * dt
+        over = x - half if x > half else x + half if x < -half else 0.0
+        if over * v > 0.0:
+            since = over / v
+            v, x = v - (k * since / 2 + d) * over, x - (k * since / 6 + d / 2) * since * over
+        return x, v
+
+
+@lru_cache
+def exact(k: float, d: float, dt: float) -> tuple[tuple[float, ...], ...]:
+    """What a step of `dt` s makes of (p, p', push) by ``p'' = push - k p - d p'``, the push held."""
+    from scipy.linalg import expm
+
+    step = expm(np.array([[0.0, 1.0, 0.0], [-k, -d, 1.0], [0.0, 0.0, 0.0]]) * dt)
+    return tuple(tuple(row) for row in step[:2].tolist())
+
+
+@dataclass(frozen=True)
+class Loose(Signal):
+    """``I x'' = -S - f(x, x')``: a link, loose by x from its rotor, flies as S asks it to; f is what a flank pushes.
+
+    Attributes:
+        joint: The joint that has the gap.
+        gap: Width of the gap, rad.
+        inertia: J, the rotor's inertia at the joint, kg m².
+        rotor_share: r, the rotor's share of the joint's inertia; 0 for an encoder on the link.
+        flank: Frequency at which the link rings on a flank, its motor held, Hz; 0: it lands and does not bounce.
+        damping: ζ of that.
+    """
+
+    gap: float
+    inertia: float = 1e-3
+    rotor_share: float = 0.0
+    flank: float = 0.0
+    damping: float = 0.0
+
+    @property
+    def springy(self) -> bool:
+        """With flanks that give and the encoder on the rotor, a link flies as it is asked to."""
+        return self.flank > 0 and self.rotor_share > 0
+
+    @property
+    def implied(self) -> tuple[str, ...]:
+        """The rotor's share is J over the joint's inertia, which the rigid model says where the link flies by it."""
+        return ("rotor_share",) if self.springy else ()
+
+    @property
+    def unseen(self) -> float:
+        """The link's share, with the encoder on the rotor."""
+        return 1 - self.rotor_share if self.rotor_share else 0.0
+
+    def flanks(self, dt: float, share: float = 1.0) -> Flanks:
+        """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""
+        w = 2 * pi * self.flank
+        k, d = w * w / share, 2 * self.damping * w / share
+        return Flanks(self.gap / 2, k, d, dt, exact(k, d, dt))
+
+    @classmethod
+    def giving(cls, joint: str, inertia: float) -> tuple[Loose, ...]:
+        """Gaps with flanks that give, of rotors light and heavy, at a joint of some inertia, kg m²."""
+        rotors = [(share * inertia, share) for share in SHARES if inertia > 0]
+        return tuple(cls(joint, gap, J, r, flank, DAMPING) for gap in GAPS for J, r in rotors for flank in FLANKS)
