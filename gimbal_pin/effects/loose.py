@@ -7,6 +7,8 @@ from functools import lru_cache
 from math import pi
 from typing import NamedTuple
 
+import numpy as np
+
 from gimbal_pin.effects.signal import Signal
 
 GAPS = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
