@@ -34,6 +34,10 @@ GENUINE = 0.5
 """Share of such a gain that must be left where it acts on the model's torque in place of the measured one."""
 MOST_CAPPED = 0.5
 """Share of the samples at which a drive's limit bites, from which little more than the commands' signs is left."""
+NEARLY_ALL = 0.98
+"""The same from which nothing else is left: a limit under a threshold lets no command act by its size."""
+SLIGHT = 0.01
+"""Share of the largest torque under which none is passed."""
 SWUNG = 20.0
 """What dry and viscous friction alone leaves of those over what the whole model leaves, from which the joint's motion
 follows them: a sine, as any motion has, leaves a fifth of a square wave of its phase."""
@@ -269,8 +273,12 @@ def signs_only(state: State, found: Score, cause: Cause) -> bool:
         return False
     evidence, now = state.problem.evidence, state.fit
     j = evidence.rig.joint_index(cause.place)
-    if np.mean(cause.biting(np.concatenate([x[:, j] for x in state.acting]))) <= MOST_CAPPED:
-        return False
+    given_to = np.concatenate([x[:, j] for x in state.acting])
+    # Where a threshold passes nothing no limit bites.
+    passes = np.abs(given_to) > SLIGHT * np.max(np.abs(given_to), initial=0.0)
+    capped = np.mean(cause.biting(given_to)[passes]) if np.any(passes) else 0.0
+    if not MOST_CAPPED < capped <= NEARLY_ALL:
+        return bool(capped > NEARLY_ALL)
     after = solved(state.problem, (*state.causes, cause), state, keep=True)
     given = given_beta(evidence.rig, state.problem.reduction)
     rows, at = now.rows(j), len(given)
