@@ -35,7 +35,7 @@ GENUINE = 0.5
 MOST_CAPPED = 0.5
 """Share of the samples at which a drive's limit bites, from which little more than the commands' signs is left."""
 NEARLY_ALL = 0.98
-"""The same from which nothing else is left: a limit under a threshold lets no command act by its size."""
+"""The same of what a threshold passes, from which nothing else is left: under it a limit lets none act by its size."""
 SLIGHT = 0.01
 """Share of the largest torque under which none is passed."""
 SWUNG = 20.0
@@ -277,8 +277,8 @@ def signs_only(state: State, found: Score, cause: Cause) -> bool:
     # Where a threshold passes nothing no limit bites.
     passes = np.abs(given_to) > SLIGHT * np.max(np.abs(given_to), initial=0.0)
     capped = np.mean(cause.biting(given_to)[passes]) if np.any(passes) else 0.0
-    if not MOST_CAPPED < capped <= NEARLY_ALL:
-        return bool(capped > NEARLY_ALL)
+    if capped <= MOST_CAPPED or capped > NEARLY_ALL > np.mean(passes):
+        return bool(capped > MOST_CAPPED)
     after = solved(state.problem, (*state.causes, cause), state, keep=True)
     given = given_beta(evidence.rig, state.problem.reduction)
     rows, at = now.rows(j), len(given)
