@@ -29,6 +29,8 @@ BETTER = 0.4
 """Share of the error that columns put right may leave: several causes halve it, none of them does that by a sign."""
 ROUGH = 0.03
 """Share of a joint's torque to which the error need be known."""
+AGREED = 0.5
+"""Correlation of a joint's torque with what the given rig asks for, from which its sign is right, come what may."""
 UNDRIVEN = 0.05
 """A joint with less than this share of the largest torque need not be right by a share of its own."""
 EXAMINED = 60.0
@@ -59,8 +61,8 @@ def check_wiring(blocks: Regression, estimate: Estimate, name: str = "") -> None
     """
     if not impossible(blocks, estimate):
         return
-    given, best = missed(blocks), min(tried(blocks), key=lambda one: one.missed)
-    if best.missed < BETTER * given:
+    given, best = missed(blocks), min(tried(blocks), key=lambda one: one.missed, default=None)
+    if best is not None and best.missed < BETTER * given:
         gain = f"bodies that can exist then miss {100 * best.missed:.2g} % of the torque instead of {100 * given:.2g} %"
         raise LogError(name or blocks.rows.logs[0].name, f"{best.words}: {gain}", best.mend)
 
@@ -97,10 +99,16 @@ def mass_matrices(rows: Rows, beta: Array) -> Array:
 
 
 def tried(blocks: Regression) -> Iterator[Trial]:
-    """Yield every pattern of signs, and every two joints' columns exchanged where there are logs to do it in."""
+    """Yield every pattern of signs, and every two joints' columns exchanged where there are logs to do it in.
+
+    No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent.
+    """
     rows = blocks.rows
     joints, n = rows.rig.joints, rows.rig.n
+    right = agreement(blocks) > AGREED
     for signs in patterns(n):
+        if np.any(right & (np.array(signs) < 0)):
+            continue
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
         turned = Regression(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
@@ -110,6 +118,15 @@ def tried(blocks: Regression) -> Iterator[Trial]:
         words = f"{first} and {second} hold each other's torque"
         mend = f"exchange them: --map {first}=COLUMN with the column that is {second} now, and the other way round"
         yield Trial(missed(kept(exchanged(rows, pair))), words, mend)
+
+
+def agreement(blocks: Regression) -> Array:
+    """``<b τ> / sqrt(<b²> <τ²>)``, (n,): torques against what the given rig asks for."""
+    beta = blocks.rows.mixing @ blocks.rows.rig.phi
+    asked = np.concatenate([block.A[:, :, : len(beta)] @ beta for block in blocks])
+    given = np.concatenate([block.b for block in blocks])
+    norms = np.linalg.norm(asked, axis=0) * np.linalg.norm(given, axis=0)
+    return np.asarray(np.sum(asked * given, axis=0) / np.maximum(norms, 1e-300))
 
 
 def patterns(n: int) -> list[tuple[int, ...]]:

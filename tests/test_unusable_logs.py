@@ -21,7 +21,7 @@ from gimbal_pin.online import Online
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, Regression, Rows, kept
-from gimbal_pin.wiring import check_wiring
+from gimbal_pin.wiring import agreement, check_wiring, tried
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused
 
@@ -134,6 +134,20 @@ def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:
     turned = Regression(blocks.rows, tuple(b._replace(b=-b.b) for b in idle))
     with pytest.raises(LogError, match=r"tau_pan has the wrong sign"):
         check_wiring(turned, weighted(turned))
+
+
+def test_no_sign_is_turned_that_the_given_rig_agrees_with() -> None:
+    """A command far beyond a limit on one side is mostly not what acts: bodies may fit it better turned round."""
+    rig = Rig.load("thesis")
+    log = recorded(rig, 4)
+    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
+    assert np.all(agreement(blocks) > 0.9)
+    assert not any("sign" in trial.words for trial in tried(blocks))
+    turned = Regression(blocks.rows, tuple(b._replace(b=b.b * [1, -1, 1]) for b in blocks))
+    np.testing.assert_allclose(agreement(turned), agreement(blocks) * [1, -1, 1])
+    assert [trial.words for trial in tried(turned) if "sign" in trial.words] == [
+        "tau_roll has the wrong sign (or the angle has)"
+    ]
 
 
 def test_diagnosis_names_a_column_before_any_cause(run: Run, tmp_path: Path) -> None:
