@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.restart import composed, coupled, stands
 from gimbal_pin.diagnosis.search import forward, left, undone
 from gimbal_pin.diagnosis.shapes import measure, worth
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.state import State, solved
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.base_tilt import BaseTilt
@@ -22,15 +22,10 @@ from gimbal_pin.effects.friction_drift import FrictionDrift
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.stribeck import Stribeck
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from tests.bench_logs import fourier
-from tests.test_forms import ALIGNED, gather
+from gimbal_pin.log import Array
+from tests.refitted import RIG, first
 from tests.test_gates import Winding
 
-RIG = Rig.load("turret")
 AT = RIG.joints[1]
 FRICTION = (
     "stribeck",
@@ -41,16 +36,6 @@ FRICTION = (
     "cable-spring",
     "cogging",
 )
-
-
-def first(*terms: Term) -> State:
-    """The refitted model without any cause, on a log of these terms."""
-    motion = fourier(RIG, 3, 14.0, 2e-3)
-    tau = Model(RIG, (*nominal(RIG).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
-    tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
-    log = Log("two", RIG.joints, motion.t, motion.q, motion.v, tau)
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
-    return solved(problem, (), solved(problem, ()))
 
 
 def shelf_of(state: State) -> Library:

@@ -27,7 +27,19 @@ ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""
 
 SHARED = {
-    "effects": {"cause", "base", "signal", "rig_effect", "functions", "harmonic", "losses", "seen", "sprung", "loose"},
+    "effects": {
+        "cause",
+        "base",
+        "signal",
+        "rig_effect",
+        "functions",
+        "harmonic",
+        "losses",
+        "seen",
+        "geared",
+        "sprung",
+        "loose",
+    },
     # Some estimates start from simpler ones: the robust from the weighted, those that simulate from the physical.
     "estimators": {"base", "colour", "components", "weighted", "physical", "instrumental"},
 }

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.restart import alone, leaning
 from gimbal_pin.diagnosis.score import local
 from gimbal_pin.diagnosis.search import WORSE, combed, forward, left, regrown, swapped
 from gimbal_pin.diagnosis.shapes import measure
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.state import State, solved
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
@@ -25,16 +25,11 @@ from gimbal_pin.effects.load_dependent_friction import LoadDependentFriction
 from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction
 from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_ripple import TorqueRipple
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model, nominal
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from tests.bench_logs import fourier
-from tests.test_forms import ALIGNED, gather
+from tests.refitted import RIG, first
 from tests.test_gates import Winding
 
-RIG = Rig.load("turret")
 AT = RIG.joints[1]
 
 
@@ -52,16 +47,6 @@ class Peaked(Effect):
     def says(self, values: tuple[float, ...] = ()) -> str:  # type: ignore[override]
         """Nothing."""
         return ""
-
-
-def first(*terms: Term, rig: Rig = RIG) -> State:
-    """The refitted model without any cause, on a log of these terms on a rig."""
-    motion = fourier(RIG, 3, 14.0, 2e-3)
-    tau = Model(rig, (*nominal(RIG).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
-    tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
-    log = Log("whole", RIG.joints, motion.t, motion.q, motion.v, tau)
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
-    return solved(problem, (), solved(problem, ()))
 
 
 def shelf_of(state: State, *names: str) -> Library:

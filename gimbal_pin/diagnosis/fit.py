@@ -68,6 +68,11 @@ class Fit:
         return 1.0 / self.scale**2
 
     @property
+    def left(self) -> float:
+        """``Σ log φ_j``: what is left at all joints, comparable between fits that weigh them differently."""
+        return float(np.sum(np.log(self.dispersion)))
+
+    @property
     def cost(self) -> float:
         """Weighted sum of squares."""
         return float(self.residual @ self.residual)

@@ -60,11 +60,6 @@ class Agreed(NamedTuple):
     links: tuple[Link, ...] = ()
 
 
-def spread(agreed: Agreed) -> float:
-    """``Σ log φ_j``: what is left at all joints."""
-    return float(np.sum(np.log(agreed.fit.dispersion)))
-
-
 def linked(state: State, again: bool = False) -> State:
     """Work out where each spring's link swings, as far as that leaves less than a spring at the encoder's angle.
 
@@ -172,7 +167,7 @@ class Swinging:
             return None
         for _ in range(FITS):
             before, (start, agreed) = agreed, self.fitted(start, agreed)
-            if spread(agreed) > spread(known) or spread(agreed) > spread(before) - ENOUGH:
+            if agreed.fit.left > min(known.fit.left, before.fit.left - ENOUGH):
                 break
         return start, agreed
 

@@ -219,8 +219,8 @@ class State:
 
 
 def left(state: State) -> float:
-    """``Σ log φ_j``: what is left at all joints, comparable between states that weigh them differently."""
-    return float(np.sum(np.log(state.fit.dispersion)))
+    """What is left at all joints: see `Fit.left`."""
+    return state.fit.left
 
 
 def width(cause: Cause) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
+from gimbal_pin.effects.geared import ROTOR_SHARE
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne, Memory
@@ -40,15 +41,7 @@ class Backlash(Loose):
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("gap", nan, "rad", 0.0, 0.5, meaning="how far the joint turns from one flank to the other"),
         Parameter("inertia", 1e-3, "kg m^2", 1e-7, 10.0, meaning="rotor's inertia that crosses the gap, at the joint"),
-        Parameter(
-            "rotor_share",
-            0.0,
-            "1",
-            0.0,
-            0.95,
-            meaning="share of the joint's inertia that is the rotor's, where the encoder sits on the motor; 0: "
-            "it sits on the link",
-        ),
+        ROTOR_SHARE,
         Parameter("flank", 0.0, "Hz", 0.0, 500.0, meaning="how fast the link rings on a flank; 0: it lands for good"),
         Parameter("damping", 0.0, "1", 0.0, 10.0, meaning="damping ratio of that ringing"),
     )

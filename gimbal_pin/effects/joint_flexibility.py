@@ -11,6 +11,7 @@ import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut
+from gimbal_pin.effects.geared import ROTOR_SHARE
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Borne, Memory, Signal
 from gimbal_pin.effects.sprung import SHARE, Sprung
@@ -52,15 +53,7 @@ class JointFlexibility(Sprung):
             1e6,
             meaning="growth of the torque with the square of what a linear spring would hold; 0: it is linear",
         ),
-        Parameter(
-            "rotor_share",
-            0.0,
-            "1",
-            0.0,
-            0.95,
-            meaning="share of the joint's inertia that is the rotor's, where the encoder sits on the motor; 0: "
-            "it sits on the link",
-        ),
+        ROTOR_SHARE,
     )
     linear: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"

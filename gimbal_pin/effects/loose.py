@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.effects.signal import Signal
+from gimbal_pin.effects.geared import Geared
 
 GAPS = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Gaps that are tried, rad."""
@@ -70,7 +70,7 @@ def exact(k: float, d: float, dt: float) -> tuple[tuple[float, ...], ...]:
 
 
 @dataclass(frozen=True)
-class Loose(Signal):
+class Loose(Geared):
     """``I x'' = -S - f(x, x')``: a link, loose by x from its rotor, flies as S asks it to; f is what a flank pushes.
 
     Attributes:
@@ -97,11 +97,6 @@ class Loose(Signal):
     def implied(self) -> tuple[str, ...]:
         """The rotor's share is J over the joint's inertia, which the rigid model says where the link flies by it."""
         return ("rotor_share",) if self.springy else ()
-
-    @property
-    def unseen(self) -> float:
-        """The link's share, with the encoder on the rotor."""
-        return 1 - self.rotor_share if self.rotor_share else 0.0
 
     def flanks(self, dt: float, share: float = 1.0) -> Flanks:
         """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""

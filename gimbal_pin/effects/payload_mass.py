@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.digits import digits
-from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, payload, placed, with_added
 from gimbal_pin.errors import UsageError
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -45,18 +45,7 @@ class PayloadMass(RigEffect):
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("extra", nan, "kg", -100.0, 100.0, meaning="mass on top of the stated one"),
-        *(
-            Parameter(
-                axis,
-                0.0,
-                "m",
-                -0.5,
-                0.5,
-                meaning="place of the weight from the payload's centre of mass; all zero: spread like the payload's "
-                "own",
-            )
-            for axis in "xyz"
-        ),
+        *placed("place of the weight from the payload's centre of mass; all zero: spread like the payload's own"),
     )
     experiment: ClassVar[str] = "fast motion of all axes at once"
     compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, shifted, slide, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, placed, shifted, slide, with_added
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
@@ -24,16 +24,8 @@ class PayloadShift(RigEffect):
     name: ClassVar[str] = "payload-shift"
     of_joint: ClassVar[bool] = False
     of_given_model: ClassVar[bool] = True
-    shapes: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(
-            axis,
-            0.0,
-            "m",
-            -0.5,
-            0.5,
-            meaning="how far the centre of mass is from the URDF's, along the payload's frame",
-        )
-        for axis in "xyz"
+    shapes: ClassVar[tuple[Parameter, ...]] = placed(
+        "how far the centre of mass is from the URDF's, along the payload's frame"
     )
     experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
     compensation: ClassVar[str] = "slide the payload back by as much, or let the controller use the identified model"

@@ -12,6 +12,7 @@ import pinocchio as pin
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
+from gimbal_pin.parameter import Parameter
 from gimbal_pin.platform import Platform
 from gimbal_pin.rig import Rig
 
@@ -45,6 +46,11 @@ class RigEffect(Cause):
     def told(self, rig: Rig) -> str:
         """``rig: payload-shift, slide the camera 4.2 mm back``, in directions that this rig's frames do not turn."""
         return self.sentence()
+
+
+def placed(meaning: str) -> tuple[Parameter, ...]:
+    """x, y and z, m, of a place in the frame in which the payload is mounted."""
+    return tuple(Parameter(axis, 0.0, "m", -0.5, 0.5, meaning=meaning) for axis in "xyz")
 
 
 def with_model(rig: Rig) -> Rig:

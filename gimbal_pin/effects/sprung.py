@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.effects.functions import cut
-from gimbal_pin.effects.signal import Signal
+from gimbal_pin.effects.geared import Geared
 from gimbal_pin.log import Array
 
 SHARE = 0.25
@@ -16,7 +16,7 @@ SHARE = 0.25
 
 
 @dataclass(frozen=True)
-class Sprung(Signal):
+class Sprung(Geared):
     """``k = r (1 - r) M ω²``, ``d = 2 ζ r (1 - r) M ω`` for a joint's inertia M: a spring and its damping.
 
     Bent by x it holds ``z (1 + h z²)`` with ``z = k x``: strain wave gears stiffen so, and their makers tell how by
@@ -44,11 +44,6 @@ class Sprung(Signal):
     def springy(self) -> bool:
         """With the encoder on the rotor it is the link that no encoder sees."""
         return self.geared
-
-    @property
-    def unseen(self) -> float:
-        """The link's share, with the encoder on the rotor."""
-        return 1 - self.rotor_share if self.geared else 0.0
 
     def stiffness(self, inertia: float) -> float:
         """k, N m/rad, of the soft part, at a joint's inertia M, kg m²."""

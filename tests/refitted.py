@@ -1,0 +1,26 @@
+"""The refitted model of a log of some terms: where a search begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.effects.base import Term
+from gimbal_pin.log import Log
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from tests.bench_logs import fourier
+from tests.test_forms import ALIGNED, gather
+
+RIG = Rig.load("turret")
+
+
+def first(*terms: Term, rig: Rig = RIG) -> State:
+    """The refitted model without any cause, on a log of these terms on a rig."""
+    motion = fourier(RIG, 3, 14.0, 2e-3)
+    tau = Model(rig, (*nominal(RIG).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
+    log = Log("whole", RIG.joints, motion.t, motion.q, motion.v, tau)
+    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
+    return solved(problem, (), solved(problem, ()))
