@@ -10,8 +10,8 @@ import pytest
 from lxml import etree
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
-from gimbal_pin.diagnosis.bodies import Fitted
-from gimbal_pin.diagnosis.composed import by_form
+from gimbal_pin.diagnosis.bodies import Bodies, Fitted
+from gimbal_pin.diagnosis.composed import by_form, chosen
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import Given, given
@@ -205,6 +205,14 @@ def test_products_along_axes_that_the_joint_is_turned_from_are_one_cause() -> No
     assert [(one.cause, one.joint) for one in found.findings] == [(planted.name, "tilt")]
     for parameter in found.findings[0].parameters:
         assert parameter.value == pytest.approx(getattr(planted, parameter.name), abs=4 * parameter.std)
+
+
+def test_products_of_a_link_that_turns_about_one_axis_only_stand_for_no_other_figure() -> None:
+    """Along its principal axes they would be a moment about the joint's axis, which shows: not tried in any form."""
+    rig = Rig.load("handheld")
+    bodies = Bodies(difference(rig, recorded(nominal(rig), 6)))
+    _, tried = chosen(bodies, {OffDiagonalInertia.name: OffDiagonalInertia})
+    assert [forms[0].joint for forms in tried] == list(rig.joints[1:])
 
 
 def test_a_weight_bolted_on_is_no_shifted_camera() -> None:

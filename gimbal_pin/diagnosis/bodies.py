@@ -165,6 +165,11 @@ class Bodies:
             self.slopes[kind] = self.computed(kind, self.found.rig)
         return self.slopes[kind]
 
+    def shows(self, kind: Kind) -> bool:
+        """Whether the base parameters show any direction of a kind's figures."""
+        slope = self.slope(kind)
+        return slope is not None and self.solver([slope])[1] > 0
+
     def computed(self, kind: Kind, rig: Rig) -> Slope | None:
         """Compute what `slope` returns."""
         columns, units = [], []

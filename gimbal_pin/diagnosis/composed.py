@@ -34,10 +34,10 @@ def chosen(bodies: Bodies, causes: Mapping[str, type[Cause]]) -> tuple[Fitted, l
 
     A mass here and a payload moved there change first moments alike: whichever enters first hides the other, so that
     each cause of the whole rig has its turn to be the first. Where one by one they explain too little, several may
-    together.
+    together. A cause that does not show in its plain form, products about a standing joint, is not tried in another.
     """
-    shown = [[kind for kind in forms if bodies.slope(kind) is not None] for forms in kinds_of(bodies.found.rig, causes)]
-    tried = [forms for forms in shown if forms]
+    told = [[kind for kind in forms if bodies.slope(kind) is not None] for forms in kinds_of(bodies.found.rig, causes)]
+    tried = [forms for forms in told if forms and bodies.shows(forms[0])]
     none = bodies.nothing()
     first = entering(bodies, none, tried)
     starts = [one for one in first if one is first[0] or not one.kinds[0].of.of_joint]
