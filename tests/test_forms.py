@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.extended import Extended, settled
 from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.shapes import measure, moved, refined, shape_names, worth
-from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
+from gimbal_pin.diagnosis.state import Problem, State, consistent, sized, solved, without
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
@@ -151,6 +151,17 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
     assert not Library(state.problem, trials).columns(state)
 
 
+@pytest.mark.parametrize("turn", [BaseTilt(pitch=0.7), BaseTilt(roll=-0.6), EncoderOffset(RIG.joints[1], 0.5)])
+def test_a_large_turn_explains_as_much_as_is_missed_without_it(turn: RigEffect) -> None:
+    """The inertias that are fitted without it take it up, and are no rig's that is turned."""
+    state = consistent(fitted(nominal(turn.apply(RIG)), sized(turn, 1e-3)))
+    (cause,) = state.causes
+    base = without(state, cause)
+    found = measure(base, cause)
+    assert found.gain == pytest.approx(base.fit.cost - state.fit.cost, rel=1e-3)
+    np.testing.assert_allclose(found.beta, state.coefficients(cause), rtol=1e-3)
+
+
 def test_a_base_that_sinks_is_found_with_its_rate() -> None:
     sinking = BaseTilt(pitch_rate=-0.02)
     model = replace(nominal(RIG), changes=(sinking,))
@@ -171,7 +182,7 @@ def test_of_a_base_that_leans_by_much_the_other_axis_is_asked_for_again() -> Non
     """Roll alone is nearly a payload elsewhere; beside a known pitch less of it need show, at the angles that stand."""
     rolled = BaseTilt(roll=1e-3)
     state = consistent(fitted(nominal(BaseTilt(0.3, -0.3).apply(RIG)), BaseTilt(pitch=1e-3)))
-    shelf, first = Library(state.problem, (rolled, BaseTilt(pitch=1e-3))), without(state, state.causes[0])
+    shelf, first = Library(state.problem, (rolled, BaseTilt(pitch=1e-3))), solved(state.problem, (), state)
     before, after = (shelf.of(rolled, one) for one in (first, state))
     assert after.bulk > 1.0 == before.bulk
     np.testing.assert_array_equal(after.own, state.columns(rolled).own)

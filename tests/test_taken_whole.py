@@ -10,9 +10,9 @@ import pytest
 
 from gimbal_pin.diagnosis import verdict
 from gimbal_pin.diagnosis.library import Library, library
-from gimbal_pin.diagnosis.restart import alone, leaning
+from gimbal_pin.diagnosis.restart import alone, composed, leaning, second
 from gimbal_pin.diagnosis.score import local
-from gimbal_pin.diagnosis.search import WORSE, combed, forward, left, regrown, swapped
+from gimbal_pin.diagnosis.search import WORSE, combed, entered, forward, left, regrown, swapped
 from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import State, solved
 from gimbal_pin.effects import CAUSES
@@ -106,6 +106,24 @@ def test_one_cause_in_another_form_stands_for_several() -> None:
     (cause,) = one.causes
     assert isinstance(cause, LoadDependentFriction) and cause.weighs
     assert alone(with_all(state, *several.causes[:2]), AT, shelf) is None
+
+
+def test_what_gains_most_may_leave_more_than_another_and_then_the_search_begins_with_that() -> None:
+    """Ripple reads the torque that it is a part of, and gains less at first than a limit that leaves more."""
+    state = first(Term(TorqueRipple(AT, (9.0, 18.0)), (0.4, 0.0, 0.25, 0.0)))
+    shelf = shelf_of(state, "saturation", "torque-ripple")
+    ended = forward(state, shelf)
+    other = second(ended, AT, shelf)
+    assert other is not None and left(other) < left(entered(state, ended.causes[0]))
+    assert [cause.name for cause in (*ended.causes, *other.causes)] == ["saturation", "torque-ripple"]
+    best = composed(state, shelf)
+    assert {cause.name for cause in best.causes} == {"torque-ripple"} and np.all(best.fit.dispersion < 1.2)
+
+
+def test_where_one_cause_may_stand_there_is_no_second() -> None:
+    state = first(Term(Stribeck(AT, 0.25), (0.1,)))
+    assert second(state, AT, shelf_of(state, "stribeck")) is None
+    assert second(state, AT, Library(state.problem, [])) is None
 
 
 def test_no_one_cause_stands_for_three_that_are_there() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, magnitude
-from gimbal_pin.diagnosis.state import Problem, State, mounted, near, sized
+from gimbal_pin.diagnosis.state import Problem, State, near, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
@@ -76,14 +76,14 @@ class Library:
 
     def turns(self, state: State) -> Array:
         """How far the rig is turned in the state by each of the library's changes of it, 0 where it is not by much."""
-        changes = {kept(change): magnitude(change) for change in mounted(state.rig, state.causes).changes}
+        changes = {kept(change): magnitude(change) for change in state.stand.changes}
         return np.array([changes.get(cause, 0.0) for cause in self.causes if isinstance(cause, RigEffect)])
 
     def read(self, key: tuple[str, str], state: State) -> Read:
         """What some causes' columns depend on besides the log; see `source`."""
         what, place = key
         if what in ("inertias", ""):
-            return Read([state.rig.phi, self.turns(state)] if what else [])
+            return Read([state.stand.rig.phi, self.turns(state)] if what else [])
         j = self.problem.evidence.rig.joint_index(place)
         if what == "acting":
             return Read([x[:, j] for x in state.acting])

@@ -1,21 +1,22 @@
-"""The search, and where much is left of a joint another start of it, from the two causes that fit best together."""
+"""The search, and where much is left of a joint other starts of it: from another cause, or the two that fit best."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.contenders import PENALTY, possible
+from gimbal_pin.diagnosis.contenders import PENALTY, contenders, possible
 from gimbal_pin.diagnosis.contenders import ranked as gaining
 from gimbal_pin.diagnosis.couples import ranked
 from gimbal_pin.diagnosis.leftover import MUCH
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.loosened import loosened
 from gimbal_pin.diagnosis.score import all_gained
-from gimbal_pin.diagnosis.search import CLEARER, WORSE, forward, polished, swapped
+from gimbal_pin.diagnosis.search import CLEARER, WORSE, entered, foremost, forward, polished, swapped
 from gimbal_pin.diagnosis.shapes import form, free, measure, refined
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, RigEffect
@@ -27,10 +28,12 @@ SEVERAL = 3
 """Causes at one joint from which one that explains as much is looked for."""
 TRIED = 4
 """Most of them that are refined."""
+Start = Callable[[State, str, Library], State | None]
+"""What a search may begin with at a joint."""
 
 
 def composed(first: State, shelf: Library) -> State:
-    """Search forward and swap; where much is left of a joint, start once more from the best two causes there.
+    """Search forward and swap; where much is left of a joint, start once more from another cause or the best two there.
 
     What enters first may be between two others, so that beside it neither is seen. Several causes at one joint may be
     one in a form that by itself gained no more than the first of them, and a base that leans about both of its axes may
@@ -43,9 +46,8 @@ def composed(first: State, shelf: Library) -> State:
     if start is not None and clearer(start, state):
         state = swapped(forward(start, shelf), shelf)
     for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
-        start = coupled(state, state.problem.evidence.rig.joints[j], shelf)
-        other = state if start is None else swapped(forward(start, shelf), shelf)
-        state = other if clearer(other, state) else state
+        for other in (second, coupled):
+            state = began(other, state, j, shelf)
     # Where most is left the gap is: its link's swing is felt at the others, too.
     for j in np.argsort(-state.fit.dispersion).tolist():
         if state.fit.dispersion[j] > MUCH:
@@ -54,6 +56,21 @@ def composed(first: State, shelf: Library) -> State:
             if start is not None and clearer(start, state) and stands(start, joint):
                 state = swapped(forward(start, shelf), shelf)
     return state
+
+
+def began(otherwise: Start, state: State, j: int, shelf: Library) -> State:
+    """What a search ends with that begins otherwise at a joint of which much is left; as it was if that is no clearer.
+
+    Args:
+        otherwise: What it begins with, of a state, the joint and the library.
+        state: What it ended with before.
+        j: Which joint.
+        shelf: The library.
+    """
+    joint = state.problem.evidence.rig.joints[j]
+    start = otherwise(state, joint, shelf) if state.fit.dispersion[j] > MUCH else None
+    found = state if start is None else swapped(forward(start, shelf), shelf)
+    return found if clearer(found, state) else state
 
 
 def alone(state: State, joint: str, shelf: Library) -> State | None:
@@ -97,6 +114,20 @@ def clearer(new: State, old: State) -> bool:
     """Whether a state leaves so much less than another that it is worth the causes that it may have more."""
     more = max(len(new.causes) - len(old.causes), 1)
     return left(new) < left(old) - CLEARER * more
+
+
+def second(state: State, joint: str, shelf: Library) -> State | None:
+    """One cause in place of all at a joint: of those that would not enter first, what leaves least once it is in.
+
+    What gains most of all may do so in place of two others, and beside it neither is seen. What reads the torque gains
+    less than it explains, until the torque that it reads is the one that it has mended.
+    """
+    others = [cause for cause in state.causes if cause.place != joint or not cause.of_joint]
+    base = solved(state.problem, others, state)
+    rows = [row for row in contenders(base, shelf, joint) if row[1].of_joint]
+    first = foremost(base, rows) if rows else None
+    found = [entered(base, cause) for _, cause in rows if cause is not first]
+    return min(found, key=left, default=None)
 
 
 def coupled(state: State, joint: str, shelf: Library) -> State | None:

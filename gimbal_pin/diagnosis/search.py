@@ -56,7 +56,7 @@ def forward(state: State, shelf: Library) -> State:
         if not rows:
             break
         new = foremost(state, rows)
-        after = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
+        after = entered(state, new)
         if np.max(after.fit.dispersion) > MUCH:
             new, after = min([(new, after), *sprung(state, rows, new)], key=lambda one: left(one[1]))
             combs = [one for one in combed(state, rows, new) if left(one[1]) < left(after) - CLEARER]
@@ -74,7 +74,12 @@ def sprung(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> lis
     At the encoder's angle a spring whose link swings far explains less than another cause may.
     """
     springs = [cause for _, cause in rows if cause is not new and isinstance(cause, Signal) and cause.springy]
-    return [(one, polished(solved(state.problem, with_cause(state.causes, one), state), only=one)) for one in springs]
+    return [(one, entered(state, one)) for one in springs]
+
+
+def entered(state: State, new: Cause) -> State:
+    """The state with a new cause, all refitted and its own shape refined."""
+    return polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
 
 
 def combed(state: State, rows: Sequence[tuple[Score, Cause]], new: Cause) -> list[tuple[Cause, State]]:
@@ -195,8 +200,7 @@ def regrown(
         if not rows:
             break
         new = foremost(state, rows)
-        grown = polished(solved(state.problem, with_cause(state.causes, new), state), only=new)
-        after, _ = pruned(grown, limit, material)
+        after, _ = pruned(entered(state, new), limit, material)
         if left(after) >= left(state):
             break
         state = after

@@ -124,6 +124,11 @@ class State:
     swings: Mapping[Cause, list[Array]] = field(default_factory=dict)
 
     @cached_property
+    def stand(self) -> Stand:
+        """The rig that a further change turns; without one of its causes a fit's inertias are no rig's that turns."""
+        return mounted((self.alike or self).rig, self.causes)
+
+    @cached_property
     def load(self) -> Load:
         """What effects read of it; without one of its causes a fit takes inertias for what that one bears."""
         known = self.alike or self
@@ -165,7 +170,7 @@ class State:
     def columns(self, cause: Cause) -> Columns:
         """What a cause would add."""
         bearing = self.bearing_for(cause, self.acting)
-        return build(self.problem.evidence, cause, mounted(self.rig, self.causes), self.load, self.acting, bearing)
+        return build(self.problem.evidence, cause, self.stand, self.load, self.acting, bearing)
 
     def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
@@ -174,8 +179,8 @@ class State:
         if cause in self.swings:
             return [Borne(0.0, 0.0, taken=taken) for taken in self.swings[cause]]
         if isinstance(cause, Loose) and cause.springy:
-            rig = (self.alike or self).rig
-            return [Borne(0.0, 0.0, taken=loose(rig, part, cause)) for part in self.problem.evidence.parts]
+            parts = self.problem.evidence.parts
+            return [Borne(0.0, 0.0, taken=loose(self.stand.rig, part, cause)) for part in parts]
         if cause.springy:
             return self.sprung(cause, torque)
         return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]
