@@ -81,9 +81,12 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     final = believed(first, state)
     if swings(state, final):
         final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))
+    judged = calmed(state, leftover.judge(state, rng))
+    if sketched := outlines(first, state, final, judged):
+        final = believed(first, solved(problem, [c for c in final.causes if c not in sketched], final))
     lost = [cause for cause in state.causes if cause not in final.causes]
     doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
-    residual = left_over(state, doubtful, rng)
+    residual = marked(state, judged, doubtful)
     return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
 
 
@@ -110,6 +113,16 @@ def springy(cause: Cause) -> bool:
     return isinstance(cause, Sprung) and cause.springy
 
 
+def outlines(first: State, state: State, final: State, judged: Sequence[leftover.Residual]) -> list[Cause]:
+    """Functions of the angle that but sketch something else: what they leave of their joint's torque has a structure.
+
+    `state` is all that was found, `final` what of it is told, `judged` what is left at each joint.
+    """
+    shaped = [one.state == "structured" for one in judged]
+    places = dict(zip(state.problem.evidence.rig.joints, shaped))
+    return [cause for cause in final.causes if verdict.sketches(first, state, cause) and places[cause.place]]
+
+
 def untrusted(first: State, state: State, cause: Cause) -> bool:
     """Whether too much is left for a name, or the name is that of a relative."""
     return verdict.doubtful(first, state, cause) or related(state, cause)
@@ -117,7 +130,14 @@ def untrusted(first: State, state: State, cause: Cause) -> bool:
 
 def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:
     """What is left at each joint: never noise where something was found that deserves no trust."""
-    joints, judged = state.problem.evidence.rig.joints, calmed(state, leftover.judge(state, rng))
+    return marked(state, calmed(state, leftover.judge(state, rng)), doubtful)
+
+
+def marked(
+    state: State, judged: Sequence[leftover.Residual], doubtful: Sequence[Cause]
+) -> tuple[leftover.Residual, ...]:
+    """Call every joint structured where something was found that deserves no trust."""
+    joints = state.problem.evidence.rig.joints
     return tuple(doubted(left, joint, doubtful) for left, joint in zip(judged, joints))
 
 

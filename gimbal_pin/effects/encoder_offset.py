@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.rig_effect import RigEffect, with_model
 from gimbal_pin.effects.seen import Seen
@@ -53,6 +54,11 @@ class EncoderOffset(RigEffect):
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """A small offset."""
         return (cls(joint, STEP),)
+
+    @property
+    def leant(self) -> tuple[str, ...]:
+        """A gap, with the encoder on the rotor: as long as the link lies on one flank, that reads half the gap off."""
+        return (Backlash.name,) if abs(self.offset) <= Backlash.shapes[0].upper / 2 else ()
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the offset in degrees."""
