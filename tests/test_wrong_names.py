@@ -40,6 +40,7 @@ from gimbal_pin.diagnosis.trusted import Case, confirmed
 from gimbal_pin.diagnosis.verdict import goes_on, judged, leans, loudness, misses, sketches
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.actuator_lag import ActuatorLag
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
@@ -454,7 +455,7 @@ def test_an_encoder_before_a_gap_reads_half_of_it_off() -> None:
         state.__dict__["bearing"] = [bears] * rig.n
         assert leans(state, "tilt") == like
         assert ("backlash" in judged(state, cause, shelf(state), RNG(0)).alike) == like
-    assert EncoderOffset("tilt", 0.3).leant == ()
+    assert EncoderOffset("tilt", 0.6 * Backlash.shapes[0].upper).leant == ()
 
 
 def test_a_cause_found_twice_is_told_once() -> None:

@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.rig_effect import RigEffect, with_model
 from gimbal_pin.effects.seen import Seen
@@ -19,6 +18,8 @@ from gimbal_pin.rig import Rig
 
 STEP = 1e-3
 """Angle by which a search turns it to see what torque it costs, rad."""
+WIDEST = 0.5
+"""Widest gap between a motor and its link, rad."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class EncoderOffset(RigEffect):
     @property
     def leant(self) -> tuple[str, ...]:
         """A gap, with the encoder on the rotor: as long as the link lies on one flank, that reads half the gap off."""
-        return (Backlash.name,) if abs(self.offset) <= Backlash.shapes[0].upper / 2 else ()
+        return ("backlash",) if abs(self.offset) <= WIDEST / 2 else ()
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the offset in degrees."""
