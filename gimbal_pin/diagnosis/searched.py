@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -82,8 +82,9 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     if swings(state, final):
         final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))
     judged = calmed(state, leftover.judge(state, rng))
-    if sketched := outlines(first, state, final, judged):
-        final = believed(first, solved(problem, [c for c in final.causes if c not in sketched], final))
+    shaped = {joint for joint, one in zip(problem.evidence.rig.joints, judged) if one.state == "structured"}
+    if others := [*outlines(first, state, final, shaped), *shaken(final, shaped)]:
+        final = believed(first, solved(problem, [c for c in final.causes if c not in others], final))
     lost = [cause for cause in state.causes if cause not in final.causes]
     doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
     residual = marked(state, judged, doubtful)
@@ -113,14 +114,21 @@ def springy(cause: Cause) -> bool:
     return isinstance(cause, Sprung) and cause.springy
 
 
-def outlines(first: State, state: State, final: State, judged: Sequence[leftover.Residual]) -> list[Cause]:
+def outlines(first: State, state: State, final: State, shaped: Set[str]) -> list[Cause]:
     """Functions of the angle that but sketch something else: what they leave of their joint's torque has a structure.
 
-    `state` is all that was found, `final` what of it is told, `judged` what is left at each joint.
+    `state` is all that was found, `final` what of it is told, `shaped` the joints at which a structure is left.
     """
-    shaped = [one.state == "structured" for one in judged]
-    places = dict(zip(state.problem.evidence.rig.joints, shaped))
-    return [cause for cause in final.causes if verdict.sketches(first, state, cause) and places[cause.place]]
+    return [cause for cause in final.causes if cause.place in shaped and verdict.sketches(first, state, cause)]
+
+
+def shaken(final: State, shaped: Set[str]) -> list[Cause]:
+    """Springs, where a structure is left at another joint of which nothing is told: none of them is one.
+
+    What a joint that gives asks of the others is in the model. What is left there is a mount's, or a swinging load's.
+    """
+    free = set(shaped) - {cause.place for cause in final.causes}
+    return [cause for cause in final.causes if springy(cause) and free]
 
 
 def untrusted(first: State, state: State, cause: Cause) -> bool:
