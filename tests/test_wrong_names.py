@@ -32,17 +32,19 @@ from gimbal_pin.diagnosis.noiselike import uneven
 from gimbal_pin.diagnosis.reported import rough
 from gimbal_pin.diagnosis.score import NOTHING, silences
 from gimbal_pin.diagnosis.search import polished
-from gimbal_pin.diagnosis.searched import Searched, swings
+from gimbal_pin.diagnosis.searched import Searched, outlines, shaken, swings
 from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.together import once
 from gimbal_pin.diagnosis.trusted import Case, confirmed
-from gimbal_pin.diagnosis.verdict import goes_on, loudness, misses
+from gimbal_pin.diagnosis.verdict import goes_on, judged, leans, loudness, misses, sketches
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.actuator_lag import ActuatorLag
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.dead_zone import DeadZone
+from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
@@ -52,6 +54,7 @@ from gimbal_pin.effects.position_dependent_friction import PositionDependentFric
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.saturation import Saturation
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
@@ -395,6 +398,15 @@ def test_springs_at_several_joints_of_which_one_is_none_are_a_mounts(left: float
     assert not swings(state(springs), state(springs)) and not swings(state(springs[:1]), state([]))
 
 
+def test_a_spring_accounts_for_what_it_asks_of_other_joints() -> None:
+    """A structure at one of which something else is told may be that one's form, and at its own joint the spring's."""
+    rig = Rig.load("thesis")
+    spring, other = JointFlexibility("yaw", 8.0, 0.1, 0.3), Stribeck("tilt", 0.1)
+    state = fitted(rig, recorded(rig), spring, other)
+    assert shaken(state, {"roll"}) == [spring]
+    assert shaken(state, {"yaw", "tilt"}) == shaken(state, set()) == []
+
+
 @pytest.mark.parametrize("planted", [True, False])
 def test_a_limit_leaves_nothing_where_it_bites(planted: bool) -> None:
     rig = Rig.load("thesis")
@@ -419,6 +431,38 @@ def test_harmonics_that_run_on_into_the_last_that_is_tried_draw_what_is_none(
     state = fitted(rig, noisy(recorded(rig), 0.1, 6.0, 0) if loud else recorded(rig), cause)
     assert (state.fit.dispersion[rig.joint_index("tilt")] > MUCH) == loud
     assert goes_on(state, cause) == (loud and first == 11.0)
+
+
+@pytest.mark.parametrize("swing", [0.0, 1.0])
+def test_a_function_of_the_angle_leaves_nothing_but_noise(swing: float) -> None:
+    """What another joint's motion swells is none, and three harmonics of the angle take their share of it."""
+    rig = Rig.load("thesis")
+    log, cause = recorded(rig), Cogging("tilt", (3.0,))
+    assert log.tau is not None and log.v is not None
+    tau, j = log.tau.copy(), rig.joint_index("tilt")
+    pushed = 1.0 + swing * np.tanh(5 * log.v[:, 0])
+    tau[:, j] += np.sqrt(np.mean(tau[:, j] ** 2)) * pushed * np.cos(3 * log.q[:, j])
+    log = replace(log, tau=tau)
+    first, state = fitted(rig, log), fitted(rig, log, cause)
+    before, after = first.fit.dispersion[j], state.fit.dispersion[j]
+    assert before > 100 * MUCH and after < 0.8 * before
+    assert sketches(first, state, cause) == (swing > 0)
+    assert not sketches(first, state, Stribeck("tilt", 0.1)), "which is none of the angle"
+    assert outlines(first, state, state, {"tilt"}) == ([cause] if swing else [])
+    assert outlines(first, state, state, {"yaw"}) == [], "noise may be as loud as it likes"
+
+
+def test_an_encoder_before_a_gap_reads_half_of_it_off() -> None:
+    """As long as the link lies on one flank; and no gap is twice as wide as some offsets."""
+    rig = Rig.load("thesis")
+    cause = EncoderOffset("tilt", 0.1)
+    state = fitted(rig, recorded(rig), cause)
+    for least, like in ((0.1, True), (-0.5, False)):
+        bears = [Borne(0.0, np.linspace(least, 1.0, 100)) for _ in state.problem.evidence.parts]
+        state.__dict__["bearing"] = [bears] * rig.n
+        assert leans(state, "tilt") == like
+        assert ("backlash" in judged(state, cause, shelf(state), RNG(0)).alike) == like
+    assert EncoderOffset("tilt", 0.6 * Backlash.shapes[0].upper).leant == ()
 
 
 def test_a_cause_found_twice_is_told_once() -> None:

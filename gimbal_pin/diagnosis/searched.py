@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -81,9 +81,13 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     final = believed(first, state)
     if swings(state, final):
         final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))
+    judged = calmed(state, leftover.judge(state, rng))
+    shaped = {joint for joint, one in zip(problem.evidence.rig.joints, judged) if one.state == "structured"}
+    if others := [*outlines(first, state, final, shaped), *shaken(final, shaped)]:
+        final = believed(first, solved(problem, [c for c in final.causes if c not in others], final))
     lost = [cause for cause in state.causes if cause not in final.causes]
     doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
-    residual = left_over(state, doubtful, rng)
+    residual = marked(state, judged, doubtful)
     return Searched(shelf, first, state, final, residual, verdict.slight(final, small), null, doubtful)
 
 
@@ -110,6 +114,23 @@ def springy(cause: Cause) -> bool:
     return isinstance(cause, Sprung) and cause.springy
 
 
+def outlines(first: State, state: State, final: State, shaped: Set[str]) -> list[Cause]:
+    """Functions of the angle that but sketch something else: what they leave of their joint's torque has a structure.
+
+    `state` is all that was found, `final` what of it is told, `shaped` the joints at which a structure is left.
+    """
+    return [cause for cause in final.causes if cause.place in shaped and verdict.sketches(first, state, cause)]
+
+
+def shaken(final: State, shaped: Set[str]) -> list[Cause]:
+    """Springs, where a structure is left at another joint of which nothing is told: none of them is one.
+
+    What a joint that gives asks of the others is in the model. What is left there is a mount's, or a swinging load's.
+    """
+    free = set(shaped) - {cause.place for cause in final.causes}
+    return [cause for cause in final.causes if springy(cause) and free]
+
+
 def untrusted(first: State, state: State, cause: Cause) -> bool:
     """Whether too much is left for a name, or the name is that of a relative."""
     return verdict.doubtful(first, state, cause) or related(state, cause)
@@ -117,7 +138,14 @@ def untrusted(first: State, state: State, cause: Cause) -> bool:
 
 def left_over(state: State, doubtful: Sequence[Cause], rng: np.random.Generator) -> tuple[leftover.Residual, ...]:
     """What is left at each joint: never noise where something was found that deserves no trust."""
-    joints, judged = state.problem.evidence.rig.joints, calmed(state, leftover.judge(state, rng))
+    return marked(state, calmed(state, leftover.judge(state, rng)), doubtful)
+
+
+def marked(
+    state: State, judged: Sequence[leftover.Residual], doubtful: Sequence[Cause]
+) -> tuple[leftover.Residual, ...]:
+    """Call every joint structured where something was found that deserves no trust."""
+    joints = state.problem.evidence.rig.joints
     return tuple(doubted(left, joint, doubtful) for left, joint in zip(judged, joints))
 
 

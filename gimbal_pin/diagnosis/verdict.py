@@ -39,10 +39,15 @@ OUTSPOKEN = 250.0
 """Dispersion from which a drive's clip or gap is none: its formula leaves nothing open that could leave so much."""
 PLAIN = 0.97
 """Share explained from which it is one all the same: a switch's edge, met a moment early or late, leaves so much."""
+DRAWN = 0.95
+"""Share explained from which a function of the angle is one although what is left has a structure: drawn to its last
+harmonic it leaves none, and in a form that the library lacks, of a steep tooth or a bump, a fifth of its amplitude."""
 EDGE = 1.1
 """A shape parameter within this factor of its bound is at it."""
 INSIDE = 4.0
 """A shape parameter this factor from its bound is well inside."""
+ONE_SIDED = 0.99
+"""Share of the time with a torque of one sign from which a link lies on one flank of a gap, and hardly crosses it."""
 BOOTSTRAPS = 200
 
 
@@ -92,10 +97,18 @@ def judged(
     seen = dict(zip(base.problem.evidence.rig.joints, base.problem.evidence.seen))
     if cause.of_joint:
         alike += [name for name in cause.blurred(seen[cause.place]) if name not in alike]
+        alike += [name for name in cause.leant if name not in alike and leans(state, cause.place)]
     draws = rng.integers(len(mine), size=(BOOTSTRAPS, len(mine)))
     wins = np.all([np.sum(apart[draws], axis=1) > 0 for _, apart in found.values()] or [np.ones(BOOTSTRAPS)], axis=0)
     rivals = tuple(sorted((rival for rival, _ in found.values()), key=lambda rival: rival.z))
     return Judged(cause, own, rivals, (cause.name, *alike), float(np.mean(wins)))
+
+
+def leans(state: State, joint: str) -> bool:
+    """Whether a joint's link asks for a torque of one sign nearly all the time."""
+    rows = state.bearing[state.problem.evidence.rig.joint_index(joint)]
+    left = np.mean(np.concatenate([np.asarray(one.load + one.inertial) for one in rows]) < 0)
+    return bool(max(left, 1 - left) > ONE_SIDED)
 
 
 def versus(base: State, cause: Cause, other: Cause) -> Rival:
@@ -243,6 +256,18 @@ def too_much(cause: Cause, before: Array, after: Array) -> bool:
     least = np.where(after > NOISY, NEARLY_ALL, EXPLAINED)
     loud = isinstance(cause, Static) and np.any((after > OUTSPOKEN) & (explained < PLAIN))
     return bool(loud or np.any((after > MUCH) & (explained < least)))
+
+
+def sketches(first: State, state: State, cause: Cause) -> bool:
+    """Whether a function of the angle leaves much of its joint's torque, which should then be like noise.
+
+    Harmonics, and springs, take their share of whatever has to do with the angle, as all of a motion has.
+    """
+    if not (isinstance(cause, Harmonic) or (isinstance(cause, Effect) and cause.restoring)):
+        return False
+    j = state.problem.evidence.rig.joint_index(cause.joint)
+    before, after = float(first.fit.dispersion[j]), float(steady(state)[j])
+    return after > MUCH and after - 1 > (1 - DRAWN) * (before - 1)
 
 
 def misses(state: State, cause: Cause) -> bool:

@@ -79,6 +79,11 @@ class Cause(ABC):
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
         return ()
 
+    @property
+    def leant(self) -> tuple[str, ...]:
+        """Names of causes that look the same where the joint's link always leans to one side."""
+        return ()
+
     @abstractmethod
     def says(self, values: Sequence[float] = ()) -> str:
         """Return what it does, with figures, in words a rig maker understands; `values` as in `shown`."""

@@ -18,6 +18,8 @@ from gimbal_pin.rig import Rig
 
 STEP = 1e-3
 """Angle by which a search turns it to see what torque it costs, rad."""
+WIDEST = 0.5
+"""Widest gap between a motor and its link, rad."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,11 @@ class EncoderOffset(RigEffect):
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """A small offset."""
         return (cls(joint, STEP),)
+
+    @property
+    def leant(self) -> tuple[str, ...]:
+        """A gap, with the encoder on the rotor: as long as the link lies on one flank, that reads half the gap off."""
+        return ("backlash",) if abs(self.offset) <= WIDEST / 2 else ()
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the offset in degrees."""
