@@ -61,7 +61,7 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
 
 def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str], payload: str | None) -> Log:
     """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
-    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"))
+    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"))
     return Log(
         name=name,
         joints=rig.joints,
