@@ -12,7 +12,7 @@ import pytest
 from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
 from gimbal_pin.diagnosis.contest import contest, imagined, unexplained
 from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
-from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting
+from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting, once
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.backlash import Backlash
@@ -199,6 +199,11 @@ def test_no_motion_parts_a_bias_from_asymmetric_friction(rig: Rig) -> None:
 
 def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
     return Parting("cogging", "pan", rival, now, expected, ("slow sweeps", f"what shows {rival}"))
+
+
+def test_an_experiment_that_two_causes_ask_for_is_told_once() -> None:
+    ways = ("slow sweeps", "a chirp: a lag loses torque", "a chirp: a phase grows", "slow sweeps", "a chirp up to 9 Hz")
+    assert once(ways) == ["slow sweeps", "a chirp (a lag loses torque; a phase grows)", "a chirp up to 9 Hz"]
 
 
 def test_rivals_that_fare_alike_are_told_together() -> None:

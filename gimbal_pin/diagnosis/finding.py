@@ -25,8 +25,8 @@ MEASURED = "platform-motion"
 
 
 DROWNED = (
-    "more is left than would be found. What would be found acts all log long in a form that the library has, and noise "
-    "averages out beside it; another form, or knocks in few moments, could be as large as what is left and go unseen"
+    "the noise that is left is larger than what would be found: a cause that acts all log long, in a form that the "
+    "library has, stands out of it. One of another form, or that knocks in few moments, may be as large and go unseen"
 )
 """How the torque that would be found may be less than the noise that is left."""
 APART = 2.0

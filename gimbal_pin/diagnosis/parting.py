@@ -122,7 +122,7 @@ def together(partings: Sequence[Parting]) -> str:
     more = {
         "named": "",
         "few": f": too few to name one; try also {instead}",
-        "alike": f". That tells which fits better, but the two add nearly the same torque: try also {instead}",
+        "alike": f". That tells which fits better, but they add nearly the same torque: try also {instead}",
     }
     return said + more[first.outcome]
 

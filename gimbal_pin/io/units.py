@@ -12,6 +12,10 @@ from gimbal_pin.rig import Rig
 
 TOO_STRONG = 3.0
 """Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
+NEARLY = 0.97
+"""Torque over a motor's limit from which it is at it, for what noise the sensor has."""
+MOSTLY = 0.5
+"""Share of the time at the limit from which it is told."""
 FEW = 0.01
 """Share of the samples at either end that do not count: spikes are the audit's to find."""
 FEWEST = 50
@@ -88,6 +92,19 @@ def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
         raise LogError(name, f"{what}, as every joint does", "t is in ms, not s: map it: --map t=COLUMN*1e-3")
     mend = f"one of the two is in degrees, or in other units: --map dq_{joint}=COLUMN*{factor:.3g}, or map q_{joint}"
     raise LogError(name, what, mend)
+
+
+def pushed(rig: Rig, tau: Array | None) -> tuple[str, ...]:
+    """Return a sentence per joint that is at its torque limit most of the time: its loop swings, or cannot follow."""
+    if tau is None:
+        return ()
+    shares = np.mean(np.abs(tau) > NEARLY * rig.tau_max, axis=0).tolist()
+    return tuple(
+        f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
+        "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower"
+        for joint, limit, share in zip(rig.joints, rig.tau_max, shares)
+        if share > MOSTLY
+    )
 
 
 def strong(rig: Rig, tau: Array | None) -> tuple[str, ...]:
