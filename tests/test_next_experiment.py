@@ -217,6 +217,12 @@ def test_rivals_that_fare_alike_are_told_together() -> None:
     assert all(words in line for words, line in zip(whom, lines, strict=True))
 
 
+def test_many_deviations_of_what_looks_alike_are_not_told_as_if_they_parted_it() -> None:
+    """A small share of a loud torque is many deviations, and may be what its formula gets wrong."""
+    loud = parted("a", Apart(253.0, 0.1), Apart(400.0, 0.5)).sentence
+    assert "253" not in loud and "nearly the same torque on these logs, 400 standard deviations apart with" in loud
+
+
 def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:
     rng = np.random.default_rng(0)
     A, b = rng.standard_normal((50, 4)), rng.standard_normal(50)

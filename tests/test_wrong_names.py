@@ -515,7 +515,7 @@ def test_noise_that_is_larger_than_what_would_be_found_is_said_to_average_out() 
         shown = SimpleNamespace(residual=left, extended={"torque_rmse": {"pan": after}}, detection_limit={"pan": 0.01})
         return cast(Callable[[object], str], Diagnosis.__dict__["drowned"].fget)(shown)
 
-    assert said(0.02, "noise").startswith("pan: would be found") and "knocks" in said(0.02, "noise")
+    assert said(0.02, "noise").startswith("pan: the noise that is left is larger") and "knocks" in said(0.02, "noise")
     assert said(0.002, "noise") == said(0.02, "structured") == ""
 
 

@@ -116,6 +116,8 @@ def together(partings: Sequence[Parting]) -> str:
     elif first.alone and first.outcome == "named":
         said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
         return f"{said} standard deviations apart there"
+    elif all(one.now.deviations >= NAMED for one in partings):  # so many tell nothing while the share is small
+        said = f"{who} add nearly the same torque on these logs, {expected} standard deviations apart {beside}"
     else:
         now = ", ".join(digits(one.now.deviations, 2) for one in partings)
         said = f"{who} lie {now} standard deviations apart so far, {expected} {beside}"

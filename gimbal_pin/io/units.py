@@ -12,8 +12,8 @@ from gimbal_pin.rig import Rig
 
 TOO_STRONG = 3.0
 """Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
-NEARLY = 0.97
-"""Torque over a motor's limit from which it is at it, for what noise the sensor has."""
+NEARLY = 0.03
+"""Share of a motor's limit by which a torque may be off it and is at it, for what noise the sensor has."""
 MOSTLY = 0.5
 """Share of the time at the limit from which it is told."""
 FEW = 0.01
@@ -98,7 +98,7 @@ def pushed(rig: Rig, tau: Array | None) -> tuple[str, ...]:
     """Return a sentence per joint that is at its torque limit most of the time: its loop swings, or cannot follow."""
     if tau is None:
         return ()
-    shares = np.mean(np.abs(tau) > NEARLY * rig.tau_max, axis=0).tolist()
+    shares = np.mean(np.abs(np.abs(tau) / rig.tau_max - 1.0) < NEARLY, axis=0).tolist()
     return tuple(
         f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
         "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower"
