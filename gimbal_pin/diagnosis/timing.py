@@ -18,7 +18,7 @@ from gimbal_pin.diagnosis.evidence import FINE, gather
 from gimbal_pin.diagnosis.fit import LUCK, project
 from gimbal_pin.diagnosis.flips import least
 from gimbal_pin.diagnosis.lateness import Late, Timing
-from gimbal_pin.diagnosis.leftover import place
+from gimbal_pin.diagnosis.leftover import MUCH, place
 from gimbal_pin.diagnosis.score import HIDDEN, visibility
 from gimbal_pin.diagnosis.shapes import measure, refined
 from gimbal_pin.diagnosis.state import Problem, State, reads, solved
@@ -76,12 +76,16 @@ def timing(
 
 
 def louder(state: State, there: State, joint: str, rng: np.random.Generator) -> bool:
-    """Whether the wider band leaves a joint more than noise with all that was found; `there`: without what is late."""
+    """Whether the wider band leaves a joint much, and more than noise, with all that was found.
+
+    Little may be the sensors' noise itself, whose floor is known less well the faster it is. `there`: the state in the
+    wider band without what is late.
+    """
     j = state.problem.evidence.rig.joint_index(joint)
     if not there.problem.evidence.used()[j]:  # so short that a gate of the wider band's taper never opens
         return False
     whole = there if there.causes == state.causes else solved(there.problem, state.causes, there)
-    return bool(place(whole, j, rng))
+    return bool(whole.fit.dispersion[j] > MUCH and place(whole, j, rng))
 
 
 def worth_telling(here: Late, there: Late, sample: float) -> bool:
