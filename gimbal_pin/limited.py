@@ -1,4 +1,4 @@
-"""Share of the time that motors are at their torque limits: there the loop is open, whatever the controller."""
+"""Share of the time that motors are at their torque limits, where the loop is open, and that joints are past stops."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ SPOKEN = 0.05
 """Share of the time from which on it is spoken of."""
 PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
 """What follows for who holds a camera."""
+THROUGH = (
+    "past its stops, through which a simulation lets it pass: {} of the time; no rig writes such a log: plant a weaker "
+    "effect, or lower the controller's bandwidth"
+)
+"""What is told of joints that a simulated loop has lost, and what to do about it."""
 
 
 def at_limit(joints: Sequence[str], tau: Array, tau_max: Array) -> dict[str, float]:
@@ -30,3 +35,16 @@ def limited(shares: Mapping[str, float]) -> str:
     """Return ``yaw 45 %, roll 12 %``, the longest first; nothing where no share is worth a word."""
     weak = sorted((pair for pair in shares.items() if pair[1] >= SPOKEN), key=lambda pair: -pair[1])
     return ", ".join(f"{joint} {100 * share:.0f} %" for joint, share in weak)
+
+
+def past_stops(joints: Sequence[str], q: Array, lower: Array, upper: Array) -> str:
+    """Return ``tilt 62 %``, the share of the samples past a stop; nothing where no joint went there.
+
+    Args:
+        joints: Joint names.
+        q: True angles, rad, (N, n).
+        lower: Where the stops are, rad, (n,); not finite: nowhere.
+        upper: The same at the other end.
+    """
+    shares = np.mean((q < lower) | (q > upper), axis=0).tolist()
+    return ", ".join(f"{joint} {100 * share:.2g} %" for joint, share in zip(joints, shares) if share > 0)

@@ -117,6 +117,11 @@ class Rig:
         """Torque limits, N m, (n,)."""
         return np.array([min(motor.tau_max, limit.effort) for motor, limit in zip(self.motors, self.limits)])
 
+    @property
+    def stops(self) -> tuple[Array, Array]:
+        """Lowest and highest angle of every joint, rad, (n,) each; infinite where nothing stops it."""
+        return np.array([limit.lower for limit in self.limits]), np.array([limit.upper for limit in self.limits])
+
     def joint_index(self, joint: str) -> int:
         """Return the column of a joint; `RigError` lists the joints if there is none of that name."""
         if joint not in self.joints:

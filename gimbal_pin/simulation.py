@@ -14,7 +14,7 @@ from tqdm import tqdm
 from gimbal_pin.drive import Drive
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.limited import at_limit, limited
+from gimbal_pin.limited import THROUGH, at_limit, limited, past_stops
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
@@ -80,7 +80,7 @@ def simulate(
 
     Returns:
         A log of the measured angles and rates, of the torque commanded for each interval, as the drive reports it, and
-        of the IMUs; its events say which joints were long at their torque limits.
+        of the IMUs; its events say which joints were long at their torque limits, or went past their stops.
 
     Raises:
         UsageError: The reference is not sampled at the controller's interval, the platform's motion does not last as
@@ -99,6 +99,8 @@ def simulate(
     seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
     base = None if carried is None else carried.part(slice(0, None, 2))
     weak = limited(at_limit(plant.rig.joints, seen.tau, plant.rig.tau_max))
+    lost = past_stops(plant.rig.joints, seen.exact[0], *plant.rig.stops)
+    told = [f"at the torque limit, where a joint follows no reference: {weak} of the time"] if weak else []
     return Log(
         name=name,
         joints=plant.rig.joints,
@@ -109,7 +111,7 @@ def simulate(
         q_ref=reference.q,
         imus=imus(plant.rig, sense, t, seen.exact, base, rng),
         payload=plant.rig.payload,
-        events=(f"at the torque limit, where a joint follows no reference: {weak} of the time",) if weak else (),
+        events=(*told, *((THROUGH.format(lost),) if lost else ())),
     )
 
 

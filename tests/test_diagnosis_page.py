@@ -12,14 +12,18 @@ from markupsafe import escape
 
 from gimbal_pin import text
 from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.diagnosis.finding import TOGETHER
 from gimbal_pin.diagnosis.followed import BANDWIDTH, HOW, SIZE
 from gimbal_pin.diagnosis.heat import heat
 from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.nearness import cosine
+from gimbal_pin.diagnosis.reported import together
 from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.errors import UsageError
 from gimbal_pin.io import write_log
 from gimbal_pin.log import Log
+from gimbal_pin.parameter import Parameter
 from gimbal_pin.report import sections
 from gimbal_pin.report.joints import joints_of
 from gimbal_pin.report.sections.gain import measures
@@ -63,6 +67,29 @@ def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found
     """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
     assert f"{BANDWIDTH:g} Hz" in HOW and f"{np.degrees(SIZE):.0f}°" in HOW
     assert f"({HOW})" in text.diagnosis(found, {}) and escape(HOW) in sections.diagnosis(found).html
+
+
+def test_a_joint_that_is_followed_worse_is_spoken_of(found: Diagnosis) -> None:
+    rows = {joint: {"rms_before": 1e-3, "rms_after": 2e-3 if joint == "tilt" else 1.05e-3} for joint in found.tracking}
+    worse = replace(found, tracking=rows)
+    for page in (text.diagnosis(worse, {}), sections.diagnosis(worse).html):
+        assert "tilt: followed no closer" in page and "pan: followed" not in page
+    assert "followed no closer" not in text.diagnosis(found, {})
+
+
+def test_what_only_fits_together_says_so_on_every_page(found: Diagnosis) -> None:
+    """Of figures none of which has a deviation neither terminal nor page lets one be taken for known."""
+    (finding,) = found.findings
+    loose = replace(finding, parameters=tuple(replace(p, std=float("nan")) for p in finding.parameters))
+    open_ = replace(found, findings=(loose,))
+    assert finding.sized and not finding.unsized and loose.unsized == loose.parameters and not loose.sized
+    for page, one in ((text.diagnosis(open_, {}), True), (text.diagnosis(found, {}), False)):
+        assert (TOGETHER in page) == one
+    assert TOGETHER in sections.diagnosis(open_).html and TOGETHER not in sections.diagnosis(found).html
+    sure = (Parameter("gap", 1e-3, "rad", 0.0, std=1e-4), Parameter("inertia", 1e-3, "kg m^2", 0.0))
+    cause = Backlash("tilt", 1e-3, 1e-3)
+    assert together(cause, sure) == " (inertia only together: other sizes fit as well)"
+    assert together(cause, sure[:1]) == ""
 
 
 def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:

@@ -580,6 +580,26 @@ def test_degrees_are_refused_only_where_sure(rig: Rig, tmp_path: Path) -> None:
         units.check_units("x", rig, t, 1e4 * q, None)
 
 
+def test_a_joint_that_its_loop_has_lost_is_no_matter_of_units(rig: Rig) -> None:
+    """Where the reference stays within the limits and the angle leaves them, it goes along in another unit, or not."""
+    t = np.linspace(0, 10, 1001)
+    asked = np.stack([np.sin(t), 0.3 * np.sin(2 * t)], axis=1)
+    with pytest.raises(LogError, match="degrees"):
+        units.check_units("x", rig, t, np.degrees(asked), None, asked)
+    with pytest.raises(LogError, match=r"q_yaw travels .*, and not as q_ref_yaw; the loop lost the joint"):
+        units.check_units("x", rig, t, asked + np.outer(t**2, [1.0, 0.0]), None, asked)
+    units.check_units("x", rig, t, asked + 0.1, None, asked)
+
+
+def test_a_motor_that_is_at_its_limit_most_of_the_time_is_mentioned(rig: Rig, tmp_path: Path) -> None:
+    limit = float(rig.tau_max[0])
+    for often, count in ((4, 0), (7, 1)):
+        rows = (f"{k},1,2,{limit * (-1) ** k if k < often else 0.1 * limit},0\n" for k in range(10))
+        (tmp_path / "x.csv").write_text(f"{HEADER}\n" + "".join(rows))
+        events = io.read_log(tmp_path / "x.csv", rig).events
+        assert len(events) == count and all(f"{10 * often} %" in event for event in events)
+
+
 @settings(max_examples=20)
 @given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 0.1]))
 def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: float) -> None:

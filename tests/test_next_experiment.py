@@ -12,7 +12,7 @@ import pytest
 from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
 from gimbal_pin.diagnosis.contest import contest, imagined, unexplained
 from gimbal_pin.diagnosis.next_experiment import MARGIN, Bench, Tried
-from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting
+from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting, once
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.backlash import Backlash
@@ -201,6 +201,11 @@ def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
     return Parting("cogging", "pan", rival, now, expected, ("slow sweeps", f"what shows {rival}"))
 
 
+def test_an_experiment_that_two_causes_ask_for_is_told_once() -> None:
+    ways = ("slow sweeps", "a chirp: a lag loses torque", "a chirp: a phase grows", "slow sweeps", "a chirp up to 9 Hz")
+    assert once(ways) == ["slow sweeps", "a chirp (a lag loses torque; a phase grows)", "a chirp up to 9 Hz"]
+
+
 def test_rivals_that_fare_alike_are_told_together() -> None:
     """One line for each thing that is to be said, with every figure, and no figure of what is one to the last digit."""
     far, near, none = Apart(12.0, 0.6), Apart(1.4, 0.5), Apart(6.8e-13, 1e-15)
@@ -210,6 +215,12 @@ def test_rivals_that_fare_alike_are_told_together() -> None:
     assert not any("e-1" in line for line in lines) and all(line.count("slow sweeps") <= 1 for line in lines)
     whom = ("cogging and a, b lie", "cogging and c are one", "cogging and d lie", "cogging and e can be the same")
     assert all(words in line for words, line in zip(whom, lines, strict=True))
+
+
+def test_many_deviations_of_what_looks_alike_are_not_told_as_if_they_parted_it() -> None:
+    """A small share of a loud torque is many deviations, and may be what its formula gets wrong."""
+    loud = parted("a", Apart(253.0, 0.1), Apart(400.0, 0.5)).sentence
+    assert "253" not in loud and "nearly the same torque on these logs, 400 standard deviations apart with" in loud
 
 
 def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:

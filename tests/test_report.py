@@ -370,6 +370,37 @@ def test_the_verdict_names_the_axis_on_which_the_model_does_not_help(walk: Walk)
     said = verdict(99.0, worse)
     assert "on tilt, PID tracks at least as well" in said and "pan" not in said
     assert "unexplained" in verdict(50.0, better) and "tracks" not in verdict(50.0, better)
+    barred = verdict(99.0, better, "", barred=True)
+    assert "not to be run" in barred and "tracks" not in barred
+
+
+def test_no_controller_is_praised_that_is_not_to_be_run(walk: Walk) -> None:
+    model_based = walk.tunings["computed-torque"]
+    doubted = replace(model_based, doubts=("pan: not to be run: its inertia is open",))
+    shown, safe = (
+        parsed(str(report.summary(walk.rig, walk.found, tuning, walk.result).html)) for tuning in (doubted, model_based)
+    )
+    said = shown.text_content()
+    assert doubted.doubts[0] in said and "not to be run" in shown.xpath("//p[contains(@class, 'headline')]")[0].text
+    assert "times as closely" not in said and "times as closely" in safe.text_content()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.02, 0.08), (0.11, 0.9), (0.5, 30.0), (1e-6, 1e3), (2.1, 2.9)])
+def test_a_logarithmic_axis_has_labels_that_tell_its_scale(low: float, high: float) -> None:
+    """Two at least wherever two round numbers lie within it; over many decades no more than the powers of ten."""
+
+    def make() -> Any:
+        figure, axes = plots.panels(1, 1, 2.0)
+        axes[0, 0].set(yscale="log", ylim=(low, high), xticks=[])
+        return figure
+
+    labels = [x for x in re.findall(r">([^<>]+)</text>", str(svg.drawn(make, "x"))) if x.strip()]
+    assert len(labels) >= (3 if high > 3 * low else 1) and len(labels) <= 12
+
+
+def test_torques_of_one_table_are_in_one_unit() -> None:
+    assert numbers.torque_text(2e-4) == "0.20 mN m" and numbers.torque_text(2e-4, 0.5) == "0.00020 N m"
+    assert numbers.torque_text(0.4, 2e-4) == numbers.torque_text(0.4)
 
 
 def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:

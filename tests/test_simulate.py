@@ -20,6 +20,7 @@ from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.identification import identify
+from gimbal_pin.limited import past_stops
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.plant import Plant, State
@@ -254,6 +255,17 @@ def test_a_log_says_which_motors_were_too_weak_and_for_how_long(limit: float) ->
     assert [f"{joint} {100 * x:.0f} %" in "".join(log.events) for joint, x in share.items()] == [
         x >= 0.05 for x in share.values()
     ]
+
+
+def test_a_log_says_which_joints_went_past_their_stops_and_for_how_long() -> None:
+    """Of the true angle; a simulation has no stops, and a loop that keeps off them is told nothing of."""
+    free = run(nominal(rig()))
+    assert not any("past its stops" in event for event in free.events)
+    low, high = (float(np.quantile(free.q[:, 1], share)) for share in (0.2, 0.9))
+    narrow = replace(rig(), limits=(rig().limits[0], replace(rig().limits[1], lower=low, upper=high)))
+    (said,) = run(nominal(narrow)).events
+    assert past_stops(("tilt",), free.q[:, 1:], np.array([low]), np.array([high])) == "tilt 30 %"
+    assert "past its stops" in said and "tilt 30 %" in said and "pan" not in said
 
 
 def test_noise_is_drawn_from_the_generator_alone_and_encoders_round() -> None:

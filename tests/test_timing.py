@@ -115,6 +115,23 @@ def test_a_band_that_shows_no_delay_is_not_asked_for() -> None:
     assert Timing(30.0, {"pan": (Late(0.01), Late(0.003))}).next("CALL") == ()
 
 
+@pytest.mark.parametrize("size", [0.0, 0.3])
+def test_what_rings_above_the_band_is_pointed_at(size: float) -> None:
+    """A torque of 23 Hz is nothing at 12 Hz; the call that looks there comes first, and only where it rings."""
+    log = recorded(0.0)
+    rung = size * np.sin(2 * np.pi * 23.0 * log.t) * np.sin(2 * np.pi * 0.3 * log.t)
+    band = replace(BAND, alignment=0.0)
+    ringing = replace(log, tau=np.asarray(log.tau) + np.outer(rung, [0.0, 1.0]))
+    found = diagnose(RIG, [ringing], TIMELY, rng=np.random.default_rng(0), filtering=band)
+    assert found.verdict == "nothing"
+    calls = [] if found.timing is None else [*found.timing.next("CALL")]
+    assert [call.startswith("CALL --cutoff 30 (there more than noise is left at tilt") for call in calls] == [True] * (
+        size > 0
+    )
+    if found.timing is not None:
+        assert found.timing.to_dict()["more"] == ["tilt"] * (size > 0)
+
+
 @cache
 def delayed() -> tuple[State, Array, Array]:
     """What is found of a late drive, its slope by the time, and the part of that in the upper half of the band."""

@@ -267,9 +267,12 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
     alike = ("delay", "actuator-lag", "cogging")
     found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
-    (line,) = wrong.worse(found)
-    assert "actuator-lag by 4.9 deviations" in line and "armature" not in line and "cogging" not in line
-    assert not wrong.worse(replace(found, rivals=rivals[2:]))
+    one, other = found.open.split("; ")
+    assert one == "this log cannot tell it from cogging" and "armature" not in other
+    assert other.startswith("actuator-lag explains less here, by 4.9 deviations, but adds nearly the same torque")
+    assert f"  {found.open}; try a chirp" in wrong.told(found)
+    assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
+    assert not replace(found, alike=("delay",)).open
 
 
 # how large a cause is
@@ -556,7 +559,7 @@ def test_noise_that_is_larger_than_what_would_be_found_is_said_to_average_out() 
         shown = SimpleNamespace(residual=left, extended={"torque_rmse": {"pan": after}}, detection_limit={"pan": 0.01})
         return cast(Callable[[object], str], Diagnosis.__dict__["drowned"].fget)(shown)
 
-    assert said(0.02, "noise").startswith("pan: would be found") and "knocks" in said(0.02, "noise")
+    assert said(0.02, "noise").startswith("pan: the noise that is left is larger") and "knocks" in said(0.02, "noise")
     assert said(0.002, "noise") == said(0.02, "structured") == ""
 
 

@@ -8,12 +8,13 @@ from math import hypot, inf, isfinite, pi
 
 import numpy as np
 
+from gimbal_pin.diagnosis.finding import APART
 from gimbal_pin.diagnosis.fit import norms, project
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import variants
 from gimbal_pin.diagnosis.shapes import form, free, measure, moved, refined, same, shape_names, worth
 from gimbal_pin.diagnosis.state import State, solved, without
-from gimbal_pin.diagnosis.verdict import APART, versus
+from gimbal_pin.diagnosis.verdict import versus
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array

@@ -101,8 +101,11 @@ def diagnose(
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
     moving = ridden(found.final, held, train, test, filtering)
     said = said if moving is None else with_motion(said, moving)
-    late = timing(found.final, train, filtering, origins, [c for c in found.shelf.causes if wanders(c)], found.limit)
-    said = replace(said, timing=late)
+    delays = [c for c in found.shelf.causes if wanders(c)]
+    # What the audit says of the samples themselves, though it does no harm here, shows most in what is fast.
+    sound = not any(one.faults or one.notes for one in audits)
+    quiet = [joint for joint, one in said.residual.items() if one.state == "noise" and sound]
+    said = replace(said, timing=timing(found.final, train, filtering, origins, delays, found.limit, quiet, rng))
     return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
 
 
@@ -110,7 +113,9 @@ def check_moved(evidence: Evidence, name: str) -> None:
     """Raise `DataError` if a joint never moved."""
     joints = evidence.rig.joints
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < MOVED)
-    if still or np.any(evidence.used() < LIVELY):
-        raise DataError(
-            name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still or joints
-        )
+    if still:
+        raise DataError(name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still)
+    dumb = tuple(joint for joint, used in zip(joints, evidence.used()) if used < LIVELY)
+    if dumb:
+        what = "so slow, or turning round so often, that hardly a sample tells its direction"
+        raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)

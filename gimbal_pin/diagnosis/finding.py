@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
+from gimbal_pin.digits import digits
 from gimbal_pin.log import Motion
 from gimbal_pin.parameter import Parameter
 
@@ -24,10 +25,19 @@ MEASURED = "platform-motion"
 
 
 DROWNED = (
-    "would be found is what one cause in the library's very form adds all log long: noise averages out beside it, and "
-    "may be larger; what has another form, or knocks in few moments, may be larger, too, and be in what is left"
+    "the noise that is left is larger than what would be found: a cause that acts all log long, in a form that the "
+    "library has, stands out of it. One of another form, or that knocks in few moments, may be as large and go unseen"
 )
 """How the torque that would be found may be less than the noise that is left."""
+APART = 2.0
+"""Vuong's z from which two causes are told apart."""
+NEARLY = (
+    "nearly the same torque (correlation over 0.95): a formula that is a little off can make as much of a difference, "
+    "and so none is ruled out"
+)
+"""Why a rival that explains less may still be the cause."""
+TOGETHER = "only together; other sizes fit this log as well"
+"""What holds of figures none of which the log tells by itself."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,35 @@ class Finding:
     rivals: tuple[Rival, ...]
     sentence: str
     next_experiment: str | None
+
+    @property
+    def sized(self) -> tuple[Parameter, ...]:
+        """Figures that have a deviation."""
+        return tuple(p for p in self.parameters if p.std == p.std)
+
+    @property
+    def unsized(self) -> tuple[Parameter, ...]:
+        """Figures of which other sizes fit as well, and only together: all of them where none has a deviation."""
+        return self.parameters if self.cause != MEASURED and not self.sized else ()
+
+    @property
+    def apart(self) -> tuple[Rival, ...]:
+        """Rivals that explain less on these logs by more than chance, and that yet are not ruled out."""
+        return tuple(rival for rival in self.rivals if rival.cause in self.alike and rival.z > APART)
+
+    @property
+    def open(self) -> str:
+        """What else it may be, and why that is not ruled out, in a sentence; nothing where it is named."""
+        if len(self.alike) < 2:
+            return ""
+        less = {rival.cause for rival in self.apart}
+        same = [name for name in self.alike[1:] if name not in less]
+        parts = [f"this log cannot tell it from {', '.join(same)}"] if same else []
+        if less:
+            names, far = (", ".join(x) for x in zip(*((one.cause, digits(one.z, 2)) for one in self.apart)))
+            s = "s" if len(less) == 1 else ""
+            parts.append(f"{names} explain{s} less here, by {far} deviations, but add{s} {NEARLY}")
+        return "; ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""

@@ -31,6 +31,14 @@ HOW = (
 )
 """Which motion it is, and who follows it: a log's own tracking error is of another."""
 
+WORSE = 1.1
+"""Ratio of errors from which it is the controller and not the sensors' noise: 1000 samples tell an rms to 2 %."""
+NO_CLOSER = (
+    "followed no closer by the controller that knows what was found: what a drive cannot give none makes up for, and "
+    "figures that are rough mislead it"
+)
+"""What is told of joints that are followed worse with compensation."""
+
 Followed = Mapping[str, Mapping[str, float]]
 
 
@@ -49,6 +57,12 @@ def followed(before: Extended, after: Extended, rng: np.random.Generator) -> Fol
     figures = [tracked(plant, law, reference, np.random.default_rng(seed)) for law in laws]
     rows = zip(plant.rig.joints, *(figure.tolist() for figure in figures))
     return {joint: {"rms_before": without, "rms_after": with_} for joint, without, with_ in rows}
+
+
+def no_closer(tracking: Followed) -> list[str]:
+    """Say at which joints the controller that knows what was found follows clearly worse; nothing where none does."""
+    worse = [joint for joint, row in tracking.items() if row["rms_after"] > WORSE * row["rms_before"]]
+    return [f"{', '.join(worse)}: {NO_CLOSER}"] if worse else []
 
 
 def tracked(plant: Model, law: Controller, reference: Motion, rng: np.random.Generator) -> Array:

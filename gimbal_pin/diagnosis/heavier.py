@@ -5,7 +5,9 @@ Where a log cannot tell a motor's constant gain from the inertias that it moves,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import hypot
+from types import MappingProxyType
 
 import numpy as np
 
@@ -22,15 +24,19 @@ MUCH = 0.05
 """Share of the given inertia from which a difference is told."""
 SURE = 4.0
 """And deviations."""
+EXACT: Mapping[str, float] = MappingProxyType({})
 
 
-def inertias(found: Difference, q: Array, hidden: Sequence[Untestable] = ()) -> tuple[str, ...]:
+def inertias(
+    found: Difference, q: Array, hidden: Sequence[Untestable] = (), off: Mapping[str, float] = EXACT
+) -> tuple[str, ...]:
     """``m_j = mean over poses of M_jj``, refitted over given: a sentence for each joint where that is not one.
 
     Args:
         found: Refitted less given base parameters.
         q: Angles of the logs, rad, (N, n).
         hidden: What the logs cannot show: what of it sits at the joint may be the reason.
+        off: Joint → standard deviation of a factor on its inertia that the difference does not hold.
     """
     rig, given = found.rig, given_beta(found.rig, found.reduction)
     out = []
@@ -38,6 +44,7 @@ def inertias(found: Difference, q: Array, hidden: Sequence[Untestable] = ()) -> 
         row = inertia_row(found, q, j)
         whole = float(row @ given)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
+        std = hypot(std, (1 + change) * off.get(joint, 0.0))
         if abs(change) > max(MUCH, SURE * std):
             less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
             others = [one.cause for one in hidden if one.joint == joint]

@@ -1,4 +1,4 @@
-"""What a log shows of drives' delays, and what a wider band of it would."""
+"""What a log shows of drives' delays, and what a wider band of it would, of these and of what else is fast."""
 
 from __future__ import annotations
 
@@ -27,19 +27,23 @@ class Late(NamedTuple):
 
 @dataclass(frozen=True)
 class Timing:
-    """What of drives' delays a wider band would show.
+    """What a wider band would show.
 
     Attributes:
         cutoff: The wider band's, Hz.
-        joints: Joint → here, there; only where there is worth telling.
+        joints: Joint → here, there, of its drive's delay; only where there is worth telling.
+        more: Joints at which noise is left here, and more than that there: what rings above this band.
     """
 
     cutoff: float
     joints: Mapping[str, tuple[Late, Late]]
+    more: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """All of it for a person."""
+        if not self.joints:
+            return f"{self.option} more than noise is left at {', '.join(self.more)}"
         here = ", ".join(f"{found(late)} at {joint}" for joint, (late, _) in self.joints.items())
         there = ", ".join(found(late) for _, late in self.joints.values())
         more = f"; there one of some {self.seen} shows" if self.seen else ""
@@ -57,12 +61,16 @@ class Timing:
         return f"with --cutoff {self.cutoff:g}"
 
     def next(self, command: str = "") -> tuple[str, ...]:
-        """Where the wider band shows a delay, the call that finds it, by the one that did not; else nothing.
+        """Where the wider band shows something, the call that looks there, by the one that did not; else nothing.
 
         It comes before what is said without it: a cause that is named beside a delay nobody knows may stand for it.
         """
-        why = f"there a delay or lag of some {self.seen} shows; what is said here is said without it"
-        return (f"{command or ASKED} --cutoff {self.cutoff:g} ({why})",) if self.seen else ()
+        late = f"a delay or lag of some {self.seen} shows" if self.seen else ""
+        left = (
+            f"more than noise is left at {', '.join(self.more)}, as of what rings above this band" if self.more else ""
+        )
+        why = f"there {' and '.join(filter(None, (late, left)))}; what is said here is said without it"
+        return (f"{command or ASKED} --cutoff {self.cutoff:g} ({why})",) if late or left else ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds, s; null for a delay that no band shows."""
@@ -74,7 +82,7 @@ class Timing:
             }
             for joint, (here, there) in self.joints.items()
         }
-        return {"cutoff_hz": self.cutoff, "joints": figures}
+        return {"cutoff_hz": self.cutoff, "joints": figures, "more": list(self.more)}
 
 
 def found(late: Late) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -105,7 +105,7 @@ def together(partings: Sequence[Parting]) -> str:
     """What is to be said of a finding and some of its rivals that the next experiment does the same to."""
     first = partings[0]
     who = f"{first.joint or 'rig'}: {first.cause} and {', '.join(one.rival for one in partings)}"
-    instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
+    instead = "; or ".join(once(way for one in partings for way in one.instead))
     after = [one.expected.deviations for one in partings if one.expected is not None]
     if not after:
         return f"{who} can be the same torque in every motion that was tried; what else may part them: {instead}"
@@ -116,15 +116,26 @@ def together(partings: Sequence[Parting]) -> str:
     elif first.alone and first.outcome == "named":
         said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
         return f"{said} standard deviations apart there"
+    elif all(one.now.deviations >= NAMED for one in partings):  # so many tell nothing while the share is small
+        said = f"{who} add nearly the same torque on these logs, {expected} standard deviations apart {beside}"
     else:
         now = ", ".join(digits(one.now.deviations, 2) for one in partings)
         said = f"{who} lie {now} standard deviations apart so far, {expected} {beside}"
     more = {
         "named": "",
         "few": f": too few to name one; try also {instead}",
-        "alike": f": that tells which fits better, yet they look much alike; try also {instead}",
+        "alike": f". That tells which fits better, but they add nearly the same torque: try also {instead}",
     }
     return said + more[first.outcome]
+
+
+def once(ways: Iterable[str]) -> list[str]:
+    """Experiments in words, each told once: those that differ by their reasons alone, behind a colon, as one."""
+    reasons: dict[str, list[str]] = {}
+    for way in dict.fromkeys(ways):
+        what, _, why = way.partition(": ")
+        reasons.setdefault(what, []).extend([why] if why else [])
+    return [f"{what} ({'; '.join(why)})" if why else what for what, why in reasons.items()]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import starmap
+from math import isnan
 
 import numpy as np
 from scipy.stats import norm
@@ -23,7 +24,9 @@ from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.mending import mended
 from gimbal_pin.diagnosis.off_centre import joined
 from gimbal_pin.diagnosis.platform_motion import Ridden
+from gimbal_pin.diagnosis.scale import limited, scaled
 from gimbal_pin.diagnosis.searched import ERROR_RATE, Searched
+from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.diagnosis.together import combined, doubled, once
 from gimbal_pin.diagnosis.uncertainty import parameters
@@ -65,9 +68,10 @@ def reported(
     mends = mended(found.final, found.shelf)
     rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
     each, twice = once(combined([finding(found, *row, held, baseline, hidden, rng) for row in rows]))
+    limits = tuple(limited(found.final, each))
     late = [j for j, one in zip(joints, found.residual) if one.where == ONLY]
     denied = tuple(map(denial, found.denied))
-    said = [*denied, *starmap(mending, mends.items()), *starmap(doubled, twice)]
+    said = [*denied, *starmap(mending, mends.items()), *starmap(doubled, twice), *(one.note for one in limits)]
     said += [lateness(joint, found.best["torque_rmse"][joint]) for joint in late]
     return Diagnosis(
         rig=held.rig.name,
@@ -75,7 +79,7 @@ def reported(
         verdict=overall([one.status for one in each], found.residual),
         faults=tuple(fault for one in audits for fault in one.faults),
         notes=(*(note for one in audits for note in one.notes), *said),
-        findings=tuple(sorted(each, key=lambda one: -one.explained_share)),
+        findings=tuple(sorted((scaled(one, limits) for one in each), key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
         untestable=(*hidden, *verdict.half_hidden(found.first, found.shelf)),
@@ -160,7 +164,8 @@ def finding(
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     change = 100 * (best / max(torque[at], 1e-300) - 1)
     within = figure.holds(values)
-    said = f"{figure.sentence(values)}{rough(shown)}{swing(state, cause)}{f' ({within})' if within else ''}"
+    said = f"{figure.sentence(values)}{rough(shown)}{together(cause, shown)}{swing(state, cause)}"
+    said += f" ({within})" if within else ""
     said = f"{said}; held-out torque error {torque[at]:.3g} → {best:.3g} N m ({change:+.0f} %)"
     ambiguous = len(judged.alike) > 1
     return Finding(
@@ -198,6 +203,12 @@ def rough(figures: Sequence[Parameter]) -> str:
     """
     names = [p.name for p in figures if p.lower >= 0 and p.std > ROUGH * p.value]
     return f" ({', '.join(names)} only roughly)" if names else ""
+
+
+def together(cause: Cause, figures: Sequence[Parameter]) -> str:
+    """Say which sizes, fitted each, the logs tell none of by itself: only what they make together is known."""
+    names = [p.name for p in figures if p.name in shape_names(cause) and isnan(p.std)]
+    return f" ({', '.join(names)} only together: other sizes fit as well)" if names else ""
 
 
 def limit_of(state: State, joint: int, null: Array) -> float:

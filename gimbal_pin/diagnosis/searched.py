@@ -14,6 +14,7 @@ from gimbal_pin.diagnosis.finding import Slight
 from gimbal_pin.diagnosis.flips import flipped
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.plainer import plainer
 from gimbal_pin.diagnosis.relatives import related
 from gimbal_pin.diagnosis.restart import composed
 from gimbal_pin.diagnosis.search import needed, polished, pruned, regrown
@@ -77,7 +78,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     limit = float(np.quantile(null, ERROR_RATE))
     left, small = pruned(state, limit, verdict.material)
     state = regrown(state, left, shelf, limit, verdict.material)
-    state = reconsidered(polished(state, step=FINE), shelf)
+    state = plainer(reconsidered(polished(state, step=FINE), shelf))
     final = believed(first, state)
     if swings(state, final):
         final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))

@@ -1,6 +1,6 @@
-"""How late a drive must be to be found, in the band that was looked at and in a wider one.
+"""How late a drive must be to be found, in the band that was looked at and in a wider one; and what else shows there.
 
-A delay shows in what is fast: ``x(t) - x(t - d) ≈ d dx/dt``.
+A delay shows in what is fast: ``x(t) - x(t - d) ≈ d dx/dt``; a joint that gives where it rings.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from gimbal_pin.diagnosis.evidence import FINE, gather
 from gimbal_pin.diagnosis.fit import LUCK, project
 from gimbal_pin.diagnosis.flips import least
 from gimbal_pin.diagnosis.lateness import Late, Timing
+from gimbal_pin.diagnosis.leftover import MUCH, place
 from gimbal_pin.diagnosis.score import HIDDEN, visibility
 from gimbal_pin.diagnosis.shapes import measure, refined
 from gimbal_pin.diagnosis.state import Problem, State, reads, solved
@@ -43,8 +44,10 @@ def timing(
     origins: Mapping[str, float],
     delays: Sequence[Signal],
     limit: float,
+    quiet: Sequence[str],
+    rng: np.random.Generator,
 ) -> Timing | None:
-    """What a wider band of the same logs would show of delays; None where nothing that is worth telling.
+    """What a wider band of the same logs would show; None where nothing that is worth telling.
 
     Args:
         state: What was found.
@@ -53,6 +56,8 @@ def timing(
         origins: As for `gather`.
         delays: Those that were tried, at every joint.
         limit: Chance from which nothing is named.
+        quiet: Joints at which noise is left in this band.
+        rng: For the signs of blocks.
     """
     cutoff = wider(logs, filtering)
     if cutoff < LEAST * filtering.cutoff or not delays:
@@ -65,7 +70,22 @@ def timing(
     both = {joint: (late(here, tried, limit), late(there, tried, limit)) for joint, tried in each.items() if tried}
     sample = max(log.dt for log in logs)
     worth = {joint: row for joint, row in both.items() if worth_telling(*row, sample)}
-    return Timing(cutoff, worth) if worth else None
+    late_ = {joint for joint, (_, there_) in worth.items() if there_.shown}
+    more = tuple(joint for joint in quiet if joint not in late_ and louder(state, there, joint, rng))
+    return Timing(cutoff, worth, more) if worth or more else None
+
+
+def louder(state: State, there: State, joint: str, rng: np.random.Generator) -> bool:
+    """Whether the wider band leaves a joint much, and more than noise, with all that was found.
+
+    Little may be the sensors' noise itself, whose floor is known less well the faster it is. `there`: the state in the
+    wider band without what is late.
+    """
+    j = state.problem.evidence.rig.joint_index(joint)
+    if not there.problem.evidence.used()[j]:  # so short that a gate of the wider band's taper never opens
+        return False
+    whole = there if there.causes == state.causes else solved(there.problem, state.causes, there)
+    return bool(whole.fit.dispersion[j] > MUCH and place(whole, j, rng))
 
 
 def worth_telling(here: Late, there: Late, sample: float) -> bool:

@@ -15,11 +15,12 @@ from gimbal_pin.diagnosis.composed import ENTER, by_form, chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight, overall
+from gimbal_pin.diagnosis.finding import APART, Diagnosis, Finding, Rival, Slight, overall
 from gimbal_pin.diagnosis.given import TOLD, given
 from gimbal_pin.diagnosis.heavier import inertias
 from gimbal_pin.diagnosis.heldout import CONFIRMED, rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.reported import denial
+from gimbal_pin.diagnosis.scale import limited
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.log import Array
@@ -44,7 +45,8 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     rig = state.problem.evidence.rig
     apart = Difference.of_fit(rig, state.problem.reduction, state.fit)
     q = np.concatenate([part.channels.q for part in state.problem.evidence.parts])
-    heavier = inertias(apart, q, [one for one in found.untestable if causes[one.cause].like_inertia])
+    off = {one.finding.joint or "": one.off for one in limited(state, found.findings) if one.off > 0}
+    heavier = inertias(apart, q, [one for one in found.untestable if causes[one.cause].like_inertia], off)
     found = replace(found, given=given(apart), notes=(*found.notes, *heavier))
     if rig.config.inertia != TRUSTED or found.held is None:
         return found
@@ -110,7 +112,7 @@ def finding(case: Case, kind: Kind, size: Array) -> Finding:
     less = case.bodies.fitted(rest) if rest else case.bodies.nothing()
     rivals = rivals_of(case, kind, rest)
     gain = gains(case, kind, joints.index(at))
-    alike = (kind.of.name, *(rival.cause for rival in rivals if rival.z < verdict.APART))
+    alike = (kind.of.name, *(rival.cause for rival in rivals if rival.z < APART))
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
     told = spoken(fitted, kind).told(case.held.rig)
     change = f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"

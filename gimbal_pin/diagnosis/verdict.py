@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, Load, build
 from gimbal_pin.diagnosis.edges import decided
-from gimbal_pin.diagnosis.finding import Rival, Slight, Untestable
+from gimbal_pin.diagnosis.finding import APART, Rival, Slight, Untestable
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, NOISY
 from gimbal_pin.diagnosis.library import Library
@@ -24,8 +24,6 @@ from gimbal_pin.effects.signal import Static
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import weight
 
-APART = 2.0
-"""Vuong's z from which two causes are told apart."""
 ALIKE = 0.95
 """Correlation of two projected columns from which no log of this kind parts them."""
 SHARE = 0.0015

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import ceil, copysign, inf, log, nan
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,6 +28,9 @@ WIDER = 1.8
 """Largest step between these: what a clip takes off a peak grows with how far it is under it."""
 NEAREST = 0.999
 """Share of a soft limit up to which a controller commands what it takes."""
+SIDE = Parameter(
+    "side", 0.0, "1", -1.0, 1.0, meaning="1 or -1: only torques in that direction are limited; 0: those in both"
+)
 
 
 def stepped(low: float, high: float, most: float) -> tuple[float, ...]:
@@ -60,6 +63,20 @@ class Saturation(Static):
     )
     experiment: ClassVar[str] = "peaks of torque up to the stated limit, short, next to gentle motion"
     compensation: ClassVar[str] = "state this limit as the motor's: references and anti-windup then keep to it"
+
+    @classmethod
+    def stated(cls) -> tuple[Parameter, ...]:
+        """With the side, which is chosen and not measured."""
+        return (*cls.shapes, SIDE)
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """A side is a direction: of what is given its sign counts."""
+        return replace(super().planted(joint, given), side=int(np.sign(given["side"])))
+
+    def plain(self) -> Saturation:
+        """On both sides, as a supply that clips."""
+        return replace(self, side=0)
 
     @property
     def largest(self) -> float:

@@ -24,7 +24,7 @@ from gimbal_pin.io.base import (
 from gimbal_pin.io.csv import open_csv, write_csv
 from gimbal_pin.io.mapping import check_targets, read_mapping
 from gimbal_pin.io.parquet import open_parquet, write_parquet
-from gimbal_pin.io.units import check_units, strong
+from gimbal_pin.io.units import check_units, pushed, strong
 from gimbal_pin.log import Array, Imu, Log, Motion
 from gimbal_pin.rig import Rig
 
@@ -61,7 +61,7 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
 
 def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str], payload: str | None) -> Log:
     """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
-    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"))
+    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"))
     return Log(
         name=name,
         joints=rig.joints,
@@ -73,7 +73,7 @@ def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str],
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=strong(rig, data.get("tau")),
+        events=(*strong(rig, data.get("tau")), *pushed(rig, data.get("tau"))),
     )
 
 

@@ -12,6 +12,10 @@ from gimbal_pin.rig import Rig
 
 TOO_STRONG = 3.0
 """Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
+NEARLY = 0.03
+"""Share of a motor's limit by which a torque may be off it and is at it, for what noise the sensor has."""
+MOSTLY = 0.5
+"""Share of the time at the limit from which it is told."""
 FEW = 0.01
 """Share of the samples at either end that do not count: spikes are the audit's to find."""
 FEWEST = 50
@@ -26,8 +30,10 @@ OFF = 3.0
 """Ratio of the two from which they are in different units."""
 
 
-def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None) -> None:
+def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None, q_ref: Array | None = None) -> None:
     """Raise `LogError` for angles, rates or times that can be no radians, radians per second or seconds.
+
+    And for angles that are radians of a joint which its loop has lost.
 
     Args:
         name: The file.
@@ -35,14 +41,15 @@ def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None) -> Non
         t: Time, (N,).
         q: Angles, (N, n).
         v: Rates, (N, n), or None.
+        q_ref: References, (N, n), or None.
     """
     if len(t) >= FEWEST:
-        check_angles(name, rig, q)
+        check_angles(name, rig, q, q_ref)
     if v is not None and len(t) > INTERVALS:
         check_rates(name, rig, t, q, v)
 
 
-def check_angles(name: str, rig: Rig, q: Array) -> None:
+def check_angles(name: str, rig: Rig, q: Array, q_ref: Array | None) -> None:
     """Raise `LogError` if joints travel much farther than the rig's limits let them, in radians."""
     way = np.subtract(*np.quantile(q, [1 - FEW, FEW], axis=0))
     room = np.array([limit.upper - limit.lower if isfinite(limit.upper - limit.lower) else inf for limit in rig.limits])
@@ -50,11 +57,21 @@ def check_angles(name: str, rig: Rig, q: Array) -> None:
     if not off:
         return
     worst = off[0]
+    if q_ref is not None and (lost := [j for j in off if not followed(q_ref[:, j], q[:, j])]):
+        joint, far, most = rig.joints[lost[0]], way[lost[0]], room[lost[0]]
+        what = f"q_{joint} travels {far:.4g} rad where the rig's limits leave {most:.3g}, and not as q_ref_{joint}"
+        raise LogError(name, what, "the loop lost the joint: give a log of one that holds it, of lower gains")
     likely = way[worst] < 1.1 * degrees(room[worst])
     what = f"q_{rig.joints[worst]} travels {way[worst]:.4g} rad where the rig's limits leave {room[worst]:.3g}"
     factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
     mend = " ".join(f"--map q_{rig.joints[j]}=COLUMN*{factor}" for j in off)
     raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {mend}")
+
+
+def followed(reference: Array, angle: Array) -> bool:
+    """Whether an angle goes where its reference does, in whatever unit: their correlation is over `ALIKE`."""
+    a, b = reference - reference.mean(), angle - angle.mean()
+    return bool(a @ b > ALIKE * np.sqrt((a @ a) * (b @ b)))
 
 
 def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
@@ -75,6 +92,19 @@ def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
         raise LogError(name, f"{what}, as every joint does", "t is in ms, not s: map it: --map t=COLUMN*1e-3")
     mend = f"one of the two is in degrees, or in other units: --map dq_{joint}=COLUMN*{factor:.3g}, or map q_{joint}"
     raise LogError(name, what, mend)
+
+
+def pushed(rig: Rig, tau: Array | None) -> tuple[str, ...]:
+    """Return a sentence per joint that is at its torque limit most of the time: its loop swings, or cannot follow."""
+    if tau is None:
+        return ()
+    shares = np.mean(np.abs(np.abs(tau) / rig.tau_max - 1.0) < NEARLY, axis=0).tolist()
+    return tuple(
+        f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
+        "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower"
+        for joint, limit, share in zip(rig.joints, rig.tau_max, shares)
+        if share > MOSTLY
+    )
 
 
 def strong(rig: Rig, tau: Array | None) -> tuple[str, ...]:

@@ -64,9 +64,9 @@ def torque_unit(largest: float) -> tuple[float, str]:
     return (1e3, "mN m") if largest < 0.02 else (1.0, "N m")
 
 
-def torque_text(value: float) -> str:
-    """Return a torque in N m as text with its unit."""
-    scale, name = torque_unit(abs(value))
+def torque_text(value: float, largest: float = 0.0) -> str:
+    """Return a torque in N m as text with its unit, which is that of the largest beside which it stands."""
+    scale, name = torque_unit(max(abs(value), largest))
     return f"{figures(scale * value, 2)} {name}"
 
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import StringIO
+from math import ceil, floor, log10
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
@@ -54,6 +55,10 @@ STYLE: Mapping[str, object] = {
     "path.simplify_threshold": 0.2,
 }
 """Matplotlib's settings in a report; beside them the curves' colours."""
+SUBS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), tuple(map(float, range(1, 10))))
+"""Which multiples of the powers of ten a logarithmic axis may label, the fewest first."""
+LABELS = 3
+"""Least labels of one, if there are so many."""
 
 
 @contextmanager
@@ -84,14 +89,26 @@ def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE
 
 
 def plain_powers(figure: Figure) -> None:
-    """Label logarithmic axes with plain text: formulas are switched off, as names may hold dollar signs."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    """Label logarithmic axes with plain text: formulas are switched off, as names may hold dollar signs.
+
+    Within a decade or two there are labels between the powers of ten: one alone tells no scale.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             if axis.get_scale() == "log":
+                low, high = sorted(axis.get_view_interval())
+                between = next((subs for subs in SUBS if count(low, high, subs) >= LABELS), SUBS[-1])
+                axis.set_major_locator(LogLocator(subs=between))
                 axis.set_major_formatter(FuncFormatter(lambda value, _: power(value)))
                 axis.set_minor_formatter(NullFormatter())
+
+
+def count(low: float, high: float, subs: Sequence[float]) -> int:
+    """How many of ``s 10^k``, s one of `subs`, lie between two values above zero."""
+    decades = range(floor(log10(low)), ceil(log10(high)) + 1)
+    return sum(low <= s * 10.0**k <= high for k in decades for s in subs)
 
 
 def power(value: float) -> str:

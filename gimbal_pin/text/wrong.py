@@ -80,17 +80,13 @@ def unsure(found: Diagnosis) -> str:
 
 def told(finding: Finding) -> list[str]:
     """A finding's sentence, what it could be instead, and its figures."""
-    from gimbal_pin.diagnosis.finding import MEASURED
+    from gimbal_pin.diagnosis.finding import TOGETHER
 
     lines = [finding.sentence]
-    if len(finding.alike) > 1:
-        lines.append(f"  this log cannot tell it from {', '.join(finding.alike[1:])}; try {finding.next_experiment}")
-        lines += [f"  {line}" for line in worse(finding)]
-    figures = ", ".join(sized(p) for p in finding.parameters if p.std == p.std)
-    loose = ", ".join(
-        f"{p.name} {number(p.value)}{p.in_units}" for p in finding.parameters if finding.cause != MEASURED
-    )
-    unsized = f"{loose}: only together; other sizes fit this log as well" if loose else ""
+    lines += [f"  {finding.open}; try {finding.next_experiment}"] if finding.open else []
+    figures = ", ".join(map(sized, finding.sized))
+    loose = ", ".join(f"{p.name} {number(p.value)}{p.in_units}" for p in finding.unsized)
+    unsized = f"{loose}: {TOGETHER}" if loose else ""
     return [*lines, *([f"  {figures or unsized}"] if figures or unsized else [])]
 
 
@@ -99,23 +95,14 @@ def sized(figure: Parameter) -> str:
     return f"{figure.name} {number(figure.value)} ± {number(figure.std, 2)}{figure.in_units}"
 
 
-def worse(finding: Finding) -> list[str]:
-    """Why rivals that explain less on these logs are not ruled out."""
-    from gimbal_pin.diagnosis.verdict import APART
-
-    apart = (rival for rival in finding.rivals if rival.cause in finding.alike and rival.z > APART)
-    rows = [f"{rival.cause} by {number(rival.z, 2)} deviations" for rival in apart]
-    reason = "yet they add nearly the same torque here (correlation over 0.95), and a formula that is a little off"
-    return (
-        [f"worse on these logs: {', '.join(rows)}; {reason} can make as much: not enough to name one"] if rows else []
-    )
-
-
 def tracking_gain(found: Diagnosis) -> list[str]:
     """How closely a controller follows with the found causes compensated, and without, in degrees."""
-    from gimbal_pin.diagnosis.followed import HOW
+    from gimbal_pin.diagnosis.followed import HOW, no_closer
 
     rows = found.tracking.items()
     cells = [(joint, *(number(degrees(row[key]), 2) for key in ("rms_before", "rms_after"))) for joint, row in rows]
     told = ", ".join(f"{joint} {before}° → {after}°" for joint, before, after in cells)
-    return [f"tracking error in simulation, rms, without and with compensation: {told} ({HOW})"] if cells else []
+    worse = no_closer(found.tracking)
+    if not cells:
+        return []
+    return [f"tracking error in simulation, rms, without and with compensation: {told} ({HOW})", *worse]

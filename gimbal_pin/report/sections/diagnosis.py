@@ -8,6 +8,7 @@ from functools import partial
 from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis, Finding
+from gimbal_pin.diagnosis.finding import TOGETHER
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.platform_motion import COMPENSATION
 from gimbal_pin.digits import digits
@@ -81,22 +82,28 @@ HEAD: list[Content] = ["Joint", "What is left is", "Error before", "Error after"
 
 
 def row(found: Diagnosis, joint: Joint) -> list[Content]:
-    """A joint's row."""
+    """A joint's row, its torques in the unit of the table's largest."""
+    most = max(*found.baseline["torque_rmse"].values(), *found.extended["torque_rmse"].values())
     left = found.residual.get(joint.name)
     before, after = (part["torque_rmse"][joint.name] for part in (found.baseline, found.extended))
     limit = found.detection_limit.get(joint.name)
     state = toned(f"{left.state} {left.where}".strip(), "good" if left.state == "noise" else "fair") if left else None
-    shown: list[Content] = [torque_text(before), torque_text(after), torque_text(limit) if limit else "–"]
+    shown: list[Content] = [
+        torque_text(before, most),
+        torque_text(after, most),
+        torque_text(limit, most) if limit else "–",
+    ]
     return [joint.label, state or "–", *shown]
 
 
 def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list[Markup]:
     """A finding: its sentence, its figures, and what it could be instead."""
-    sure = [p for p in finding.parameters if p.std > 0]
-    figure = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in sure]
+    figure = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in finding.sized]
     lines: list[Content] = [f"{', '.join(figure)} (± is one standard deviation)."] if figure else []
-    if finding.next_experiment:
-        lines.append(f"This log cannot tell it from {listed(finding.alike[1:])}: try {finding.next_experiment}.")
+    loose = [f"{p.name} {figures(p.value)}{p.in_units}" for p in finding.unsized]
+    lines += [f"{', '.join(loose)}: {TOGETHER}."] if loose else []
+    if finding.open:
+        lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.next_experiment}.")
     kind = CAUSES.get(finding.cause)
     lines.append(f"What to do about it: {COMPENSATION if kind is None else kind.compensation}.")
     gain = finding.gain
@@ -116,7 +123,7 @@ MOST = 6
 """Most rivals in a table."""
 ALIKE = 0.95
 """Correlation from which on two causes are one to this log."""
-RIVALS: list[Content] = ["Instead of it", "Log-likelihood lost", "z", "This log tells them apart"]
+RIVALS: list[Content] = ["Instead of it", "Log-likelihood lost", "z", "Ruled out by this log"]
 
 
 def rivals(finding: Finding) -> list[Markup]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.diagnosis.followed import HOW
+from gimbal_pin.diagnosis.followed import HOW, no_closer
 from gimbal_pin.report import plots
 from gimbal_pin.report.joints import Joint, units
 from gimbal_pin.report.numbers import figures, torque_unit
@@ -47,6 +47,7 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
         "after 0.2 s of simulation from the held-out torque; and a simulated controller's tracking error without and "
         f"with the causes compensated ({HOW})."
     )
+    caption += "".join(f" {line}." for line in no_closer(found.tracking))
     return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
 
 

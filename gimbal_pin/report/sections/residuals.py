@@ -49,12 +49,12 @@ def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
 
 def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: Evidence) -> plots.Figure:
     """Draw the residuals."""
-    figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.75, 0.68))
+    figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.95, 0.68))
     errors = [filtered_error(held, model) for model in (found.before, found.after)]
-    scale, unit = torque_unit(float(np.abs(errors[0]).max()))
     open_ = np.concatenate([part.gate for part in held.parts]) > OPEN
     for column, j in zip(panels.T, order):
         joint = joints[j]
+        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()))
         column[0].set_title(joint.name, color=joint.colour)
         rows = np.flatnonzero(open_[:, j])
         rows = rows[:: max(1, len(rows) // CLOUD)]
@@ -71,8 +71,8 @@ def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: E
         plots.zero_line(column[2])
         column[2].set_xlabel("time, s")
         column[3].set(xlabel="frequency, Hz", yscale="log", xlim=(0, held.band))
-    for axes, name in zip(panels[:, 0], ("residual", "residual", "residual", "amplitude")):
-        axes.set_ylabel(f"{name}, {unit}{'/√Hz' if name == 'amplitude' else ''}")
+        for axes, name in zip(column, ("residual", "residual", "residual", "amplitude")):
+            axes.set_ylabel(f"{name}, {unit}{'/√Hz' if name == 'amplitude' else ''}")
     return figure
 
 

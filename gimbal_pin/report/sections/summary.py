@@ -47,7 +47,8 @@ def summary(
     On what was run; `plant`: what the steps were simulated on, within a sentence.
     """
     ratio = {} if result is None else ratios(result)
-    fair = result is None or at_limit(result, BASELINE)[1] < SPOKEN
+    barred = tuning is not None and bool(tuning.doubts)
+    fair = not barred and (result is None or at_limit(result, BASELINE)[1] < SPOKEN)
     accuracy = found.held_out or found.train
     fit = min(accuracy.fit_percent.values())
     sentences = [about_fit(rig, found, logs), *about_gain(wrong), about_parameters(found)]
@@ -56,14 +57,14 @@ def summary(
         sentences.append(about_tuning(tuning))
         numbers += [bandwidth_card(tuning), margin_card(tuning)]
     if result is not None and ratio:
-        sentences.append(about_tracking(rig, result, ratio, plant))
+        sentences += [] if barred else [about_tracking(rig, result, ratio, plant)]
         numbers.append(ratio_card(ratio, fair))
     missing = missed(wrong)
     spoilt = wrong is not None and wrong.verdict == "data"
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
     if wrong is not None and wrong.lacking:
         fit = min(wrong.extended["fit_percent"].values())  # the controllers are built on what was found
-    said = verdict(fit, ratio if fair and not spoilt else {}, missing)
+    said = verdict(fit, ratio if fair and not spoilt else {}, missing, barred)
     headline = paragraph(said, f"headline {tone}")
     parts = [headline, paragraph(" ".join(sentences), "verdict"), cards(numbers)]
     if warnings := cautions(tuning, result):
@@ -81,8 +82,8 @@ def ratios(result: Tracking) -> Mapping[str, float]:
     return {joint: theirs[joint].rms_error / max(best[joint].rms_error, 1e-300) for joint in theirs}
 
 
-def verdict(fit: float, ratio: Mapping[str, float], missing: str = "") -> str:
-    """Return the headline; `missing`: what a diagnosis found wrong, see `missed`."""
+def verdict(fit: float, ratio: Mapping[str, float], missing: str = "", barred: bool = False) -> str:
+    """Return the headline; `missing`: what a diagnosis found wrong, see `missed`; `barred`: no controller to be run."""
     if fit < FAIR:
         return (
             f"{missing}."
@@ -90,6 +91,8 @@ def verdict(fit: float, ratio: Mapping[str, float], missing: str = "") -> str:
             else "The model leaves much of the measured torque unexplained: what is simulated with it may not hold."
         )
     first = missing or f"The model explains {'' if fit >= GOOD else 'most of '}the measured torque"
+    if barred:
+        return f"{first}; the controller is not to be run, for the log leaves open what it stands on."
     if not ratio:
         return f"{first}."
     worse = [joint for joint, times in ratio.items() if times <= 1]
