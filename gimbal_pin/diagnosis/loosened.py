@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.diagnosis.contenders import ranked
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import polished
 from gimbal_pin.diagnosis.shapes import worth
@@ -29,18 +30,18 @@ def loosened(state: State, joint: str, shelf: Library) -> list[State]:
     beside = tuple(c for c in state.causes if not (isinstance(c, Geared) and c.joint == joint))
     bases = [solved(state.problem, causes, state) for causes in dict.fromkeys((others, beside))]
     kinds = dict.fromkeys(type(cause) for cause in shelf.causes if isinstance(cause, Loose))
-    found = [one for base in bases for kind in kinds if (one := with_gap(base, joint, kind)) is not None]
-    found += [one for base in bases if (one := with_spring(base, joint, shelf)) is not None]
-    return sorted(found, key=left)
+    found = [with_gap(base, joint, kind) for base in bases for kind in kinds]
+    found += [with_spring(base, joint, shelf) for base in bases]
+    return sorted((one for one in found if one is not None), key=left)
 
 
 def with_spring(base: State, joint: str, shelf: Library) -> State | None:
     """A state with the spring at a joint that gains most at the encoder's angle, its link where it swings."""
     springs = [c for c in shelf.causes if isinstance(c, Sprung) and c.springy and c.joint == joint]
-    rows = [(worth(base, spring), k, spring) for k, spring in enumerate(springs)]
-    gain, _, best = max(rows, default=(0.0, 0, None))
-    if best is None or gain <= 0:
+    rows = ranked(base, shelf.all_of(springs, base))
+    if not rows:
         return None
+    best = rows[0][1].cause
     return polished(solved(base.problem, (*base.causes, best), base), only=best)
 
 

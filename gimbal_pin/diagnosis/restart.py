@@ -34,8 +34,8 @@ def composed(first: State, shelf: Library) -> State:
 
     What enters first may be between two others, so that beside it neither is seen. Several causes at one joint may be
     one in a form that by itself gained no more than the first of them, and a base that leans about both of its axes may
-    gain less about either than what stands in for it. Where much is left still, a gap is looked for whose flanks give, and a
-    spring whose link swings far.
+    gain less about either than what stands in for it. Where much is left still, a gap is looked for
+    whose flanks give, and a spring whose link swings far.
     """
     state = swapped(forward(first, shelf), shelf)
     for joint in state.problem.evidence.rig.joints:
