@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import cache
+from itertools import permutations
 from math import isnan, nan
 from typing import Any
 
@@ -29,7 +30,7 @@ from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.friction_drift import FrictionDrift
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.losses import Losses
-from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
+from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia, principal_axes
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
@@ -636,6 +637,31 @@ def test_products_of_inertia_are_those_of_the_regressor() -> None:
     np.testing.assert_allclose(rnea(changed, q, v, a) - rnea(where, q, v, a), column, atol=1e-12)
     with pytest.raises(UsageError, match=r"off-diagonal-inertia.*fork"):
         OffDiagonalInertia("roll", Ixy=5.0).apply(where)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_products_along_principal_axes_turn_them_and_change_no_moment_to_first_order(seed: int) -> None:
+    """``lambda(I + e P) - lambda(I) = O(e²)``; in any other frame the same products change moments by O(e)."""
+    rng, where = np.random.default_rng(seed), rig()
+    inertia = pin.Inertia.Random()
+    turn = pin.Quaternion(pin.SE3.Random().rotation).toRotationMatrix()
+    inertia.inertia = turn @ np.diag([2.0, 3.0, 4.5]) @ turn.T
+    where = where.with_phi(np.concatenate([where.phi[:10], inertia.toDynamicParameters(), where.phi[20:]]))
+    Ixy, Ixz, Iyz = rng.uniform(0.2, 1.0, 3) * rng.choice([-1, 1], 3)
+
+    def moments(size: float) -> Array:
+        changed = OffDiagonalInertia("roll", size * Ixy, size * Ixz, size * Iyz, principal=True).apply(where)
+        return np.linalg.eigvalsh(changed.model.inertias[2].inertia)
+
+    small, smaller = (np.abs(moments(e) - [2.0, 3.0, 4.5]).max() for e in (1e-2, 1e-3))
+    assert smaller < 0.02 * small < 0.02 * 3e-3
+
+
+def test_products_along_principal_axes_are_those_of_a_joint_whose_frame_they_are() -> None:
+    """Axes are named after the frame's nearest: of a diagonal inertia, whatever its order, they are the frame's own."""
+    for moments in permutations((2.0, 3.0, 4.5)):
+        np.testing.assert_allclose(principal_axes(np.diag(moments)), np.eye(3), atol=1e-12)
 
 
 # -- words and files --

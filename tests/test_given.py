@@ -17,6 +17,7 @@ from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import Given, given
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, RigEffect
+from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import carried
 from gimbal_pin.experiment import perturbed
@@ -193,6 +194,17 @@ def test_a_trusted_urdf_makes_findings(text: str) -> None:
             assert parameter.value == pytest.approx(PLANTED[text][parameter.name], abs=4 * parameter.std)
     assert first.gain["torque_rmse_after"] < 0.5 * first.gain["torque_rmse_before"]
     assert first.gain["rollout_rmse_after"] < first.gain["rollout_rmse_before"]
+
+
+def test_products_along_axes_that_the_joint_is_turned_from_are_one_cause() -> None:
+    """In the joint's frame they are moments, too, which a second cause would have to make up for."""
+    rig = Rig.load("handheld")
+    turned = replace(rig, config=replace(rig.config, inertia="trusted"))
+    planted = OffDiagonalInertia("tilt", Ixy=0.0008, Ixz=0.0006, Iyz=-0.0007, principal=True)
+    found = diagnosed(turned, recorded(plant_with(nominal(turned), [planted]).plant, 6), "trusted")
+    assert [(one.cause, one.joint) for one in found.findings] == [(planted.name, "tilt")]
+    for parameter in found.findings[0].parameters:
+        assert parameter.value == pytest.approx(getattr(planted, parameter.name), abs=4 * parameter.std)
 
 
 def test_a_weight_bolted_on_is_no_shifted_camera() -> None:

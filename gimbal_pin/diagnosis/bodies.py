@@ -53,8 +53,9 @@ class Kind(NamedTuple):
 
     @property
     def profiled(self) -> bool:
-        """Whether something that is not zero is held fixed: a size that is free with the rest in the end."""
-        return any(value for _, value in self.fixed)
+        """Whether a figure that is not zero is held fixed: a size that is free with the rest in the end."""
+        held = dict(self.fixed)
+        return any(held.get(shape.name) for shape in self.of.shapes)
 
     @property
     def start(self) -> Array:

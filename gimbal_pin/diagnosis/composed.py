@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import inf
+from math import comb, inf
 
 from scipy.stats import chi2, f
 
@@ -13,6 +13,9 @@ from gimbal_pin.rig import Rig
 
 ENTER = 1e-4
 """Chance, over the whole list, from which a cause does not enter."""
+BY_LUCK = 0.003
+"""Chance of explaining a difference by luck from which several causes do not enter that only explain it together. That
+there is a difference is as sure as for any other; this is the chance of a wrong name for it."""
 MOST = 4
 """Most causes that are composed."""
 UNEXPLAINED = 0.2
@@ -48,7 +51,7 @@ def explaining(bodies: Bodies, fits: Sequence[Fitted], tried: Sequence[Sequence[
     best = fewest(fits, len(tried))
     if best is None:
         return None
-    best, freedom = simpler(bodies, best, tried), len(bodies.found.change)
+    best, freedom = reformed(bodies, simpler(bodies, best, tried), tried), len(bodies.found.change)
     left, whole = best.cost - freedom, bodies.nothing().cost - freedom
     return None if left > UNEXPLAINED * max(whole, 0.0) else best
 
@@ -62,7 +65,7 @@ def together(bodies: Bodies, none: Fitted, tried: Sequence[Sequence[Kind]]) -> l
     if chi2.sf(none.cost, len(none.response)) > ENTER:
         return []
     sets = grown(bodies, none, tried, inf)[1:]
-    return [one for one in sets if by_form(none, one) * len(tried) ** len(one.kinds) < ENTER]
+    return [one for one in sets if by_form(none, one) * comb(len(tried), len(one.kinds)) < BY_LUCK]
 
 
 def entering(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]], most: float = ENTER) -> list[Fitted]:
@@ -101,6 +104,15 @@ def simpler(bodies: Bodies, best: Fitted, tried: Sequence[Sequence[Kind]]) -> Fi
         less = min((fit for fit in fits if fit is not None), key=lambda fit: fit.worth, default=None)
         if less is not None and chance(less, best) * len(tried) >= ENTER:
             return less
+    return best
+
+
+def reformed(bodies: Bodies, best: Fitted, tried: Sequence[Sequence[Kind]]) -> Fitted:
+    """The fit with each of several causes in the form that leaves least beside the others, which it entered without."""
+    for kind in best.kinds if len(best.kinds) > 1 else ():
+        rest = [other for other in best.kinds if other != kind]
+        fits = [bodies.best(rest, forms) for forms in tried_as(kind, tried)]
+        best = min([best, *(fit for fit in fits if fit is not None)], key=lambda fit: fit.worth)
     return best
 
 

@@ -165,7 +165,7 @@ def instead(case: Case, kind: Kind, rest: Sequence[Kind], forms: Sequence[Kind])
     """
     others = [one for one in rest if not same(forms[0], one)]
     plain = next(own for own in case.tried if same(own[0], kind))[0]
-    beside = [plain] if len(others) == len(rest) and kind != plain else []
+    beside = [plain] if len(others) == len(rest) and len(kind.free) > len(plain.free) else []
     fits = [case.bodies.best(others, forms), *(case.bodies.best([*others, one], forms) for one in beside)]
     return [one for one in fits if one is not None]
 
