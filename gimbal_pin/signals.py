@@ -67,11 +67,29 @@ def noise_std(signal: Array) -> Array:
     Third differences remove anything smooth at the sampling rate and multiply white noise by √20. The largest two
     per cent are left out: they hold the few samples where the signal itself is not smooth.
     """
-    if len(signal) < 8:
-        return np.zeros(signal.shape[1:])
-    squares = np.sort(np.diff(signal, 3, axis=0) ** 2, axis=0)
+    return spread(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
+
+
+def jumping_noise_std(signal: Array) -> Array:
+    """The same of one that may jump all the time: without third differences across a step of more than its own rms.
+
+    No sensor's noise is as large as what it measures. A torque that chatters in a gap changes its sign so often that
+    more than two per cent of the differences hold a jump.
+    """
+    jumps = np.abs(np.diff(signal, axis=0)) > np.std(signal, axis=0)
+    across = jumps[:-2] | jumps[1:-1] | jumps[2:]
+    share = np.mean(across, axis=0) if len(across) else np.zeros(signal.shape[1:])
+    out = noise_std(signal)
+    for j in np.flatnonzero((share > 1 - KEPT) & (share < 0.5)):
+        out[j] = spread(np.diff(signal[:, j], 3)[~across[:, j]])
+    return out
+
+
+def spread(differences: Array) -> Array:
+    """Standard deviation of the white noise that third differences are of, per column."""
+    squares = np.sort(differences**2, axis=0)
     kept = squares[: max(1, int(KEPT * len(squares)))].mean(axis=0)
-    return np.sqrt(kept / (20.0 * KEPT_POWER))
+    return np.asarray(np.sqrt(kept / (20.0 * KEPT_POWER)))
 
 
 def noise_gain(sections: Array, rate: float, derivatives: int) -> float:

@@ -6,16 +6,21 @@ from dataclasses import replace
 from math import sqrt
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.gaps import flown
+from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.search import forward
 from gimbal_pin.diagnosis.shapes import worth
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
@@ -83,6 +88,27 @@ def test_a_gap_whose_flanks_give_is_told_by_the_log() -> None:
     base = without(after, true)
     others = [replace(true, **{name: k * getattr(true, name)}) for name in ("gap", "inertia") for k in (0.6, 1.6)]
     assert max(worth(base, one) for one in others) < worth(base, true)
+
+
+def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
+    """At 27 Hz and more, far beyond the band: each flight lasts but a few samples, and its jumps are no noise."""
+    true, controller = Backlash(RIG.joints[0], 0.012, 0.01), tune(nominal(RIG), bandwidth_hz=8.0).controller
+    reference = fourier(RIG, 3, 8.0, controller.dt)
+    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(3), drive=(true,))
+    first = plain(replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape)))
+    assert np.max(first.fit.dispersion) > 10
+    shelf = Library(first.problem, Backlash.tried(true.joint, first.problem.evidence.seen[0]))
+    found = forward(first, shelf).causes[0]
+    assert isinstance(found, Backlash) and not found.rotor_share
+    # What the rotor crosses under a torque goes by their product alone.
+    assert found.gap * found.inertia == pytest.approx(true.gap * true.inertia, rel=0.02)
+
+
+def test_flanks_that_nothing_comes_of_are_refused() -> None:
+    with pytest.raises(UsageError, match="rotor_share"):
+        parse_effect(f"backlash:{JOINT}:gap=0.02,inertia=0.01,flank=8", RIG)
+    made = parse_effect(f"backlash:{JOINT}:gap=0.02,inertia=0.01,flank=8,rotor_share=0.3", RIG)
+    assert isinstance(made, Backlash) and made.springy
 
 
 def plain(log: Log) -> State:

@@ -13,10 +13,14 @@ from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import torque_error
+from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.links import axes, moved, swung
+from gimbal_pin.diagnosis.loosened import loosened
+from gimbal_pin.diagnosis.restart import plainer
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
+from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.log import Array, Log
 from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import inertia, rnea
@@ -173,6 +177,19 @@ def test_a_fit_finds_that_a_spring_hardens_and_by_how_much() -> None:
     error = np.concatenate([torque_error(part, model) for part in held.parts])
     quiet = np.abs(np.concatenate([part.gate for part in held.parts])) > 0.99
     assert all(np.std(error[quiet[:, j], j]) < 5e-3 for j in range(RIG.n)), "the held-out part is judged by the same"
+
+
+def test_a_spring_that_hardens_is_looked_for_where_others_stand_for_it() -> None:
+    """In place of harmonics that are none it leaves noise, from the coarse grid and by fewer parameters."""
+    joint = RIG.joints[-2]
+    true = JointFlexibility(joint, 7.0, 0.12, 0.2, HARD)
+    problem = problem_of(log_of(RIG, joint, true, 12.0)[0])
+    false = solved(problem, (TorqueRipple(joint, (1.0, 2.0, 3.0)),), solved(problem, (), solved(problem, ())))
+    shelf = Library(problem, JointFlexibility.tried(joint, problem.evidence.seen[RIG.joint_index(joint)]))
+    alone = next(one for one in loosened(false, joint, shelf) if len(one.causes) == 1)
+    (spring,) = alone.causes
+    assert isinstance(spring, JointFlexibility) and spring.hardening == pytest.approx(HARD, rel=0.1)
+    assert np.max(alone.fit.dispersion) < 2.0 and plainer(alone, false)
 
 
 def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:

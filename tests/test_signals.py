@@ -8,7 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin.signals import differentiate, lowpass, noise_gain, noise_std, resample, settling, zero_phase
+from gimbal_pin.signals import (
+    differentiate,
+    jumping_noise_std,
+    lowpass,
+    noise_gain,
+    noise_std,
+    resample,
+    settling,
+    zero_phase,
+)
 
 RATE = 500.0
 CUTOFF = st.floats(3, 80)
@@ -231,6 +240,17 @@ def test_noise_follows_the_unit_and_ignores_parabolas_and_jumps(seed: int, unit:
     np.testing.assert_allclose(noise_std(unit * (noise + parabola)), unit * plain, rtol=1e-6)
     jumping = noise + 1e3 * (np.arange(1000) > 500)[:, None]
     np.testing.assert_allclose(noise_std(jumping), plain, rtol=0.05)
+
+
+@settings(max_examples=20)
+@given(SEED, st.floats(0.003, 0.05), st.integers(12, 40))
+def test_jumps_of_a_torque_that_chatters_are_none_of_its_noise(seed: int, std: float, every: int) -> None:
+    """However often its sign changes; of a torque that does not chatter nothing is left out."""
+    noise = std * np.random.default_rng(seed).normal(size=(4000, 1))
+    chatter = np.where(np.arange(4000) // every % 2, 1.0, -1.0)[:, None]
+    np.testing.assert_allclose(jumping_noise_std(chatter + noise), std, rtol=0.1)
+    calm = np.sin(np.arange(4000) / 300)[:, None] + noise
+    np.testing.assert_array_equal(jumping_noise_std(calm), noise_std(calm))
 
 
 @pytest.mark.parametrize("cutoff", [5.0, 15.0, 45.0])

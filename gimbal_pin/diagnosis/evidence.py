@@ -105,11 +105,11 @@ class Part(NamedTuple):
         """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).
 
         What jumps with the command does so at each sample of the log: a torque that crosses the edge from one sample to
-        the next lies far from it once it is smoothed.
+        the next lies far from it once it is smoothed, and what a gap passes on hangs on when its sign changed.
         """
         if signal.abrupt and self.logged is not None and np.array_equal(torque, self.channels.tau[:, joint]):
             command = self.logged.tau[:, joint]
-            return torque - self.logged.smoothed(command - signal.acting(command, self.dt))
+            return torque - self.logged.smoothed(command - signal.acting(command, self.dt / self.logged.step))
         return signal.along(torque, self.dt, borne)
 
     def lost(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:

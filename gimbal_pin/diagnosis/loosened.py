@@ -1,4 +1,8 @@
-"""Looking for a gap with flanks that give, where much is left of a joint: too dear to try at every step of a search."""
+"""Looking for a gap with flanks that give, or a spring whose link swings far, where much is left of a joint.
+
+A link's motion is too dear to work out at every step of a search, and at the encoder's angle such a spring may show no
+more than by luck.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +10,39 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.diagnosis.contenders import ranked
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.search import polished
 from gimbal_pin.diagnosis.shapes import worth
 from gimbal_pin.diagnosis.state import State, left, solved
+from gimbal_pin.effects.geared import Geared
 from gimbal_pin.effects.loose import Loose
+from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.regressor import inertia
 
 PROMISING = 0.25
 """Share of what is left of the joint that the best of these must explain to be refined: they are far apart."""
 
 
-def loosened(state: State, joint: str, shelf: Library) -> State | None:
-    """The state that leaves least with a gap at a joint, in place of all there or beside it; None: no gap promises."""
+def loosened(state: State, joint: str, shelf: Library) -> list[State]:
+    """States with a gap or a spring at a joint, in place of all there or beside it, what leaves least first."""
     others = tuple(cause for cause in state.causes if cause.place != joint or not cause.of_joint)
-    beside = tuple(c for c in state.causes if not (isinstance(c, Loose) and c.joint == joint))
+    beside = tuple(c for c in state.causes if not (isinstance(c, Geared) and c.joint == joint))
     bases = [solved(state.problem, causes, state) for causes in dict.fromkeys((others, beside))]
     kinds = dict.fromkeys(type(cause) for cause in shelf.causes if isinstance(cause, Loose))
-    found = [one for base in bases for kind in kinds if (one := with_gap(base, joint, kind)) is not None]
-    return min(found, key=left, default=None)
+    found = [with_gap(base, joint, kind) for base in bases for kind in kinds]
+    found += [with_spring(base, joint, shelf) for base in bases]
+    return sorted((one for one in found if one is not None), key=left)
+
+
+def with_spring(base: State, joint: str, shelf: Library) -> State | None:
+    """A state with the spring at a joint that gains most at the encoder's angle, its link where it swings."""
+    springs = [c for c in shelf.causes if isinstance(c, Sprung) and c.springy and c.joint == joint]
+    rows = ranked(base, shelf.all_of(springs, base))
+    if not rows:
+        return None
+    best = rows[0][1].cause
+    return polished(solved(base.problem, (*base.causes, best), base), only=best)
 
 
 def with_gap(base: State, joint: str, kind: type[Loose]) -> State | None:

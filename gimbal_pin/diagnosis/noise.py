@@ -59,7 +59,7 @@ def floor(rig: Rig, log: Log, frequency: Array) -> Floor:
     acceleration = signals.noise_std(log.q)[:, None] ** 2 * w2**2
     if log.v is not None:
         acceleration = np.minimum(acceleration, signals.noise_std(log.v)[:, None] ** 2 * w2)
-    torque = signals.noise_std(tau)
+    torque = signals.jumping_noise_std(tau)
     # A log without any noise still has rounding: a ten-thousandth of the torque's own size.
     least = 1e-4 * np.maximum(np.std(tau, axis=0), 1e-9)
     power = np.maximum(torque, least)[:, None] ** 2 * np.ones_like(frequency)

@@ -37,7 +37,8 @@ def composed(first: State, shelf: Library) -> State:
 
     What enters first may be between two others, so that beside it neither is seen. Several causes at one joint may be
     one in a form that by itself gained no more than the first of them, and a base that leans about both of its axes may
-    gain less about either than what stands in for it. Where much is left still, a gap is looked for whose flanks give.
+    gain less about either than what stands in for it. Where much is left still, a gap is looked for whose flanks give,
+    and a spring whose link swings far.
     """
     state = swapped(forward(first, shelf), shelf)
     for joint in state.problem.evidence.rig.joints:
@@ -52,9 +53,9 @@ def composed(first: State, shelf: Library) -> State:
     for j in np.argsort(-state.fit.dispersion).tolist():
         if state.fit.dispersion[j] > MUCH:
             joint = state.problem.evidence.rig.joints[j]
-            start = loosened(state, joint, shelf)
-            if start is not None and clearer(start, state) and stands(start, joint):
-                state = swapped(forward(start, shelf), shelf)
+            found = (one for one in loosened(state, joint, shelf) if clearer(one, state) or plainer(one, state))
+            start = next((one for one in found if stands(one, joint)), None)
+            state = state if start is None else swapped(forward(start, shelf), shelf)
     return state
 
 
@@ -114,6 +115,11 @@ def clearer(new: State, old: State) -> bool:
     """Whether a state leaves so much less than another that it is worth the causes that it may have more."""
     more = max(len(new.causes) - len(old.causes), 1)
     return left(new) < left(old) - CLEARER * more
+
+
+def plainer(new: State, old: State) -> bool:
+    """Whether a state leaves less than another by fewer parameters."""
+    return left(new) < left(old) and sum(map(free, new.causes)) < sum(map(free, old.causes))
 
 
 def second(state: State, joint: str, shelf: Library) -> State | None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import copysign, nan, pi
 from typing import ClassVar
 
@@ -15,8 +15,12 @@ from gimbal_pin.effects.geared import ROTOR_SHARE
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne, Memory
+from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
+
+FINER = 16
+"""Widths within a factor of two that are tried where the search has found a gap: a twentieth apart."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +52,28 @@ class Backlash(Loose):
     experiment: ClassVar[str] = "reversals under low load, slow and fast"
     compensation: ClassVar[str] = "references that reverse rarely; lower gains, as the joint is loose within the gap"
 
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Backlash:
+        """As of any cause; flanks that give belong to a link that no encoder sees.
+
+        Raises:
+            UsageError: They are stated without the rotor's share: nothing would come of them.
+        """
+        made: Backlash = super().planted(joint, given)
+        if made.flank and not made.springy:
+            what = "flank is how a link rings that no encoder sees, and rotor_share is 0: the encoder sits on the link"
+            raise UsageError(cls.name, what, "give rotor_share as well, or leave out flank and damping")
+        return made
+
     @property
     def geared(self) -> bool:
         """The gap is behind the motor's bearing."""
         return True
+
+    @property
+    def abrupt(self) -> bool:
+        """With the encoder on the link it is the command alone that drives the rotor."""
+        return not self.rotor_share
 
     def beside(self, borne: Borne) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
@@ -106,6 +128,16 @@ class Backlash(Loose):
             for inertia in (1e-4, 1e-3, 1e-2)
             for share in (0.0, 0.25)
         )
+
+    def akin(self) -> tuple[Cause, ...]:
+        """Gaps up to twice and half as wide, with the encoder on the link.
+
+        Where the loop chatters in the gap, one a twentieth wider is open for other samples and gains no more than any.
+        """
+        if self.rotor_share:
+            return ()
+        widths = self.gap * 2.0 ** (np.arange(-FINER, FINER + 1) / FINER)
+        return tuple(replace(self, gap=gap) for gap in widths.tolist() if 0 < gap <= self.shapes[0].upper)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gap."""
