@@ -95,7 +95,5 @@ class AsymmetricFriction(Effect):
         dry, *viscous = (2 * value for value in values)
         rest = "".join(f" ({value:+.3g} N m per rad/s)" for value in viscous)
         way = "positive" if dry >= 0 else "negative"
-        more = f"{abs(dry):.3g} N m{rest} higher turning in the {way} direction"
-        return (
-            f"friction is up to {more}, half of that at {self.speed:.3g} rad/s" if self.speed else f"friction is {more}"
-        )
+        upto, half = ("up to ", f", half of that at {self.speed:.3g} rad/s") if self.speed else ("", "")
+        return f"friction is {upto}{abs(dry):.3g} N m{rest} higher turning in the {way} direction{half}"
