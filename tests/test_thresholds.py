@@ -27,7 +27,7 @@ from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import Sensors, simulate
 from tests.bench_logs import fourier
-from tests.test_forms import BAND
+from tests.test_forms import BAND, SEEN
 
 RIG = Rig.load("turret")
 DT = 2e-3
@@ -79,10 +79,10 @@ def test_a_threshold_is_found_from_an_edge_that_is_far_from_it(off: float) -> No
 
 def test_thresholds_are_tried_all_through_an_edge() -> None:
     zone, edge = DeadZone("pan", 0.1, whole=True), DeadZone("pan", 0.1, 6.0)
-    widths = np.array([one.width for one in edge.akin() if isinstance(one, DeadZone) and one.whole])
+    widths = np.array([one.width for one in edge.akin(SEEN) if isinstance(one, DeadZone) and one.whole])
     np.testing.assert_allclose(edge.passed(widths[[0, -1]]) / widths[[0, -1]], [0.2, 0.8])
     assert np.max(widths[1:] / widths[:-1]) <= APART * (1 + 1e-9)
-    assert not zone.akin() and not DeadZone("pan", 0.1).akin() and not Cogging("pan", (3.0,)).akin()
+    assert not any(one.akin(SEEN) for one in (zone, DeadZone("pan", 0.1), Cogging("pan", (3.0,))))
 
 
 def test_a_threshold_passes_nothing_or_all() -> None:

@@ -46,7 +46,9 @@ def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
 
 def otherwise(state: State, cause: Cause) -> tuple[Cause, ...]:
     """The other form of a cause that gains most where the search has found it, refined; none where it has none."""
-    best = max(cause.akin(), key=partial(worth, state), default=None)
+    evidence = state.problem.evidence
+    seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
+    best = max(cause.akin(seen), key=partial(worth, state), default=None)
     return () if best is None else (refined(state, best, NEAR),)
 
 

@@ -71,7 +71,7 @@ class Cause(ABC):
         """Return it with one shape parameter at another value, and with it what a fit would move along."""
         return replace(self, **{name: value})
 
-    def akin(self) -> tuple[Cause, ...]:
+    def akin(self, seen: Seen) -> tuple[Cause, ...]:
         """Return other forms of it to go on from where a search has found it: such as are too dear for a grid."""
         return ()
 

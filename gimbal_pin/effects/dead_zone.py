@@ -105,7 +105,7 @@ class DeadZone(Static):
         """About the edge of a threshold."""
         return np.asarray(self.whole & (np.abs(np.abs(command) - self.width) < error))
 
-    def akin(self) -> tuple[Cause, ...]:
+    def akin(self, seen: Seen) -> tuple[Cause, ...]:
         """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.
 
         On the grid one would have to be met within a few per cent.
