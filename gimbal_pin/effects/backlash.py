@@ -129,7 +129,7 @@ class Backlash(Loose):
             for share in (0.0, 0.25)
         )
 
-    def akin(self) -> tuple[Cause, ...]:
+    def akin(self, seen: Seen) -> tuple[Cause, ...]:
         """Gaps up to twice and half as wide, with the encoder on the link.
 
         Where the loop chatters in the gap, one a twentieth wider is open for other samples and gains no more than any.
