@@ -200,9 +200,10 @@ def test_products_along_axes_that_the_joint_is_turned_from_are_one_cause() -> No
     """In the joint's frame they are moments, too, which a second cause would have to make up for."""
     rig = Rig.load("handheld")
     turned = replace(rig, config=replace(rig.config, inertia="trusted"))
-    planted = OffDiagonalInertia("tilt", Ixy=0.0008, Ixz=0.0006, Iyz=-0.0007, principal=True)
-    found = diagnosed(turned, recorded(plant_with(nominal(turned), [planted]).plant, 6), "trusted")
-    assert [(one.cause, one.joint) for one in found.findings] == [(planted.name, "tilt")]
+    text = "off-diagonal-inertia:tilt:Ixy=0.0008,Ixz=0.0006,Iyz=-0.0007,principal=1"
+    planted = parse_effect(text, turned)
+    found = diagnosed(turned, recorded(plant(turned, text), 6), "trusted")
+    assert [(one.cause, one.joint) for one in found.findings] == [("off-diagonal-inertia", "tilt")]
     for parameter in found.findings[0].parameters:
         assert parameter.value == pytest.approx(getattr(planted, parameter.name), abs=4 * parameter.std)
 

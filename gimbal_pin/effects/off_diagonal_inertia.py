@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,6 +13,10 @@ from gimbal_pin.effects.rig_effect import RigEffect, with_added
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import PHI, Rig
+
+PRINCIPAL = Parameter(
+    "principal", 0.0, "1", 0.0, 1.0, meaning="1: along the link's principal axes as its URDF has them; 0: the joint's"
+)
 
 
 @dataclass(frozen=True)
@@ -40,13 +44,21 @@ class OffDiagonalInertia(RigEffect):
     name: ClassVar[str] = "off-diagonal-inertia"
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(
-            symbol, 0.0, "kg m^2", -10.0, 10.0, meaning="product of inertia beside the URDF's, in the joint's frame"
-        )
+        Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0, meaning="product of inertia beside the URDF's")
         for symbol in ("Ixy", "Ixz", "Iyz")
     )
     experiment: ClassVar[str] = "fast motion of all axes at once: products of inertia couple them"
     compensation: ClassVar[str] = "the controller uses the identified model with full inertias"
+
+    @classmethod
+    def stated(cls) -> tuple[Parameter, ...]:
+        """With the axes, which are chosen and not measured."""
+        return (*cls.shapes, PRINCIPAL)
+
+    @classmethod
+    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
+        """Along the one axes or the other."""
+        return replace(super().planted(joint, given), principal=bool(given["principal"]))
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
