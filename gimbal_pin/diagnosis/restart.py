@@ -53,7 +53,7 @@ def composed(first: State, shelf: Library) -> State:
     for j in np.argsort(-state.fit.dispersion).tolist():
         if state.fit.dispersion[j] > MUCH:
             joint = state.problem.evidence.rig.joints[j]
-            found = (one for one in loosened(state, joint, shelf) if clearer(one, state) or plainer(one, state))
+            found = (one for one in loosened(state, joint, shelf) if clearer(one, state) or sparser(one, state))
             start = next((one for one in found if stands(one, joint)), None)
             state = state if start is None else swapped(forward(start, shelf), shelf)
     return state
@@ -117,7 +117,7 @@ def clearer(new: State, old: State) -> bool:
     return left(new) < left(old) - CLEARER * more
 
 
-def plainer(new: State, old: State) -> bool:
+def sparser(new: State, old: State) -> bool:
     """Whether a state leaves less than another by fewer parameters."""
     return left(new) < left(old) and sum(map(free, new.causes)) < sum(map(free, old.causes))
 
