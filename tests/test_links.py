@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.linked import linked
 from gimbal_pin.diagnosis.links import axes, moved, swung
 from gimbal_pin.diagnosis.loosened import loosened
-from gimbal_pin.diagnosis.restart import plainer
+from gimbal_pin.diagnosis.restart import sparser
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.torque_ripple import TorqueRipple
@@ -189,7 +189,7 @@ def test_a_spring_that_hardens_is_looked_for_where_others_stand_for_it() -> None
     alone = next(one for one in loosened(false, joint, shelf) if len(one.causes) == 1)
     (spring,) = alone.causes
     assert isinstance(spring, JointFlexibility) and spring.hardening == pytest.approx(HARD, rel=0.1)
-    assert np.max(alone.fit.dispersion) < 2.0 and plainer(alone, false)
+    assert np.max(alone.fit.dispersion) < 2.0 and sparser(alone, false)
 
 
 def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
