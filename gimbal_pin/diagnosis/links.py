@@ -69,7 +69,10 @@ def swing(rig: Rig, part: Part, spring: Sprung, even: Sprung, own: float, free: 
         if spring.hardening:
             push += stiff * x.q - k * x.q * (1 + spring.grown(k * x.q))
             less = stiff - spring.slope(k * x.q) * k
-            push += less * followed(part, even, less / stiff, given(push).q - x.q)
+            way = followed(part, even, less / stiff, given(push).q - x.q)
+            if not np.max(np.abs(way)) < FARTHEST:
+                return None
+            push += less * way
         before, x = x, given(push)
         if not np.max(np.abs(x.q)) < FARTHEST:
             return None
