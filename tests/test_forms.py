@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.shapes import measure, moved, refined, shape_names, worth
 from gimbal_pin.diagnosis.state import Problem, State, consistent, sized, solved, without
+from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
@@ -112,6 +113,13 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     assert contenders(found, Library(found.problem, grid))[0][1] == second
     assert not [one for one in Library(found.problem, grid).columns(without(found, tooth)) if one.cause == second]
     assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
+
+
+@pytest.mark.parametrize("band", [5.0, 12.0, 30.0, 60.0, 200.0, 600.0])
+@pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not kind.of_given_model))
+def test_whatever_band_is_asked_for_no_cause_is_tried_beyond_its_bounds(name: str, band: float) -> None:
+    """A cause outside its bounds is refused with figures that nobody gave."""
+    assert all(cause.name == name for cause in CAUSES[name].tried("pan", SEEN._replace(band=band)))
 
 
 @pytest.mark.parametrize("peak", [1.2, 4.0, 40.0])

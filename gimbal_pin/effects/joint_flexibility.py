@@ -151,9 +151,10 @@ class JointFlexibility(Sprung):
         Of a resonance far above the band only the zero shows.
         """
         rungs = [cls(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
+        highest = cls.shapes[0].upper * sqrt(SHARE)
         zeros = [
-            *ladder(1.0, WITHIN * seen.band, 15, cls.shapes[0]),
-            *ladder(1.5 * seen.band, 5 * seen.band, 4, cls.shapes[0]),
+            *ladder(1.0, min(WITHIN * seen.band, highest), 15, cls.shapes[0]),
+            *ladder(1.5 * seen.band, min(5 * seen.band, highest), 4, cls.shapes[0]),
         ]
         behind = [cls(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
         return (*rungs, *behind)
