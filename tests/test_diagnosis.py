@@ -11,6 +11,7 @@ import pytest
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
+from gimbal_pin.diagnosis.diagnose import unjudged
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
@@ -65,6 +66,14 @@ def clean(rig: Rig, motion: Motion) -> Log:
 @pytest.fixture(scope="module")
 def evidence(rig: Rig, clean: Log) -> Evidence:
     return gather(rig, [clean], BAND, {clean.name: 0.0})
+
+
+def test_a_joint_of_which_the_held_out_part_shows_nothing_is_told(evidence: Evidence) -> None:
+    """Where no sample counts an error of zero is none."""
+    first = np.arange(len(evidence.rig.joints)) == 0
+    shut = replace(evidence, parts=[part._replace(gate=np.where(first, 0.0, part.gate)) for part in evidence.parts])
+    assert not unjudged(evidence)
+    assert [line.split(":")[0] for line in unjudged(shut)] == [evidence.rig.joints[0]]
 
 
 def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig) -> None:

@@ -99,6 +99,7 @@ def diagnose(
     if test:
         found = found._replace(residual=surprising(found.residual, found.final, held))
     said = reported(found, held, audits, alignment(logs[0], filtering), rng)
+    said = replace(said, notes=(*said.notes, *unjudged(held)))
     moving = ridden(found.final, held, train, test, filtering)
     said = said if moving is None else with_motion(said, moving)
     delays = [c for c in found.shelf.causes if wanders(c)]
@@ -107,6 +108,13 @@ def diagnose(
     quiet = [joint for joint, one in said.residual.items() if one.state == "noise" and sound]
     said = replace(said, timing=timing(found.final, train, filtering, origins, delays, found.limit, quiet, rng))
     return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
+
+
+def unjudged(held: Evidence) -> list[str]:
+    """Say of which joints the held-out part shows nothing, so that no error there is one."""
+    dumb = [joint for joint, used in zip(held.rig.joints, held.used()) if used < LIVELY]
+    what = "in the held-out part hardly a sample tells its direction: its errors before and after say nothing"
+    return [f"{', '.join(dumb)}: {what}, and nothing of it is confirmed; give another --holdout"] if dumb else []
 
 
 def check_moved(evidence: Evidence, name: str) -> None:
