@@ -16,11 +16,11 @@ from tests.test_forms import ALIGNED, gather
 RIG = Rig.load("turret")
 
 
-def first(*terms: Term, rig: Rig = RIG) -> State:
-    """The refitted model without any cause, on a log of these terms on a rig."""
-    motion = fourier(RIG, 3, 14.0, 2e-3)
-    tau = Model(rig, (*nominal(RIG).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
+def first(*terms: Term, rig: Rig | None = None, given: Rig = RIG) -> State:
+    """The refitted model without any cause, on a log of these terms on a rig, which may be another than the given."""
+    motion = fourier(given, 3, 14.0, 2e-3)
+    tau = Model(rig or given, (*nominal(given).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
     tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
-    log = Log("whole", RIG.joints, motion.t, motion.q, motion.v, tau)
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
+    log = Log("whole", given.joints, motion.t, motion.q, motion.v, tau)
+    problem = Problem.of(gather(given, [log], ALIGNED, {log.name: 0.0}), reduce(given))
     return solved(problem, (), solved(problem, ()))

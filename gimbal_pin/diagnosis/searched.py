@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis import leftover, verdict
 from gimbal_pin.diagnosis.contenders import untaken
 from gimbal_pin.diagnosis.finding import Slight
 from gimbal_pin.diagnosis.flips import flipped
+from gimbal_pin.diagnosis.gains import attributed
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.plainer import plainer
@@ -78,7 +79,7 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
     limit = float(np.quantile(null, ERROR_RATE))
     left, small = pruned(state, limit, verdict.material)
     state = regrown(state, left, shelf, limit, verdict.material)
-    state = plainer(reconsidered(polished(state, step=FINE), shelf))
+    state = attributed(plainer(reconsidered(polished(state, step=FINE), shelf)))
     final = believed(first, state)
     if swings(state, final):
         final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))
