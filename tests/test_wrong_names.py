@@ -455,6 +455,17 @@ def test_a_function_of_the_angle_leaves_nothing_but_noise(swing: float) -> None:
     assert outlines(first, state, state, {"yaw"}) == [], "noise may be as loud as it likes"
 
 
+def test_a_ripple_of_fewer_periods_than_a_commutation_makes_leaves_noise() -> None:
+    """Once or twice a turn a rotor, or an encoder, runs off its centre, and whatever has to do with the angle does."""
+    rig = Rig.load("thesis")
+    log, slow, fast = recorded(rig), TorqueRipple("tilt", (1.0, 5.0)), TorqueRipple("tilt", (1.0, 6.0))
+    first = fitted(rig, log)
+    for cause in (slow, fast):
+        state = fitted(rig, log, cause)
+        assert outlines(first, state, state, {"tilt"}) == ([cause] if cause is slow else [])
+        assert outlines(first, state, state, set()) == []
+
+
 def test_an_encoder_before_a_gap_reads_half_of_it_off() -> None:
     """As long as the link lies on one flank; and no gap is twice as wide as some offsets."""
     rig = Rig.load("thesis")

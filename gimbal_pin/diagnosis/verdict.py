@@ -259,10 +259,13 @@ def too_much(cause: Cause, before: Array, after: Array) -> bool:
 def sketches(first: State, state: State, cause: Cause) -> bool:
     """Whether a function of the angle leaves much of its joint's torque, which should then be like noise.
 
-    Harmonics, and springs, take their share of whatever has to do with the angle, as all of a motion has.
+    Harmonics, and springs, take their share of whatever has to do with the angle, as all of a motion has. Those of so
+    few periods a turn that nothing of a motor makes them leave none at all.
     """
     if not (isinstance(cause, Harmonic) or (isinstance(cause, Effect) and cause.restoring)):
         return False
+    if isinstance(cause, Harmonic) and max(cause.harmonic) < cause.every:
+        return True
     j = state.problem.evidence.rig.joint_index(cause.joint)
     before, after = float(first.fit.dispersion[j]), float(steady(state)[j])
     return after > MUCH and after - 1 > (1 - DRAWN) * (before - 1)
