@@ -138,10 +138,10 @@ class Fitted:
         return max(1.0, self.cost / max(len(self.response) - self.freedom, 1))
 
     def std(self, kind: Kind) -> Array:
-        """Standard deviations of a kind's figures, (p,); nan where nothing is shown."""
+        """Standard deviations of a kind's figures, (p,), by what the fit leaves; nan where nothing is shown."""
         i = self.kinds.index(kind)
         first = sum(len(x) for x in self.values[:i])
-        power = np.diag(self.covariance)[first : first + len(self.values[i])]
+        power = self.excess * np.diag(self.covariance)[first : first + len(self.values[i])]
         return np.where(power > 0, np.sqrt(np.maximum(power, 0.0)), np.nan)
 
 

@@ -18,7 +18,7 @@ from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
 WEIGHT = 0.03
-"""Weight to start from, as a share of the payload's mass: a fit that goes by first moments gets from it to any other."""
+"""Weight to start from, as a share of the payload's mass: a fit that goes by first moments gets to any from there."""
 INSIDE = 0.2
 """Radii of gyration of the payload within which nothing can be bolted on."""
 
@@ -74,7 +74,7 @@ class PayloadMass(RigEffect):
 
     @classmethod
     def stepped(cls, values: Array, step: Array) -> Array:
-        """``p + dp m / (m + dm)``: what changes evenly is the weight's first moment m p, which shows far better than m."""
+        """``p + dp m / (m + dm)``: what changes evenly is the weight's first moment m p, which shows best."""
         after = float(values[0] + step[0])
         return values + step * np.array([1.0, *[values[0] / after if after else 0.0] * 3])
 
