@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ NEXT = 1e-6
 PASSES = 30
 PARTS = (1.0, 0.5, 0.2, 0.05)
 """Parts of a step that are tried: far from where they were taken its slopes point too far."""
-GAINED = 1e-3
+GAINED = 1e-4
 """Share of what is left; a pass that gains less is the last."""
 STARTS = 3
 """Profiled sizes, those that leave least, from which a size is freed."""
@@ -67,6 +68,10 @@ class Kind(NamedTuple):
         inside = {s.name: float(np.clip(x, s.lower, s.upper)) for x, s in zip(values, self.free)}
         place = {"joint": self.joint} if self.of.of_joint else {}
         return self.of(**place, **inside, **dict(self.fixed))
+
+    def stepped(self, values: Array, step: Array) -> Array:
+        """Figures after a step of a fit, (p,)."""
+        return values + step if self.fixed else self.of.stepped(values, step)
 
     def freed(self, values: Array) -> tuple[Kind, Array]:
         """Return it with nothing held fixed, and all its figures, (p,), from those that were free."""
@@ -105,6 +110,19 @@ class Fitted:
         """Return a kind with its fitted figures."""
         return kind.at(self.values[self.kinds.index(kind)].tolist())
 
+    def begun(self, kinds: Sequence[Kind]) -> list[Array]:
+        """Where a fit of some kinds begins: at the figures that this one has of them."""
+        return [self.values[self.kinds.index(kind)] if kind in self.kinds else kind.start for kind in kinds]
+
+    def plausible(self, rig: Rig) -> bool:
+        """Whether a rig could be so."""
+        return all(kind.at(x.tolist()).plausible(rig) for kind, x in zip(self.kinds, self.values))
+
+    @property
+    def profiled(self) -> bool:
+        """Whether a size is held where it was profiled."""
+        return any(kind.profiled for kind in self.kinds)
+
     @property
     def worth(self) -> tuple[float, int]:
         """What is left and what its parameters gain by luck; of equal ones, the simplest first."""
@@ -120,10 +138,10 @@ class Fitted:
         return max(1.0, self.cost / max(len(self.response) - self.freedom, 1))
 
     def std(self, kind: Kind) -> Array:
-        """Standard deviations of a kind's figures, (p,); nan where nothing is shown."""
+        """Standard deviations of a kind's figures, (p,), by what the fit leaves; nan where nothing is shown."""
         i = self.kinds.index(kind)
         first = sum(len(x) for x in self.values[:i])
-        power = np.diag(self.covariance)[first : first + len(self.values[i])]
+        power = self.excess * np.diag(self.covariance)[first : first + len(self.values[i])]
         return np.where(power > 0, np.sqrt(np.maximum(power, 0.0)), np.nan)
 
 
@@ -143,9 +161,14 @@ class Bodies:
         return {}
 
     @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Poses that show all, with speeds and accelerations."""
+        return samples(self.found.rig)
+
+    @cached_property
     def inverse(self) -> tuple[Array, Array, Array]:
         """Base columns over poses that show all, (m, b), their pseudo-inverse, and the given rig's torque, (m,)."""
-        rig, motion = self.found.rig, samples(self.found.rig)
+        rig, motion = self.found.rig, self.motion
         places = columns_of(rig, self.found.reduction)
         columns = regressor(rig, *motion)[:, :, places].reshape(-1, len(places))
         return columns, np.linalg.pinv(columns), rnea(rig, *motion).ravel()
@@ -155,7 +178,7 @@ class Bodies:
         if moves_alike(self.found.rig, rig):
             return self.found.responses @ (rig.phi - self.found.rig.phi), 0.0
         columns, inverse, before = self.inverse
-        torque = rnea(rig, *samples(rig)).ravel() - before
+        torque = rnea(rig, *self.motion).ravel() - before
         change = inverse @ torque
         return change, float(np.linalg.norm(torque - columns @ change) / max(float(np.linalg.norm(torque)), 1e-300))
 
@@ -200,10 +223,8 @@ class Bodies:
         """Sum of squares of a whitened change, over the inflation."""
         return float(np.sum((self.found.whitener @ left) ** 2)) / self.found.inflation
 
-    def fitted(
-        self, kinds: Sequence[Kind], start: Sequence[Array] | None = None, plausible: bool = True
-    ) -> Fitted | None:
-        """Fit kinds together by Gauss and Newton; None where no body allows what they need, or none is `plausible`."""
+    def fitted(self, kinds: Sequence[Kind], start: Sequence[Array] | None = None) -> Fitted | None:
+        """Fit kinds together by Gauss and Newton; None where no body allows what they need."""
         found = self.found
         values = [kind.start for kind in kinds] if start is None else list(start)
         response = self.made(kinds, values)
@@ -220,8 +241,6 @@ class Bodies:
             before, cost = cost, self.cost(found.change - response)
             if before - cost < GAINED * max(1.0, cost):
                 break
-        if plausible and not all(kind.at(x.tolist()).plausible(found.rig) for kind, x in zip(kinds, values)):
-            return None
         gain, freedom = self.solver(self.slopes_at(kinds, values))
         freedom += sum(kind.profiled for kind in kinds)
         return Fitted(tuple(kinds), tuple(values), gain @ found.covariance @ gain.T, response, cost, freedom)
@@ -259,23 +278,38 @@ class Bodies:
     ) -> tuple[list[Array], Array] | None:
         """Go a step, or a part of it, to where less is left; None where no part leaves less."""
         for part in PARTS:
-            new = [x + part * dx for x, dx in zip(values, step)]
+            new = [kind.stepped(x, part * dx) for kind, x, dx in zip(kinds, values, step)]
             response = self.made(kinds, new)
             if response is not None and self.cost(self.found.change - response) < cost:
                 return new, response
         return None
 
-    def best(self, rest: Sequence[Kind], kinds: Sequence[Kind], plausible: bool = True) -> Fitted | None:
-        """Fit one of some forms of a cause beside others, the form that leaves least, a profiled size freed."""
-        found = [one for kind in kinds if (one := self.fitted([*rest, kind], plausible=plausible)) is not None]
-        profiled = sorted((one for one in found if one.kinds[-1].profiled), key=lambda one: one.cost)[:STARTS]
-        freed = [one for fit in profiled if (one := self.freed(fit, plausible)) is not None]
-        return min([*found, *freed], key=lambda one: one.worth, default=None)
+    def best(
+        self, rest: Sequence[Kind], kinds: Sequence[Kind], plausible: bool = True, known: Fitted | None = None
+    ) -> Fitted | None:
+        """Fit one of some forms of a cause beside others, the form that leaves least, all profiled sizes freed.
 
-    def freed(self, fit: Fitted, plausible: bool) -> Fitted | None:
-        """Fit again with the last kind's profiled size free."""
-        kind, values = fit.kinds[-1].freed(fit.values[-1])
-        return self.fitted([*fit.kinds[:-1], kind], [*fit.values[:-1], values], plausible)
+        The others begin afresh, and where a `known` fit has them: either may end where no step leaves less. What is not
+        `plausible` with a size held may be with that free.
+        """
+        begun = [] if known is None or not rest else [(tuple(rest), known.begun(rest))]
+        afresh = [(own, [kind.start for kind in own]) for own in product(*map(self.anew, rest))]
+        fits = [self.fitted([*own, kind], [*at, kind.start]) for own, at in begun + afresh for kind in kinds]
+        found = [one for one in fits if one is not None]
+        profiled = sorted((one for one in found if one.profiled), key=lambda one: one.cost)[:STARTS]
+        freed = [one for fit in profiled if (one := self.freed(fit)) is not None]
+        likely = [one for one in [*found, *freed] if not plausible or one.plausible(self.found.rig)]
+        return min(likely, key=lambda one: one.worth, default=None)
+
+    def anew(self, kind: Kind) -> list[Kind]:
+        """The forms of all sizes that are profiled, if a kind is in one of them or was freed; else itself."""
+        forms = [kind._replace(fixed=tuple(held.items())) for held in kind.of.forms(self.found.rig)]
+        return [form for form in forms if form.profiled and (kind.profiled or not kind.fixed)] or [kind]
+
+    def freed(self, fit: Fitted) -> Fitted | None:
+        """Fit again with all profiled sizes free."""
+        free = [kind.freed(x) if kind.profiled else (kind, x) for kind, x in zip(fit.kinds, fit.values)]
+        return self.fitted([kind for kind, _ in free], [x for _, x in free])
 
     def solver(self, slopes: Sequence[Slope]) -> tuple[Array, int]:
         """Weighted pseudo-inverse over the directions that are shown, (p, b), and how many there are."""

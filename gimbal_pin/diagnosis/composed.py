@@ -51,7 +51,9 @@ def explaining(bodies: Bodies, fits: Sequence[Fitted], tried: Sequence[Sequence[
     best = fewest(fits, len(tried))
     if best is None:
         return None
-    best, freedom = reformed(bodies, simpler(bodies, best, tried), tried), len(bodies.found.change)
+    first, freedom = swapped(bodies, best, tried), len(bodies.found.change)
+    less = simpler(bodies, first, tried)
+    best = less if less is first else swapped(bodies, less, tried)
     left, whole = best.cost - freedom, bodies.nothing().cost - freedom
     return None if left > UNEXPLAINED * max(whole, 0.0) else best
 
@@ -70,7 +72,8 @@ def together(bodies: Bodies, none: Fitted, tried: Sequence[Sequence[Kind]]) -> l
 
 def entering(bodies: Bodies, now: Fitted, tried: Sequence[Sequence[Kind]], most: float = ENTER) -> list[Fitted]:
     """Fits with one cause more that is worth its parameters, by a chance under `most`, the best first."""
-    others = [bodies.best(now.kinds, forms) for forms in tried if not any(same(forms[0], kind) for kind in now.kinds)]
+    new = [forms for forms in tried if not any(same(forms[0], kind) for kind in now.kinds)]
+    others = [bodies.best(now.kinds, forms, known=now) for forms in new]
     worth = [one for one in others if one is not None and chance(now, one) * len(tried) < most]
     return sorted(worth, key=lambda one: one.worth)
 
@@ -100,18 +103,22 @@ def simpler(bodies: Bodies, best: Fitted, tried: Sequence[Sequence[Kind]]) -> Fi
     for k in range(len(best.kinds) if len(best.kinds) > 1 else 0):
         rest = [*best.kinds[:k], *best.kinds[k + 1 :]]
         others = [([one for one in rest if one is not kind], forms) for kind in rest for forms in tried_as(kind, tried)]
-        fits = [bodies.best(kept, forms, plausible=False) for kept, forms in others]
+        fits = [bodies.best(kept, forms, plausible=False, known=best) for kept, forms in others]
         less = min((fit for fit in fits if fit is not None), key=lambda fit: fit.worth, default=None)
         if less is not None and chance(less, best) * len(tried) >= ENTER:
             return less
     return best
 
 
-def reformed(bodies: Bodies, best: Fitted, tried: Sequence[Sequence[Kind]]) -> Fitted:
-    """The fit with each of several causes in the form that leaves least beside the others, which it entered without."""
+def swapped(bodies: Bodies, best: Fitted, tried: Sequence[Sequence[Kind]]) -> Fitted:
+    """The fit with each of several causes in the form that leaves least beside the others, or another in its place.
+
+    Which one entered first was chosen where it stood for what the others do, too.
+    """
     for kind in best.kinds if len(best.kinds) > 1 else ():
         rest = [other for other in best.kinds if other != kind]
-        fits = [bodies.best(rest, forms) for forms in tried_as(kind, tried)]
+        free = [forms for forms in tried if not any(same(forms[0], other) for other in rest)]
+        fits = [bodies.best(rest, forms, known=best) for forms in free]
         best = min([best, *(fit for fit in fits if fit is not None)], key=lambda fit: fit.worth)
     return best
 

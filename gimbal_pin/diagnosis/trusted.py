@@ -100,7 +100,7 @@ def shares(state: State, bodies: Bodies, fitted: Fitted, kind: Kind) -> Array:
 def outright(case: Case, kind: Kind) -> bool:
     """Whether a cause takes up what the others leave beyond what it would of an error of their forms."""
     rest = [other for other in case.fitted.kinds if other != kind]
-    less = case.bodies.fitted(rest, plausible=False)
+    less = case.bodies.fitted(rest, case.fitted.begun(rest))
     return less is not None and by_form(less, case.fitted) * len(case.tried) < ENTER
 
 
@@ -109,7 +109,7 @@ def finding(case: Case, kind: Kind, size: Array) -> Finding:
     fitted, rest = case.fitted, [other for other in case.fitted.kinds if other != kind]
     joints = case.held.rig.joints
     at = kind.joint if kind.of.of_joint else joints[int(np.argmax(size))]
-    less = case.bodies.fitted(rest) if rest else case.bodies.nothing()
+    less = case.bodies.fitted(rest, fitted.begun(rest)) if rest else case.bodies.nothing()
     rivals = rivals_of(case, kind, rest)
     gain = gains(case, kind, joints.index(at))
     alike = (kind.of.name, *(rival.cause for rival in rivals if rival.z < APART))
@@ -168,7 +168,8 @@ def instead(case: Case, kind: Kind, rest: Sequence[Kind], forms: Sequence[Kind])
     others = [one for one in rest if not same(forms[0], one)]
     plain = next(own for own in case.tried if same(own[0], kind))[0]
     beside = [plain] if len(others) == len(rest) and len(kind.free) > len(plain.free) else []
-    fits = [case.bodies.best(others, forms), *(case.bodies.best([*others, one], forms) for one in beside)]
+    kept = [others, *([*others, one] for one in beside)]
+    fits = [case.bodies.best(each, forms, known=case.fitted) for each in kept]
     return [one for one in fits if one is not None]
 
 

@@ -3,75 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import permutations
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from gimbal_pin.effects.rig_effect import RigEffect, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
+from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import PHI, Rig
 
-PRINCIPAL = Parameter(
-    "principal", 0.0, "1", 0.0, 1.0, meaning="1: along the link's principal axes as its URDF has them; 0: the joint's"
-)
+LINK = ("Ixy", "Ixz", "Iyz")
+"""Products of the link itself."""
+PAYLOAD = ("payload_Ixy", "payload_Ixz", "payload_Iyz")
+"""Products of the payload that it carries."""
 
 
 @dataclass(frozen=True)
 class OffDiagonalInertia(RigEffect):
-    """``I + R [[0, Ixy, Ixz], [Ixy, 0, Iyz], [Ixz, Iyz, 0]] Rᵀ``: products of inertia beside those of a link, kg m².
+    """``I + P + R P' Rᵀ``, ``P = [[0, Ixy, Ixz], [Ixy, 0, Iyz], [Ixz, Iyz, 0]]``: products beside those of a link.
 
-    The thesis assumes diagonal inertias; a camera with a matte box on one side has none. R is one, or turns to the
-    axes about which the link as it is has no products: to first order only these turn then, and no moment changes
-    about any of them. In another frame the same products are moments, too.
+    The thesis assumes diagonal inertias; a camera with a matte box on one side has none. A URDF states each link's in
+    its own frame: P is the moving link's, in the joint's frame, P' that of the payload it carries, in the frame R in
+    which that is mounted. Seen from the joint a turned payload's products are moments, too.
 
     Attributes:
         joint: The joint that moves the link.
-        Ixy: In the joint's frame, or along the principal axes that are nearest to its own; like the other two.
+        Ixy: Of the link, kg m².
         Ixz: See above.
         Iyz: See above.
-        principal: True for the principal axes.
+        payload_Ixy: Of the payload, kg m²; none at a joint that carries none.
+        payload_Ixz: See above.
+        payload_Iyz: See above.
     """
 
     joint: str
     Ixy: float = 0.0
     Ixz: float = 0.0
     Iyz: float = 0.0
-    principal: bool = False
+    payload_Ixy: float = 0.0
+    payload_Ixz: float = 0.0
+    payload_Iyz: float = 0.0
 
     name: ClassVar[str] = "off-diagonal-inertia"
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0, meaning="product of inertia beside the URDF's")
-        for symbol in ("Ixy", "Ixz", "Iyz")
+        Parameter(symbol, 0.0, "kg m^2", -10.0, 10.0, meaning=f"product of inertia beside the URDF's, of {whose}")
+        for symbols, whose in ((LINK, "the link, in the joint's frame"), (PAYLOAD, "the payload, in its own frame"))
+        for symbol in symbols
     )
     experiment: ClassVar[str] = "fast motion of all axes at once: products of inertia couple them"
     compensation: ClassVar[str] = "the controller uses the identified model with full inertias"
 
-    @classmethod
-    def stated(cls) -> tuple[Parameter, ...]:
-        """With the axes, which are chosen and not measured."""
-        return (*cls.shapes, PRINCIPAL)
-
-    @classmethod
-    def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
-        """Along the one axes or the other."""
-        return replace(super().planted(joint, given), principal=bool(given["principal"]))
+    def shown(self, values: Sequence[float] = (), covariance: Array | None = None) -> tuple[Parameter, ...]:
+        """Those of the payload only where it has any: most joints carry none."""
+        every = super().shown(values, covariance)
+        return every if any(getattr(self, name) for name in PAYLOAD) else every[: len(LINK)]
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
-        """Along the joint's axes, and along the principal ones."""
-        return {"principal": False}, {"principal": True}
+        """Of the link, of its payload, or of both."""
+        return dict.fromkeys(PAYLOAD, 0.0), dict.fromkeys(LINK, 0.0), {}
 
     def apply(self, rig: Rig) -> Rig:
-        """Add them to the link's parameters."""
-        body = rig.joint_index(self.joint)
-        added = np.array([[0.0, self.Ixy, self.Ixz], [self.Ixy, 0.0, self.Iyz], [self.Ixz, self.Iyz, 0.0]])
-        if self.principal:
-            axes = principal_axes(rig.model.inertias[body + 1].inertia)
-            added = axes @ added @ axes.T
+        """Add them to the link's parameters.
+
+        Raises:
+            UsageError: The joint carries no payload, or no body can have such products.
+        """
+        body, added = rig.joint_index(self.joint), symmetric(self.Ixy, self.Ixz, self.Iyz)
+        if self.payload_Ixy or self.payload_Ixz or self.payload_Iyz:
+            carrier, _, frame = payload(rig)
+            if carrier != body:
+                what = f"{self.joint} does not carry the payload, {rig.joints[carrier]} does"
+                raise UsageError(self.name, what, f"give {', '.join(LINK)}")
+            turned = symmetric(self.payload_Ixy, self.payload_Ixz, self.payload_Iyz)
+            added = added + frame.rotation @ turned @ frame.rotation.T
         phi = np.zeros(10)
         for row, first in enumerate("xyz"):
             for column, second in enumerate("xyz"[row:], row):
@@ -80,14 +88,11 @@ class OffDiagonalInertia(RigEffect):
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the products."""
-        held = {shape.name: getattr(self, shape.name) for shape in self.shapes}
-        parts = ", ".join(f"{name} {value:+.3g}" for name, value in held.items() if value)
-        axes = " along its principal axes" if self.principal else ""
-        return f"its link has products of inertia that the model leaves out{axes} ({parts or 'none'} kg m^2)"
+        parts = [f"{name} {getattr(self, name):+.3g}" for name in (*LINK, *PAYLOAD) if getattr(self, name)]
+        whose = "its link has" if any(getattr(self, name) for name in LINK) or not parts else "the payload has"
+        return f"{whose} products of inertia that the model leaves out ({', '.join(parts) or 'none'} kg m^2)"
 
 
-def principal_axes(inertia: Array) -> Array:
-    """Principal axes of a moment of inertia, columns of (3, 3), each in the place of the frame's axis nearest to it."""
-    axes = np.linalg.eigh(inertia).eigenvectors
-    nearest = axes[:, max(permutations(range(3)), key=lambda order: float(np.abs(axes[range(3), order]).sum()))]
-    return np.asarray(nearest * np.where(np.diag(nearest) < 0, -1.0, 1.0))
+def symmetric(xy: float, xz: float, yz: float) -> Array:
+    """A matrix of products of inertia, (3, 3)."""
+    return np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])

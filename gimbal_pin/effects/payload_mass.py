@@ -13,11 +13,12 @@ import pinocchio as pin
 from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import RigEffect, payload, placed, with_added
 from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
-WEIGHTS = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Weights to start from, as shares of the payload's mass."""
+WEIGHT = 0.03
+"""Weight to start from, as a share of the payload's mass: a fit that goes by first moments gets to any from there."""
 INSIDE = 0.2
 """Radii of gyration of the payload within which nothing can be bolted on."""
 
@@ -61,15 +62,21 @@ class PayloadMass(RigEffect):
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
-        """Spread over the payload, or bolted on: a weight of each of some sizes, wherever it may be."""
+        """Spread over the payload, or bolted on, wherever that may be, or gone from there."""
         try:
             _, inertia, _ = payload(rig)
         except UsageError:
             return ()
         return (
             {"x": 0.0, "y": 0.0, "z": 0.0},
-            *({"extra": s * inertia.mass} for share in WEIGHTS for s in (share, -share)),
+            *({"extra": share * inertia.mass} for share in (WEIGHT, -WEIGHT)),
         )
+
+    @classmethod
+    def stepped(cls, values: Array, step: Array) -> Array:
+        """``p + dp m / (m + dm)``: what changes evenly is the weight's first moment m p, which shows best."""
+        after = float(values[0] + step[0])
+        return values + step * np.array([1.0, *[values[0] / after if after else 0.0] * 3])
 
     def plausible(self, rig: Rig) -> bool:
         """Whether the weight is far enough from the centre to be on the payload and not inside."""

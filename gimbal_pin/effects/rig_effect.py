@@ -39,6 +39,11 @@ class RigEffect(Cause):
         """Return what is held fixed in each of the forms in which it may be looked for in a rig's bodies."""
         return ({},)
 
+    @classmethod
+    def stepped(cls, values: Array, step: Array) -> Array:
+        """Return the shape parameters after a step of a fit, (p,), along which a rig's bodies change evenly."""
+        return values + step
+
     def plausible(self, rig: Rig) -> bool:
         """Whether a rig could be so."""
         return True
