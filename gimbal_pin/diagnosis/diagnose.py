@@ -19,6 +19,7 @@ from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt, with_motion
 from gimbal_pin.diagnosis.searched import searched
 from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.swung import swung
 from gimbal_pin.diagnosis.timing import timing, wanders
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.turns import opened, reopened
@@ -69,7 +70,7 @@ def diagnose(
         within(log, filtering)
     calibrated = [rectified(rig, log) for log in logs]
     encoders = {one.log.name: one.encoders for one in calibrated}
-    audits = [audit(rig, one.log) for one in calibrated]
+    audits = [swung(rig, one.log, audit(rig, one.log), filtering) for one in calibrated]
     train, test, _ = split([found.log for found in audits], holdout, filtering)
     fitted = {log.name for log in train}
     audits = [found if found.log.name in fitted else found.spared for found in audits]
