@@ -7,12 +7,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.diagnosis.swung import swing
+from gimbal_pin.diagnosis.searched import Searched
+from gimbal_pin.diagnosis.swung import swing, swung
+from gimbal_pin.effects import Cause
+from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.delay import Delay
+from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimators import weighted
 from gimbal_pin.identification import identify
@@ -182,9 +188,25 @@ def test_a_loop_that_swings_from_limit_to_limit_beyond_the_band_is_the_logs_faul
         assert "for 80 % of the time, to and fro at 30 Hz" in fault.sentence
 
 
-def test_such_a_log_is_told_before_any_cause() -> None:
+@pytest.mark.parametrize(("causes", "state", "told"), [((), "structured", True), ((), "noise", False)])
+def test_where_such_a_loop_leaves_a_structure_and_no_name_nothing_is_withheld(
+    causes: tuple[Cause, ...], state: str, told: bool
+) -> None:
+    swings(causes, state, told)
+
+
+@pytest.mark.parametrize("state", ["structured", "noise"])
+def test_of_such_a_loop_the_limit_is_believed_and_no_spring(state: str) -> None:
+    swings((Saturation("pan", limit=1.0), Cogging("pan", (14.0,))), state, True)
+    swings((Delay("pan", 1e-3),), state, False)
+
+
+def swings(causes: tuple[Cause, ...], state: str, told: bool) -> None:
+    """Ask whether these causes, and what is left beside them, stand in a log of a loop that swings."""
     rig = Rig.load("turret")
     log = recorded(rig, 1)
-    relay = np.sign(np.sin(2 * np.pi * 30.0 * log.t))[:, None] * rig.tau_max
-    found = diagnose(rig, [replace(log, tau=relay)], {}, rng=np.random.default_rng(0))
-    assert found.verdict == "data" and not found.findings and found.spoiling[0].cause == "stuck-channel"
+    relay = np.sign(np.sin(2 * np.pi * 30.0 * log.t))[:, None] * rig.tau_max * np.array([1.0, 0.0])
+    left = tuple(SimpleNamespace(state=one) for one in (state, "noise"))
+    found = SimpleNamespace(final=SimpleNamespace(causes=causes), residual=left)
+    assert (swung(rig, [replace(log, tau=relay)], cast(Searched, found), 12.0) is None) == told
+    assert swung(rig, [log], cast(Searched, found), 12.0) is None

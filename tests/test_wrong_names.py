@@ -269,9 +269,7 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
     one, other = found.open.split("; ")
     assert one == "this log cannot tell it from cogging" and "armature" not in other
-    assert other.startswith(
-        "actuator-lag fits these logs less well, by 4.9 standard deviations, but adds nearly"
-    )
+    assert other.startswith("actuator-lag fits these logs less well, by 4.9 standard deviations, but adds nearly")
     assert f"  {found.open}; try a chirp" in wrong.told(found)
     assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
     assert not replace(found, alike=("delay",)).open

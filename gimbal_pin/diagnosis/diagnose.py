@@ -70,7 +70,7 @@ def diagnose(
         within(log, filtering)
     calibrated = [rectified(rig, log) for log in logs]
     encoders = {one.log.name: one.encoders for one in calibrated}
-    audits = [swung(rig, one.log, audit(rig, one.log), filtering) for one in calibrated]
+    audits = [audit(rig, one.log) for one in calibrated]
     train, test, _ = split([found.log for found in audits], holdout, filtering)
     fitted = {log.name for log in train}
     audits = [found if found.log.name in fitted else found.spared for found in audits]
@@ -93,7 +93,7 @@ def diagnose(
         gliding = solved(problem, ())
         evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
         found = searched(reopened(problem, evidence), causes, rng)
-        apart = agreement(rig, each, found.final.causes)
+        apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     found = confirmed(found, held, rng)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.audit import Audit, Fault, stuck_channel
+from gimbal_pin.diagnosis.audit import Fault, stuck_channel
+from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.digits import digits
+from gimbal_pin.effects import Signal
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
 
 NEARLY = 0.03
 """Share of a motor's limit by which a torque may be off it and is at it, for what noise the sensor has."""
@@ -20,10 +22,19 @@ MOSTLY = 0.5
 """Share of the time at the limit, and of the torque's power beyond the band, from which little else is in a log."""
 
 
-def swung(rig: Rig, log: Log, found: Audit, filtering: Filtering) -> Audit:
-    """What the audit of a log found, and whether a loop swings in it from limit to limit, beyond the band."""
-    fault = swing(rig, log, filtering.cutoff)
-    return found if fault is None else replace(found, faults=(fault, *found.faults))
+def swung(rig: Rig, logs: Sequence[Log], found: Searched, cutoff: float) -> Fault | None:
+    """A loop that swings so in one of the logs, and of whose joint something else is told than the limit itself.
+
+    Of a joint at which a structure is left, and no more told, nothing is claimed that the swing could have made.
+    """
+    for fault in (swing(rig, log, cutoff) for log in logs):
+        if fault is not None:
+            own = [cause for cause in found.final.causes if cause.of_joint and cause.place == fault.joint]
+            limits = [cause for cause in own if isinstance(cause, Signal) and isfinite(cause.largest)]
+            noise = found.residual[rig.joints.index(str(fault.joint))].state == "noise"
+            if not limits and (own or noise):
+                return fault
+    return None
 
 
 def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
