@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.finding import APART
 from gimbal_pin.diagnosis.verdict import compared
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.cable_spring import CableSpring
+from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.stribeck import Stribeck
@@ -95,3 +96,14 @@ def test_what_differs_by_far_more_than_parameters_do_is_parted_as_its_blocks_say
     rival, each = compared(TorqueBias("pan"), CableSpring("pan"), gains)
     assert rival.delta == pytest.approx(np.sum(each) + 1)
     assert rival.z == pytest.approx(rival.delta / (np.std(each) * np.sqrt(50)), rel=1e-3)
+
+
+@given(st.lists(st.integers(1, 30), min_size=1, max_size=6, unique=True))
+def test_what_two_forms_have_in_common_makes_no_difference_by_luck(shared: list[int]) -> None:
+    """However many harmonics both have."""
+    one, other = (Cogging("pan", (*map(float, shared), last)) for last in (40.0, 41.0))
+    rivals = [
+        compared(Cogging("pan", (40.0,)), Cogging("pan", (41.0,)), np.ones(20)),
+        compared(one, other, np.ones(20)),
+    ]
+    assert rivals[0][0].z == rivals[1][0].z > 0

@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, NOISY
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
 from gimbal_pin.diagnosis.search import rivals_of
-from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, worth
+from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, same, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.wandering import hides, steady
 from gimbal_pin.effects import Cause, Effect, Signal
@@ -120,13 +120,20 @@ def compared(cause: Cause, other: Cause, gains: Array) -> tuple[Rival, Array]:
     """``z = delta / sqrt(spread² + k)``: Vuong's test on what a cause gains beyond another in each block, (blocks,).
 
     Of two that are nearly the same function the spread over blocks vanishes, and without k, the number of free
-    parameters of both, any difference would be sure, be it that of their number. Fitted to noise each of them gains by
-    luck, by 1/2 ± sqrt(1/2) in log-likelihood (Shi, A nondegenerate Vuong test, Quantitative Economics 6, 2015).
+    parameters that they do not share, any difference would be sure, be it that of their number. Fitted to noise each
+    gains by luck, 1/2 ± sqrt(1/2) in log-likelihood (Shi, A nondegenerate Vuong test, Quantitative Economics 6, 2015).
     """
-    apart, mine, its = gains / 2, free(cause), free(other)
-    delta = float(apart.sum()) - (mine - its)
+    apart = gains / 2
+    delta = float(apart.sum()) - (free(cause) - free(other))
     spread = float(np.std(apart) * np.sqrt(len(apart)))
-    return Rival(other.name, delta, delta / max(hypot(spread, sqrt(mine + its)), 1e-12)), apart
+    return Rival(other.name, delta, delta / max(hypot(spread, sqrt(unshared(cause, other))), 1e-12)), apart
+
+
+def unshared(cause: Cause, other: Cause) -> int:
+    """Free parameters of two causes that they do not share: of harmonics of one kind but those of either alone."""
+    if isinstance(cause, Harmonic) and isinstance(other, Harmonic) and same(cause, other):
+        return 2 * len({*cause.harmonic} ^ {*other.harmonic})
+    return free(cause) + free(other)
 
 
 def block_gain(base: State, cause: Cause) -> Array:
