@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.effects import RigEffect, Signal, Term
+from gimbal_pin.effects import Effect, RigEffect, Signal, Term
 from gimbal_pin.errors import UsageError
-from gimbal_pin.model import Model, friction_effects
+from gimbal_pin.model import Model, brakes, friction_effects
 
 Planted = Term | Signal | RigEffect
+FASTEST = 10.0
+"""Rate up to which friction of a joint without a limit is looked at, rad/s."""
+RATES = 10
+"""How many rates are looked at, over three decades: friction that sets in or dies away at a rate does so over one."""
 
 
 class Altered(NamedTuple):
@@ -29,7 +34,7 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     place of its Coulomb friction.
 
     Raises:
-        UsageError: A joint that the rig does not have, or dry friction that would push somewhere.
+        UsageError: A joint that the rig does not have, or friction that would push somewhere.
     """
     rig, changes = model.rig, tuple(cause for cause in causes if isinstance(cause, RigEffect))
     for cause in causes:
@@ -47,13 +52,25 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
 
 
 def check_dry(plant: Model) -> None:
-    """Raise `UsageError` if a joint's dry friction at rest, unloaded, is negative anywhere on a turn."""
+    """Raise `UsageError` if a joint's friction, unloaded, is negative anywhere on a turn, at rest or up to its limit.
+
+    ``way τ(q, way |v|) ≥ 0`` in either direction: what brakes less one way than viscous and Coulomb friction brake may
+    do so, and what pushes would drive the joint by itself.
+    """
     q = np.repeat(np.linspace(-np.pi, np.pi, 2001)[:, None], plant.rig.n, axis=1)
+    friction = replace(plant, terms=tuple(term for term in plant.terms if resists(term.effect)), changes=())
+    fastest = np.minimum([limits.velocity for limits in plant.rig.limits], FASTEST)
     zero = np.zeros_like(q)
-    for t in (0.0, 1e6):
-        for way in (1.0, -1.0):
-            least = plant.level(q, zero, zero, zero, np.full(len(q), t), way + zero).min(axis=0)
-            for joint, level in zip(plant.rig.joints, least.tolist()):
-                if level < -1e-9:
-                    what = f"has a dry friction of {level:.3g} N m somewhere: it would push"
-                    raise UsageError(f"joint {joint}", what, "plant less of it, or more Coulomb friction")
+    for t, share, way in product((0.0, 1e6), (0.0, *np.geomspace(1e-3, 1.0, RATES)), (1.0, -1.0)):
+        v = way * share * fastest
+        least = (way * friction.passive(q, zero + v, zero, way + zero, zero, np.full(len(q), t))).min(axis=0)
+        for joint, rate, level in zip(plant.rig.joints, v.tolist(), least.tolist()):
+            if level < -1e-9:
+                where = f"at {rate:.3g} rad/s" if share else "somewhere"
+                what = f"has a {'' if share else 'dry '}friction of {level:.3g} N m {where}: it would push"
+                raise UsageError(f"joint {joint}", what, "plant less of it, or more Coulomb friction")
+
+
+def resists(effect: Effect) -> bool:
+    """Whether an effect is friction that knows no bristles: theirs push as they unbend."""
+    return brakes(effect) or effect.dry or effect.rising

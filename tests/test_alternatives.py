@@ -12,11 +12,15 @@ from hypothesis import strategies as st
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.alternatives import CLOSE, apart, doubt, near
+from gimbal_pin.diagnosis.finding import APART
+from gimbal_pin.diagnosis.verdict import compared
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.cable_spring import CableSpring
+from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.stribeck import Stribeck
+from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.model import nominal
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -74,3 +78,32 @@ def test_what_was_planted_lies_within_the_deviation() -> None:
     told = {p.name: p for p in found.findings[0].parameters}
     assert told["harmonic"].value == 6.0
     assert abs(told["amplitude"].value - 0.05) < 3 * told["amplitude"].std < 0.05
+
+
+@given(st.floats(-1e-3, 1e-3), st.integers(5, 200))
+def test_two_that_are_one_function_are_never_told_apart(gain: float, blocks: int) -> None:
+    """A constant is a spring of no stiffness: what is left of their difference is that of their parameters' number."""
+    rival, _ = compared(TorqueBias("pan"), CableSpring("pan"), np.full(blocks, gain / blocks))
+    assert rival.delta == pytest.approx(1.0, abs=1e-3) and abs(rival.z) < APART
+
+
+@given(st.floats(-1e4, 1e4), st.floats(100.0, 1e4), st.integers(0, 9))
+def test_what_differs_by_far_more_than_parameters_do_is_parted_as_its_blocks_say(
+    gain: float, spread: float, seed: int
+) -> None:
+    """Vuong's own statistic."""
+    gains = 2 * spread * np.random.default_rng(seed).standard_normal(50) + gain
+    rival, each = compared(TorqueBias("pan"), CableSpring("pan"), gains)
+    assert rival.delta == pytest.approx(np.sum(each) + 1)
+    assert rival.z == pytest.approx(rival.delta / (np.std(each) * np.sqrt(50)), rel=1e-3)
+
+
+@given(st.lists(st.integers(1, 30), min_size=1, max_size=6, unique=True))
+def test_what_two_forms_have_in_common_makes_no_difference_by_luck(shared: list[int]) -> None:
+    """However many harmonics both have."""
+    one, other = (Cogging("pan", (*map(float, shared), last)) for last in (40.0, 41.0))
+    rivals = [
+        compared(Cogging("pan", (40.0,)), Cogging("pan", (41.0,)), np.ones(20)),
+        compared(one, other, np.ones(20)),
+    ]
+    assert rivals[0][0].z == rivals[1][0].z > 0

@@ -92,6 +92,16 @@ def test_what_only_fits_together_says_so_on_every_page(found: Diagnosis) -> None
     assert together(cause, sure[:1]) == ""
 
 
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_of_a_gap_whose_flanks_do_not_give_the_headline_holds_what_is_known(share: float) -> None:
+    """Twice the gap and half the rotor pass the same torque on, and are told alike; the one alone is another."""
+    one, same, other = (Backlash("tilt", 0.02 * k, 1e-3 / m, share) for k, m in ((1, 1), (2, 2), (2, 1)))
+    command = np.cumsum(np.random.default_rng(0).standard_normal(4000)) / 50
+    np.testing.assert_allclose(same.acting(command, 1e-3), one.acting(command, 1e-3), atol=1e-9)
+    assert not np.allclose(other.acting(command, 1e-3), one.acting(command, 1e-3))
+    assert one.says() == same.says() != other.says() and "2e-05 rad kg m^2" in one.says()
+
+
 def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:
     rows = {joint: {"rms_before": float("nan"), "rms_after": 1e-4} for joint in found.tracking}
     broken = replace(found, tracking=rows)

@@ -217,6 +217,15 @@ def test_rivals_that_fare_alike_are_told_together() -> None:
     assert all(words in line for words, line in zip(whom, lines, strict=True))
 
 
+def test_a_motion_that_leaves_every_finding_a_rival_is_said_to_name_none() -> None:
+    far, near = Apart(12.0, 0.6), Apart(1.4, 0.5)
+    motion = small(1.0)
+    for rest, named in ((far, True), (near, False)):
+        rivals = (parted("a", near, far), parted("b", near, rest))
+        (last,) = NextExperiment(("pan",), motion, rivals).lines[-1:]
+        assert ("it names no cause, as each keeps a rival" in last) != named
+
+
 def test_many_deviations_of_what_looks_alike_are_not_told_as_if_they_parted_it() -> None:
     """A small share of a loud torque is many deviations, and may be what its formula gets wrong."""
     loud = parted("a", Apart(253.0, 0.1), Apart(400.0, 0.5)).sentence

@@ -7,10 +7,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from gimbal_pin.diagnosis.searched import Searched
+from gimbal_pin.diagnosis.swung import swing, swung
+from gimbal_pin.effects import Cause
+from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.delay import Delay
+from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimators import weighted
 from gimbal_pin.identification import identify
@@ -162,3 +170,43 @@ def test_milliseconds_are_refused_whatever_the_cutoff(run: Run, tmp_path: Path, 
     write_log(replace(log, t=1e3 * log.t, v=None), tmp_path / "x.csv")
     code, _, err = run("identify", "turret", tmp_path / "x.csv", *more)
     assert code == 2 and "t is in ms, map it: --map t=COLUMN*1e-3" in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("hertz", [1.0, 30.0])
+def test_a_loop_that_swings_from_limit_to_limit_beyond_the_band_is_the_logs_fault(hertz: float) -> None:
+    """As slow as the motion it is a drive that is too weak, and of a wider band the swing is what is looked at."""
+    rig = Rig.load("turret")
+    log = recorded(rig, 1)
+    relay = rig.tau_max[0] * np.sign(np.sin(2 * np.pi * hertz * log.t))
+    assert log.tau is not None
+    tau = np.column_stack([np.where(log.t % 1.0 < 0.8, relay, log.tau[:, 0]), log.tau[:, 1]])
+    faults = [swing(rig, replace(log, tau=tau), cutoff) for cutoff in (12.0, 45.0)]
+    assert [fault is not None for fault in faults] == [hertz > 12.0, False]
+    assert swing(rig, log, 12.0) is None and swing(rig, replace(log, tau=0.9 * tau), 12.0) is None
+    for fault in faults[: int(hertz > 12.0)]:
+        assert fault is not None and fault.makes_physics_unreliable and fault.joint == rig.joints[0]
+        assert "for 80 % of the time, to and fro at 30 Hz" in fault.sentence
+
+
+@pytest.mark.parametrize(("causes", "state", "told"), [((), "structured", True), ((), "noise", False)])
+def test_where_such_a_loop_leaves_a_structure_and_no_name_nothing_is_withheld(
+    causes: tuple[Cause, ...], state: str, told: bool
+) -> None:
+    swings(causes, state, told)
+
+
+@pytest.mark.parametrize("state", ["structured", "noise"])
+def test_of_such_a_loop_the_limit_is_believed_and_no_spring(state: str) -> None:
+    swings((Saturation("pan", limit=1.0), Cogging("pan", (14.0,))), state, True)
+    swings((Delay("pan", 1e-3),), state, False)
+
+
+def swings(causes: tuple[Cause, ...], state: str, told: bool) -> None:
+    """Ask whether these causes, and what is left beside them, stand in a log of a loop that swings."""
+    rig = Rig.load("turret")
+    log = recorded(rig, 1)
+    relay = np.sign(np.sin(2 * np.pi * 30.0 * log.t))[:, None] * rig.tau_max * np.array([1.0, 0.0])
+    left = tuple(SimpleNamespace(state=one) for one in (state, "noise"))
+    found = SimpleNamespace(final=SimpleNamespace(causes=causes), residual=left)
+    assert (swung(rig, [replace(log, tau=relay)], cast(Searched, found), 12.0) is None) == told
+    assert swung(rig, [log], cast(Searched, found), 12.0) is None

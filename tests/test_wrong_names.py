@@ -269,7 +269,7 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
     one, other = found.open.split("; ")
     assert one == "this log cannot tell it from cogging" and "armature" not in other
-    assert other.startswith("actuator-lag explains less here, by 4.9 deviations, but adds nearly the same torque")
+    assert other.startswith("actuator-lag fits these logs less well, by 4.9 standard deviations, but adds nearly")
     assert f"  {found.open}; try a chirp" in wrong.told(found)
     assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
     assert not replace(found, alike=("delay",)).open
@@ -568,6 +568,9 @@ def test_noise_that_is_larger_than_what_would_be_found_is_said_to_average_out() 
     def said(after: float, state: str) -> str:
         left = {"pan": Residual(state, 1e-3, 1.0, "")}
         shown = SimpleNamespace(residual=left, extended={"torque_rmse": {"pan": after}}, detection_limit={"pan": 0.01})
+        shown.covering = Diagnosis.__dict__["covering"].fget(shown)
+        hides = Diagnosis.left(cast(Diagnosis, shown), "pan").removeprefix(state)
+        assert hides == (f", in which up to {after:g} N m may hide" if shown.covering else "")
         return cast(Callable[[object], str], Diagnosis.__dict__["drowned"].fget)(shown)
 
     assert said(0.02, "noise").startswith("pan: the noise that is left is larger") and "knocks" in said(0.02, "noise")

@@ -62,7 +62,16 @@ def alternatives(state: State, cause: Cause, shelf: Library) -> list[Cause]:
     base = without(state, cause)
     forms = neighbours(state, cause) if isinstance(cause, Harmonic) else other_forms(base, cause, shelf)
     rivals = ((other, versus(base, cause, other)) for other in forms)
-    return [other for other, rival in rivals if rival.z < APART or near(cause, other, rival.delta)]
+    return [
+        other
+        for other, rival in rivals
+        if (rival.z < APART and not needless(cause, other, rival.delta)) or near(cause, other, rival.delta)
+    ]
+
+
+def needless(cause: Cause, other: Cause, delta: float) -> bool:
+    """Whether a form that has a plainer one has more parameters, and no more support by them: they tell nothing."""
+    return delta > 0 and other.plain() != other and free(other) > free(cause)
 
 
 def near(cause: Cause, other: Cause, delta: float) -> bool:

@@ -19,6 +19,7 @@ from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt, with_motion
 from gimbal_pin.diagnosis.searched import searched
 from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.swung import swung
 from gimbal_pin.diagnosis.timing import timing, wanders
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.turns import opened, reopened
@@ -92,7 +93,7 @@ def diagnose(
         gliding = solved(problem, ())
         evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
         found = searched(reopened(problem, evidence), causes, rng)
-        apart = agreement(rig, each, found.final.causes)
+        apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
     found = confirmed(found, held, rng)

@@ -32,10 +32,10 @@ DROWNED = (
 APART = 2.0
 """Vuong's z from which two causes are told apart."""
 NEARLY = (
-    "nearly the same torque (correlation over 0.95): a formula that is a little off can make as much of a difference, "
-    "and so none is ruled out"
+    "nearly the same torque (correlation over 0.95), and a rig that is a little off either formula can make as much of "
+    "a difference: not ruled out"
 )
-"""Why a rival that explains less may still be the cause."""
+"""Why a rival that fits less well may still be the cause."""
 TOGETHER = "only together; other sizes fit this log as well"
 """What holds of figures none of which the log tells by itself."""
 
@@ -116,7 +116,7 @@ class Finding:
         if less:
             names, far = (", ".join(x) for x in zip(*((one.cause, digits(one.z, 2)) for one in self.apart)))
             s = "s" if len(less) == 1 else ""
-            parts.append(f"{names} explain{s} less here, by {far} deviations, but add{s} {NEARLY}")
+            parts.append(f"{names} fit{s} these logs less well, by {far} standard deviations, but add{s} {NEARLY}")
         return "; ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:
@@ -243,11 +243,21 @@ class Diagnosis:
         return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
 
     @property
+    def covering(self) -> dict[str, float]:
+        """Joint → noise that is left, N m rms, of joints at which that is more than would be found."""
+        after, limit = self.extended.get("torque_rmse", {}), self.detection_limit
+        return {j: after[j] for j, left in self.residual.items() if left.state == "noise" and after[j] > limit[j]}
+
+    @property
     def drowned(self) -> str:
         """Why more is left of noise than would be found, where that is so of a joint, in a sentence; else nothing."""
-        after, limit = self.extended.get("torque_rmse", {}), self.detection_limit
-        more = [j for j, left in self.residual.items() if left.state == "noise" and after[j] > limit[j]]
-        return f"{', '.join(more)}: {DROWNED}" if more else ""
+        return f"{', '.join(self.covering)}: {DROWNED}" if self.covering else ""
+
+    def left(self, joint: str) -> str:
+        """What is left at a joint: of noise how much may hide in it, where that is more than would be found."""
+        left, noise = self.residual[joint], self.covering.get(joint)
+        hidden = "" if noise is None else f", in which up to {digits(noise, 2)} N m may hide"
+        return f"{left.state} {left.where}".strip() + hidden
 
     @property
     def next_motion(self) -> Motion | None:

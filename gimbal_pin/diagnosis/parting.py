@@ -169,6 +169,14 @@ class NextExperiment:
         }
 
     @property
+    def settles(self) -> bool:
+        """Whether a finding would be named by it: parted from every rival."""
+        outcomes: dict[tuple[str | None, str], set[str]] = {}
+        for one in self.partings:
+            outcomes.setdefault((one.joint, one.cause), set()).add(one.outcome)
+        return {"named"} in outcomes.values()
+
+    @property
     def lines(self) -> tuple[str, ...]:
         """All of it for a person."""
         groups: dict[tuple[object, ...], list[Parting]] = {}
@@ -181,6 +189,7 @@ class NextExperiment:
             return told
         how = f"the motion lasts {digits(self.seconds)} s, from rest to rest within the rig's limits"
         how += "" if self.finished else "; the search for it was interrupted, it is the best so far"
+        how += "" if self.settles else "; it names no cause, as each keeps a rival, and can but rule out others"
         if any(one.alone for one in self.partings):
             return (*told, f"{how}: play it, and diagnose its log alone; what either diagnosis rules out is ruled out")
         return (*told, f"{how}: play it, and diagnose its log with the others by --holdout last-third")

@@ -45,11 +45,13 @@ def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
 
 
 def otherwise(state: State, cause: Cause) -> tuple[Cause, ...]:
-    """The other form of a cause that gains most where the search has found it, refined; none where it has none."""
+    """Other forms of a cause, each where it gains most from where the search has found it, refined."""
     evidence = state.problem.evidence
     seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
-    best = max(cause.akin(seen), key=partial(worth, state), default=None)
-    return () if best is None else (refined(state, best, NEAR),)
+    forms: dict[tuple[object, ...], list[Cause]] = {}
+    for other in cause.akin(seen):
+        forms.setdefault(form(other), []).append(other)
+    return tuple(refined(state, max(alike, key=partial(worth, state)), NEAR) for alike in forms.values())
 
 
 def onward(before: Cause, at: Cause) -> Cause | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL, NOISY
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import HIDDEN, Score, gained, overdone, visibility
 from gimbal_pin.diagnosis.search import rivals_of
-from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, worth
+from gimbal_pin.diagnosis.shapes import TOLD, free, measure, moved, same, worth
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.diagnosis.wandering import hides, steady
 from gimbal_pin.effects import Cause, Effect, Signal
@@ -87,7 +88,7 @@ def judged(
     for _, other in rivals_of(base, cause, shelf):
         if other.name in found:
             continue
-        found[other.name] = compared(other, mine - block_gain(base, other), free(cause) - free(other))
+        found[other.name] = compared(cause, other, mine - block_gain(base, other))
     alike = [
         name for name, (rival, _) in found.items() if rival.z < APART or alikeness(base, cause, name, shelf) > ALIKE
     ]
@@ -112,15 +113,27 @@ def leans(state: State, joint: str) -> bool:
 def versus(base: State, cause: Cause, other: Cause) -> Rival:
     """How far a cause explains more than another in its place; `base` is the state without both."""
     gains = block_gain(base, cause) - block_gain(base, other)
-    return compared(other, gains, free(cause) - free(other))[0]
+    return compared(cause, other, gains)[0]
 
 
-def compared(other: Cause, gains: Array, extra: int) -> tuple[Rival, Array]:
-    """Vuong's test: what a cause gains beyond another in each block, with `extra` more free parameters, (blocks,)."""
+def compared(cause: Cause, other: Cause, gains: Array) -> tuple[Rival, Array]:
+    """``z = delta / sqrt(spread² + k)``: Vuong's test on what a cause gains beyond another in each block, (blocks,).
+
+    Of two that are nearly the same function the spread over blocks vanishes, and without k, the number of free
+    parameters that they do not share, any difference would be sure, be it that of their number. Fitted to noise each
+    gains by luck, 1/2 ± sqrt(1/2) in log-likelihood (Shi, A nondegenerate Vuong test, Quantitative Economics 6, 2015).
+    """
     apart = gains / 2
-    delta = float(apart.sum()) - extra
+    delta = float(apart.sum()) - (free(cause) - free(other))
     spread = float(np.std(apart) * np.sqrt(len(apart)))
-    return Rival(other.name, delta, delta / max(spread, 1e-12)), apart
+    return Rival(other.name, delta, delta / max(hypot(spread, sqrt(unshared(cause, other))), 1e-12)), apart
+
+
+def unshared(cause: Cause, other: Cause) -> int:
+    """Free parameters of two causes that they do not share: of harmonics of one kind but those of either alone."""
+    if isinstance(cause, Harmonic) and isinstance(other, Harmonic) and same(cause, other):
+        return 2 * len({*cause.harmonic} ^ {*other.harmonic})
+    return free(cause) + free(other)
 
 
 def block_gain(base: State, cause: Cause) -> Array:

@@ -24,8 +24,7 @@ class AsymmetricFriction(Effect):
 
     A film of lubricant takes up no torque at rest and a limited one at speed, as it thins with shear: with a speed it
     is ``coulomb |v|/(speed + |v|)``, dry for a speed of zero, and viscous with ``coulomb/speed`` for one far beyond all
-    rates. A ``viscous |v|`` beside it is the film's once it is thin (Cross, J. Colloid Sci. 20, 1965); on slow motion
-    curvature alone parts the two, and no search tries it.
+    rates. A ``viscous |v|`` beside it is the film's once it is thin (Cross, J. Colloid Sci. 20, 1965).
 
     Attributes:
         joint: The joint it acts on.
@@ -83,17 +82,26 @@ class AsymmetricFriction(Effect):
         return Term(effect, tuple(given[coefficient.name] for coefficient in effect.coefficients))
 
     def akin(self, seen: Seen) -> tuple[Cause, ...]:
-        """Differences that set in with the rate, by half between what the rate's noise hides and the fastest."""
-        if self.speed:
-            return ()
+        """Differences that set in with the rate, by half between what the rate's noise hides and the fastest.
+
+        With what a film takes once it is thin, and without, but not the form that it has.
+        """
         slowest = max(3 * seen.rate_std, 0.01 * seen.rate)
         speeds = ladder(slowest, seen.rate, SPEEDS, self.shapes[0])
-        return tuple(replace(self, speed=speed) for speed in speeds)
+        forms = (False, True) if not self.speed else (not self.thin,)
+        return tuple(replace(self, speed=speed, thin=thin) for thin in forms for speed in speeds)
+
+    def plain(self) -> AsymmetricFriction:
+        """Without what a thin film takes, which on slow motion curvature alone shows."""
+        return replace(self, thin=False)
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return the difference between the directions."""
-        dry, *viscous = (2 * value for value in values)
-        rest = "".join(f" ({value:+.3g} N m per rad/s)" for value in viscous)
-        way = "positive" if dry >= 0 else "negative"
-        upto, half = ("up to ", f", half of that at {self.speed:.3g} rad/s") if self.speed else ("", "")
-        return f"friction is {upto}{abs(dry):.3g} N m{rest} higher turning in the {way} direction{half}"
+        """Return what either direction has more, or less, than the mean of both: the figures themselves."""
+        dry, *viscous = values
+        more = (1.0 if dry >= 0 else -1.0, "positive" if dry >= 0 else "negative")
+        rest = "".join(f" ({more[0] * value:+.3g} N m per rad/s)" for value in viscous)
+        upto, half = ("up to ", f"; half of that is there at {self.speed:.3g} rad/s") if self.speed else ("", "")
+        return (
+            f"turning in the {more[1]} direction friction is {upto}{abs(dry):.3g} N m{rest} above the mean of both "
+            f"directions, in the other as much below it{half}"
+        )

@@ -140,5 +140,11 @@ class Backlash(Loose):
         return tuple(replace(self, gap=gap) for gap in widths.tolist() if 0 < gap <= self.shapes[0].upper)
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return the gap."""
-        return f"the joint is loose by {self.gap:.3g} rad: at every reversal of the torque it is free, then knocks"
+        """Return the gap; times the rotor's inertia where flanks do not give: no torque tells one without the other.
+
+        A rotor at p gap within it goes by ``p'' = x/(J gap)``, and lands with the momentum ``J gap p'``.
+        """
+        size, more = f" by {self.gap:.3g} rad", ""
+        if not self.springy:
+            size, more = "", f", gap times rotor's inertia being {self.gap * self.inertia:.3g} rad kg m^2"
+        return f"the joint is loose{size}: at every reversal of the torque it is free, then knocks{more}"

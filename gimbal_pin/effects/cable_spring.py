@@ -145,7 +145,10 @@ class CableSpring(Effect):
         """``k (q - rest) + c = k (q - (rest - c/k))``: a constant torque beside a spring is in where it rests."""
         k = 0.0 if self.growth or self.taut else self.spring(values)[0]
         return (
-            f"a torque-bias or asymmetric-friction beside it would be in rest, {1 / k:.2g} rad per N m" if k > 0 else ""
+            "a torque-bias or asymmetric-friction beside it would show as another rest angle, by "
+            f"{1 / k:.2g} rad per N m"
+            if k > 0
+            else ""
         )
 
     @classmethod

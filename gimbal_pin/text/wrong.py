@@ -35,9 +35,9 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> 
             number(found.baseline["torque_rmse"][joint], 3),
             number(found.extended["torque_rmse"][joint], 3),
             number(found.detection_limit[joint], 2),
-            left.state + (f" {left.where}" if left.where else ""),
+            found.left(joint),
         )
-        for joint, left in found.residual.items()
+        for joint in found.residual
     ]
     if rows:
         lines.append("")

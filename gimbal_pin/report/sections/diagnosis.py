@@ -87,13 +87,14 @@ def row(found: Diagnosis, joint: Joint) -> list[Content]:
     left = found.residual.get(joint.name)
     before, after = (part["torque_rmse"][joint.name] for part in (found.baseline, found.extended))
     limit = found.detection_limit.get(joint.name)
-    state = toned(f"{left.state} {left.where}".strip(), "good" if left.state == "noise" else "fair") if left else None
+    tone = "" if joint.name in found.covering else "good" if left and left.state == "noise" else "fair"
+    state: Content = toned(found.left(joint.name), tone) if left else "–"
     shown: list[Content] = [
         torque_text(before, most),
         torque_text(after, most),
         torque_text(limit, most) if limit else "–",
     ]
-    return [joint.label, state or "–", *shown]
+    return [joint.label, state, *shown]
 
 
 def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list[Markup]:
@@ -123,7 +124,7 @@ MOST = 6
 """Most rivals in a table."""
 ALIKE = 0.95
 """Correlation from which on two causes are one to this log."""
-RIVALS: list[Content] = ["Instead of it", "Log-likelihood lost", "z", "Ruled out by this log"]
+RIVALS: list[Content] = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Ruled out by this log"]
 
 
 def rivals(finding: Finding) -> list[Markup]:
