@@ -111,10 +111,15 @@ def confirmations(best: Figures, lacking: Sequence[Figures], held: Evidence, sta
 
 
 def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
-    """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse."""
+    """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse.
+
+    None is possible where it takes the bodies' masses away, as a limit may that passes next to nothing on: that is
+    worse than any. Where there was none without it either it says nothing.
+    """
     own = [cause.place] if cause.of_joint else list(held.rig.joints)
     strayed, without_ = (np.linalg.norm([one["rollout_rmse"][joint] for joint in own]) for one in (best, lacking))
-    return 0.0 if strayed > STRAYED * without_ else missed(best, lacking, held, cause)
+    worse = np.nan_to_num(strayed, nan=np.inf) > STRAYED * without_
+    return 0.0 if worse else missed(best, lacking, held, cause)
 
 
 def missed(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
