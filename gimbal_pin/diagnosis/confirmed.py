@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.searched import Searched, left_over
 from gimbal_pin.diagnosis.shapes import measure, worth
 from gimbal_pin.diagnosis.state import State, solved, without
-from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.rows import Flags
 
 STRAYED = 1.1
@@ -113,13 +113,14 @@ def confirmations(best: Figures, lacking: Sequence[Figures], held: Evidence, sta
 def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
     """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse.
 
-    None is possible where it takes the bodies' masses away, as a limit may that passes next to nothing on: that is
-    worse than any. Where there was none without it either it says nothing.
+    The masses are fitted to what a drive passes on: with one that passes on next to nothing they are none, no rollout
+    is possible any more, and that is worse than any.
     """
     own = [cause.place] if cause.of_joint else list(held.rig.joints)
     strayed, without_ = (np.linalg.norm([one["rollout_rmse"][joint] for joint in own]) for one in (best, lacking))
-    worse = np.nan_to_num(strayed, nan=np.inf) > STRAYED * without_
-    return 0.0 if worse else missed(best, lacking, held, cause)
+    if isinstance(cause, Signal):
+        strayed = np.nan_to_num(strayed, nan=np.inf)
+    return 0.0 if strayed > STRAYED * without_ else missed(best, lacking, held, cause)
 
 
 def missed(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
