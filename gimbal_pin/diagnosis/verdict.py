@@ -261,16 +261,9 @@ def sketches(first: State, state: State, cause: Cause) -> bool:
 
     Harmonics, and springs, take their share of whatever has to do with the angle, as all of a motion has.
     """
-    angular = isinstance(cause, Harmonic) or (isinstance(cause, Effect) and cause.restoring)
-    return angular and unfinished(first, state, cause)
-
-
-def unfinished(first: State, state: State, cause: Cause) -> bool:
-    """Whether much is left of a cause's joint, and more of what was to be explained than a form that is a little off.
-
-    `first` is the state without any cause.
-    """
-    j = state.problem.evidence.rig.joint_index(cause.place)
+    if not (isinstance(cause, Harmonic) or (isinstance(cause, Effect) and cause.restoring)):
+        return False
+    j = state.problem.evidence.rig.joint_index(cause.joint)
     before, after = float(first.fit.dispersion[j]), float(steady(state)[j])
     return after > MUCH and after - 1 > (1 - DRAWN) * (before - 1)
 
