@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import inf, pi
+from typing import cast
 
 import numpy as np
 import pytest
@@ -11,14 +12,17 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.diagnosis.alternatives import CLOSE, apart, doubt, near
+from gimbal_pin.diagnosis.alternatives import CLOSE, alternatives, apart, doubt, near
 from gimbal_pin.diagnosis.finding import APART
+from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.diagnosis.verdict import compared
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.cable_spring import CableSpring
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.model import nominal
@@ -58,6 +62,26 @@ def test_of_forms_that_fit_as_well_one_with_more_parameters_adds_no_doubt() -> N
     assert near(stiffening, linear, 1.0) and not near(linear, stiffening, 1.0)
     assert near(Stribeck("pan", 0.1, 1), Stribeck("pan", 0.2, 2), 1.0)
     assert not near(Stribeck("pan", 0.1, 1), Stribeck("pan", 0.2, 2), 2 * CLOSE)
+
+
+@pytest.mark.parametrize(("share", "one"), [(0.4, False), (0.6, True)])
+def test_a_form_that_leaves_most_of_it_is_none_of_a_causes(
+    share: float, one: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of what acts in three blocks of time Vuong's z is under two, whatever the other form leaves there."""
+    limit, other = Saturation("pan", 0.6), Saturation("pan", 4.0, knee=2.0)
+    gains = {limit: 900.0, other: 900.0 * share}
+    blocks = np.where(np.arange(40) < 3, (gains[limit] - gains[other]) / 3, 0.0)
+    rival = compared(other, blocks, -1)[0]
+    assert rival.z < APART and not near(limit, other, rival.delta)
+    for name, stands in {
+        "without": lambda state, cause: state,
+        "other_forms": lambda base, cause, shelf: [other],
+        "worth": lambda base, cause: gains[cause],
+        "versus": lambda base, cause, other: rival,
+    }.items():
+        monkeypatch.setattr(f"gimbal_pin.diagnosis.alternatives.{name}", stands)
+    assert alternatives(cast(State, None), limit, cast(Library, None)) == ([other] if one else [])
 
 
 @settings(max_examples=20)

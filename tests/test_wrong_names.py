@@ -18,10 +18,10 @@ from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies, Kind
 from gimbal_pin.diagnosis.composed import chosen
-from gimbal_pin.diagnosis.confirmed import LENT, asked
+from gimbal_pin.diagnosis.confirmed import LENT, asked, confirmation
 from gimbal_pin.diagnosis.contenders import contenders, explains_others, falls, holds_fast, hushes, lines, signs_only
 from gimbal_pin.diagnosis.difference import Difference
-from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.finding import Finding, Rival
 from gimbal_pin.diagnosis.heldout import CONFIRMED
 from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, NOISY, Residual, judge
@@ -32,7 +32,7 @@ from gimbal_pin.diagnosis.noiselike import uneven
 from gimbal_pin.diagnosis.reported import rough
 from gimbal_pin.diagnosis.score import NOTHING, silences
 from gimbal_pin.diagnosis.search import polished
-from gimbal_pin.diagnosis.searched import Searched, outlines, shaken, swings
+from gimbal_pin.diagnosis.searched import Searched, echoes, outlines, shaken, swings
 from gimbal_pin.diagnosis.shapes import measure
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.together import once
@@ -183,6 +183,22 @@ def test_what_scales_the_torque_beside_a_gap_of_another_form_is_a_part_of_it(mor
     state = polished(fitted(rig, log, start, more), only=start)
     (gap,) = (cause for cause in state.causes if isinstance(cause, DeadZone))
     assert mended(state, Library(state.problem, ())) == {more: gap}
+
+
+@pytest.mark.parametrize("planted", ["friction", "ripple"])
+def test_a_ripple_that_is_friction_over_the_angle_is_a_part_of_it(planted: str) -> None:
+    """Friction in peaks has many harmonics: found by two of them, it leaves the others, and its torque carries a ripple
+    over the angle. All of them together do not, unless the motor's torque has one."""
+    rig = Rig.load("thesis")
+    log, j = recorded(rig), rig.joint_index("tilt")
+    assert log.tau is not None and log.v is not None
+    tau, q, more = log.tau.copy(), log.q[:, j], 0.05 * np.cos(4 * log.q[:, j])
+    peaks = 0.5 + 0.2 * np.cos(q) + 0.15 * np.cos(2 * q)
+    tau[:, j] += np.sign(log.v[:, j]) * (peaks + more if planted == "friction" else peaks)
+    tau[:, j] *= 1.0 if planted == "friction" else 1.0 + more
+    friction, ripple = PositionDependentFriction("tilt", (1.0, 2.0)), TorqueRipple("tilt", (4.0,))
+    state = fitted(rig, replace(log, tau=tau), friction, ripple)
+    assert mended(state, Library(state.problem, ())) == ({ripple: friction} if planted == "friction" else {})
 
 
 def test_a_gap_and_a_ripple_are_two() -> None:
@@ -464,6 +480,49 @@ def test_a_ripple_of_fewer_periods_than_a_commutation_makes_leaves_noise() -> No
         state = fitted(rig, log, cause)
         assert outlines(first, state, state, {"tilt"}) == ([cause] if cause is slow else [])
         assert outlines(first, state, state, set()) == []
+
+
+@pytest.mark.parametrize("rotor", [0.0, 0.3])
+@pytest.mark.parametrize("where", ["around 9 Hz", "over the motion", ""])
+def test_a_spring_leaves_nothing_of_the_torque_through_a_resonator(where: str, rotor: float) -> None:
+    """Of a torque that swells and fades by itself a spring takes its share, and leaves as much of another resonance."""
+    rig = Rig.load("thesis")
+    log, spring = recorded(rig), JointFlexibility("tilt", 8.0, 0.1, rotor_share=rotor)
+    assert log.tau is not None
+    hum = 1.0 + 0.4 * np.sin(2 * np.pi * 7.0 * log.t)[:, None]
+    log = replace(log, tau=log.tau * np.where(np.arange(rig.n) == rig.joint_index("tilt"), hum, 1.0))
+    state, left = fitted(rig, log, spring), Residual("structured" if where else "noise", 1.0, 1.0, where)
+    assert left.rings == where.startswith("around")
+    assert echoes(state, {"tilt"} if left.rings else set()) == ([spring] if left.rings else [])
+    assert not echoes(state, {"yaw"}), "there nothing gives"
+    assert not echoes(fitted(rig, recorded(rig), JointFlexibility("tilt", 60.0, 0.1, rotor_share=rotor)), {"tilt"}), (
+        "little is left"
+    )
+
+
+@pytest.mark.parametrize(("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)])
+def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], bent: bool) -> None:
+    """Of a joint that swings by a radian, as an encoder's error bends its weight; by two turns, a ripple."""
+    seen = fitted(Rig.load("thesis"), recorded(Rig.load("thesis"))).problem.evidence.seen[0]
+    alike = TorqueRipple("tilt", harmonic).blurred(seen._replace(travel=1.0))
+    assert ("encoder-offset" in alike) == ("torque-gain" in alike) == bent
+    assert TorqueRipple("tilt", harmonic).blurred(seen._replace(travel=4 * np.pi)) == ()
+
+
+@pytest.mark.parametrize("cause", [Saturation("tilt", 0.1), Stribeck("tilt", 0.1)])
+def test_a_drive_that_leaves_the_bodies_no_mass_is_none(cause: Cause) -> None:
+    """Its rollout is none; and that friction beside masses that slow motion does not show has none denies none."""
+    rig = Rig.load("thesis")
+    held = cast(Evidence, SimpleNamespace(rig=rig))
+
+    def figures(error: float, rolled: float) -> dict[str, dict[str, float]]:
+        return {"torque_rmse": dict.fromkeys(rig.joints, error), "rollout_rmse": dict.fromkeys(rig.joints, rolled)}
+
+    gained, nan = confirmation(figures(0.5, 1.0), figures(1.0, 1.0), held, cause), float("nan")
+    assert gained == 2.0
+    assert confirmation(figures(0.5, nan), figures(1.0, nan), held, cause) == gained
+    lost = isinstance(cause, Saturation)
+    assert confirmation(figures(0.5, nan), figures(1.0, 1.0), held, cause) == (0.0 if lost else gained)
 
 
 def test_an_encoder_before_a_gap_reads_half_of_it_off() -> None:

@@ -24,6 +24,10 @@ STRONGEST = 3
 """Harmonics whose neighbours are tried."""
 CLOSE = 5.0
 """Log-likelihood under which a form still has support: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
+LEAST = 0.5
+"""Share of what a cause explains that another form of it must explain: what leaves more is the form of something else,
+however few the blocks of time in which the cause acts, as a limit does on rare peaks. By three of them no z reaches
+`APART`."""
 FAR = 4.0
 """Factor by which a shape parameter is moved to look for another place that does as well."""
 SYSTEMATIC = 0.0025
@@ -57,11 +61,12 @@ def alternatives(state: State, cause: Cause, shelf: Library) -> list[Cause]:
 
     The second is for forms that hardly differ here: what little one gains over the other it may gain in every block. A
     form with more parameters does not count by it: that it is near says only that those tell nothing (Arnold, J.
-    Wildlife Management 74, 2010).
+    Wildlife Management 74, 2010). Nor does one that leaves most of what the cause explains.
     """
     base = without(state, cause)
     forms = neighbours(state, cause) if isinstance(cause, Harmonic) else other_forms(base, cause, shelf)
-    rivals = ((other, versus(base, cause, other)) for other in forms)
+    least = LEAST * worth(base, cause)
+    rivals = ((other, versus(base, cause, other)) for other in forms if worth(base, other) > least)
     return [
         other
         for other, rival in rivals

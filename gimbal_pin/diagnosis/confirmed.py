@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.searched import Searched, left_over
 from gimbal_pin.diagnosis.shapes import measure, worth
 from gimbal_pin.diagnosis.state import State, solved, without
-from gimbal_pin.effects import Cause, Effect
+from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.rows import Flags
 
 STRAYED = 1.1
@@ -111,9 +111,15 @@ def confirmations(best: Figures, lacking: Sequence[Figures], held: Evidence, sta
 
 
 def confirmation(best: Figures, lacking: Figures, held: Evidence, cause: Cause) -> float:
-    """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse."""
+    """Torque error without a cause over that with it, where that is most; zero where with it the rollout is worse.
+
+    The masses are fitted to what a drive passes on: with one that passes on next to nothing they are none, no rollout
+    is possible any more, and that is worse than any.
+    """
     own = [cause.place] if cause.of_joint else list(held.rig.joints)
     strayed, without_ = (np.linalg.norm([one["rollout_rmse"][joint] for joint in own]) for one in (best, lacking))
+    if isinstance(cause, Signal):
+        strayed = np.nan_to_num(strayed, nan=np.inf)
     return 0.0 if strayed > STRAYED * without_ else missed(best, lacking, held, cause)
 
 

@@ -26,6 +26,8 @@ HATS = 7
 """Hats over each variable."""
 RESONANCES = (2.0, 4.0, 6.0, 9.0)
 """Resonators that the torque is sent through, Hz."""
+RUNG = "around"
+"""What is said before the frequency of one of them."""
 SURE = 0.001
 """Chance of calling the noise of any of a log's joints structured by any of its patterns."""
 FLIPS = 999
@@ -69,6 +71,11 @@ class Residual:
     noise_floor: float
     dispersion: float
     where: str
+
+    @property
+    def rings(self) -> bool:
+        """Whether what is left is, most of all, the torque through a resonator."""
+        return self.where.startswith(RUNG)
 
 
 def judge(state: State, rng: np.random.Generator) -> tuple[Residual, ...]:
@@ -160,7 +167,7 @@ def patterns(evidence: Evidence, torque: list[Array], joint: int) -> list[Patter
     out += [made(evidence, "over its angle, with its direction", joint, columns) for columns in turned]
     for frequency in RESONANCES:
         rung = [resonated(x[:, joint], frequency, part.dt) for part, x in zip(evidence.parts, torque)]
-        out.append(made(evidence, f"around {frequency:g} Hz", joint, rung))
+        out.append(made(evidence, f"{RUNG} {frequency:g} Hz", joint, rung))
     return out
 
 

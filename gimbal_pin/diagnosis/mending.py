@@ -5,7 +5,8 @@ cause at the joint that runs the same way. Were the first one free to be any mix
 left for the second.
 
 A drive's limit or gap is a characteristic ``y = f(x)``. What scales the torque beside it, and gains nothing any more
-where f may be any function, is a part of that characteristic.
+where f may be any function, is a part of that characteristic. So is a ripple a part of friction over the angle, where
+friction makes up the torque.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns
+from gimbal_pin.diagnosis.contenders import PENALTY
 from gimbal_pin.diagnosis.fit import Fit, fit, norms, project, refit
 from gimbal_pin.diagnosis.leftover import hats
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import gained
-from gimbal_pin.diagnosis.shapes import same, worth
+from gimbal_pin.diagnosis.shapes import free, same, worth
 from gimbal_pin.diagnosis.state import State, solved, without
 from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.effects.harmonic import Harmonic
@@ -39,15 +41,15 @@ def mended(state: State, shelf: Library) -> dict[Cause, Cause]:
         state: All that was found.
         shelf: The library, for the forms.
     """
-    free = [cause for cause in state.causes if shaped(cause)]
-    gain = {id(cause): worth(without(state, cause), cause) for cause in free}
+    formed = [cause for cause in state.causes if shaped(cause)]
+    gain = {id(cause): worth(without(state, cause), cause) for cause in formed}
     out: dict[Cause, Cause] = {}
-    for less in free:
-        above = (c for c in free if c.place == less.place and gain[id(less)] < PART * gain[id(c)])
+    for less in formed:
+        above = (c for c in formed if c.place == less.place and gain[id(less)] < PART * gain[id(c)])
         other = next((c for c in above if keeps(state, less, c, shelf) < KEPT), None)
         if other is not None:
             out[less] = other
-    return {**out, **bent(state)}
+    return {**out, **bent(state), **spotted(state)}
 
 
 def bent(state: State) -> dict[Cause, Cause]:
@@ -65,6 +67,23 @@ def within(state: State, cause: Cause, drive: Cause) -> bool:
         return False
     any_ = np.stack([evidence.whiten(one, j) for one in hats([torque[:, j] for torque in state.torque])], axis=1)
     return gained(refit(base.fit, any_, j, evidence.used()), base.columns(cause), False).gain < KEPT * alone
+
+
+def spotted(state: State) -> dict[Cause, Cause]:
+    """Ripples that are a part of friction over the angle → that friction."""
+    rough = {c.place: c for c in state.causes if isinstance(c, Harmonic) and c.dry}
+    ripples = [c for c in state.causes if isinstance(c, Harmonic) and c.loaded and c.place in rough]
+    return {c: rough[c.place] for c in ripples if drawn(state, c, rough[c.place])}
+
+
+def drawn(state: State, ripple: Cause, friction: Harmonic) -> bool:
+    """Whether a ripple gains less than friction over the angle, and beside all harmonics of such friction but luck."""
+    alone = worth(without(state, ripple), ripple)
+    if alone > worth(without(state, friction), friction):
+        return False
+    every = type(friction)(friction.joint, tuple(map(float, range(1, friction.highest + 1))))
+    rest = [every if c is friction else c for c in state.causes if c is not ripple]
+    return worth(solved(state.problem, rest, state, keep=True), ripple) < PENALTY * free(ripple)
 
 
 def shaped(cause: Cause) -> bool:

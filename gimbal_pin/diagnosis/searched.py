@@ -85,7 +85,8 @@ def searched(problem: Problem, causes: Mapping[str, type[Cause]], rng: np.random
         final = believed(first, solved(problem, [c for c in final.causes if not springy(c)], final))
     judged = calmed(state, leftover.judge(state, rng))
     shaped = {joint for joint, one in zip(problem.evidence.rig.joints, judged) if one.state == "structured"}
-    if others := [*outlines(first, state, final, shaped), *shaken(final, shaped)]:
+    rung = {joint for joint, one in zip(problem.evidence.rig.joints, judged) if one.rings}
+    if others := [*outlines(first, state, final, shaped), *shaken(final, shaped), *echoes(final, rung)]:
         final = believed(first, solved(problem, [c for c in final.causes if c not in others], final))
     lost = [cause for cause in state.causes if cause not in final.causes]
     doubtful = tuple(c for c in lost if untrusted(first, state, c) or not verdict.minor(state, c))
@@ -131,6 +132,18 @@ def shaken(final: State, shaped: Set[str]) -> list[Cause]:
     """
     free = set(shaped) - {cause.place for cause in final.causes}
     return [cause for cause in final.causes if springy(cause) and free]
+
+
+def echoes(final: State, rung: Set[str]) -> list[Cause]:
+    """Springs that leave more than any sensor's noise, most of it where the drive's torque goes through a resonator.
+
+    A joint that gives is that resonator, and leaves nothing of its kind: what does is a torque that swells and fades by
+    itself, as under a supply's hum, and looks like a spring wherever the encoder sits. `rung` are the joints at which
+    such is left.
+    """
+    left = dict(zip(final.problem.evidence.rig.joints, final.fit.dispersion.tolist()))
+    springs = [cause for cause in final.causes if isinstance(cause, Sprung) and cause.place in rung]
+    return [cause for cause in springs if left[cause.place] > leftover.NOISY]
 
 
 def untrusted(first: State, state: State, cause: Cause) -> bool:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import nan, pi
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Sample
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.seen import Seen
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 
@@ -33,6 +34,15 @@ class TorqueRipple(Harmonic):
     def carrier(self, at: Sample) -> float | Array:
         """The model's total torque."""
         return at.tau
+
+    def blurred(self, seen: Seen) -> tuple[str, ...]:
+        """What has gone round less than once by none of its harmonics is a bend of the torque, and no ripple yet.
+
+        So bends what an encoder that is off, or sits off its joint's centre, takes for the weight of its link, and so
+        does a cable beside that weight; most of it is the torque times one number.
+        """
+        seen_round = max(self.harmonic) * seen.travel >= 2 * pi
+        return () if seen_round else ("torque-gain", "encoder-offset", "cable-spring")
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return amplitudes as shares of the torque."""
