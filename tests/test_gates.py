@@ -10,9 +10,9 @@ import pytest
 
 from gimbal_pin.diagnosis import verdict
 from gimbal_pin.diagnosis.contenders import outbends
-from gimbal_pin.diagnosis.search import polished, pruned
-from gimbal_pin.diagnosis.shapes import measure, refined
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.search import polished, pruned, reshaped
+from gimbal_pin.diagnosis.shapes import measure, refined, worth
+from gimbal_pin.diagnosis.state import Problem, State, solved, without
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.base import Effect, Sample, Term
@@ -114,3 +114,15 @@ def test_a_spring_outlasts_the_harmonics_that_mend_its_form() -> None:
     assert alone.gain == 0.0, "beside the harmonics no spring stands"
     kept, _ = pruned(both, 1e-5, verdict.material)
     assert spring in kept.causes
+
+
+def test_a_shape_that_stood_on_what_is_left_out_is_refined_again() -> None:
+    """Bristles of too short a stroke ask for damping that would push: they are none as they are, and not so far off."""
+    place = RIG.joints[0]
+    state = first(Term(Presliding(place, 2e-2, damped=True), (0.5, 0.1)))
+    short = solved(state.problem, (Presliding(place, 1.6e-2, damped=True),), state)
+    assert worth(without(short, short.causes[0]), short.causes[0]) == 0.0
+    found = reshaped(short)
+    (bristles,) = found.causes
+    assert isinstance(bristles, Presliding) and bristles.stroke == pytest.approx(2e-2, rel=0.05)
+    assert worth(without(found, bristles), bristles) > 0 and reshaped(found) is found

@@ -68,8 +68,14 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 from gimbal_pin.text import wrong
 from tests.bench_logs import prescribed
+from tests.rigs import BODY, spelled
 
 ALIGNED = replace(BAND, alignment=0.0)
+ALONE = (
+    f'<robot name="alone"><link name="base"/>{BODY.format("arm", 1)}<joint name="tilt" type="revolute"><parent link="base"'
+    '/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="9" velocity="3"/></joint></robot>'
+)
+"""A rig of one joint, to whose torque nothing else holds the rigid model."""
 BODIES = {name: kind for name, kind in CAUSES.items() if issubclass(kind, RigEffect)}
 RNG = np.random.default_rng
 
@@ -185,9 +191,10 @@ def test_what_scales_the_torque_beside_a_gap_of_another_form_is_a_part_of_it(mor
     assert mended(state, Library(state.problem, ())) == {more: gap}
 
 
-def test_a_gap_and_a_ripple_are_two() -> None:
+@pytest.mark.parametrize("load", [lambda: Rig.load("thesis"), lambda: spelled(ALONE)])
+def test_a_gap_and_a_ripple_are_two(load: Callable[[], Rig]) -> None:
     """And so are a gap and a constant, which is a function of the torque, too, and scales nothing."""
-    rig = Rig.load("thesis")
+    rig = load()
     width = 0.1 * float(np.abs(recorded(rig).tau[:, rig.joint_index("tilt")]).max())
     for planted, more in (
         ("torque-ripple:tilt:amplitude=0.1,harmonic=8,phase=0.5", TorqueRipple("tilt", (8.0,))),
