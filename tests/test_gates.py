@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import verdict
-from gimbal_pin.diagnosis.contenders import outbends
+from gimbal_pin.diagnosis.contenders import outbends, swells
+from gimbal_pin.diagnosis.score import NOTHING
 from gimbal_pin.diagnosis.search import polished, pruned, reshaped
 from gimbal_pin.diagnosis.shapes import measure, refined, worth
 from gimbal_pin.diagnosis.state import Problem, State, solved, without
@@ -26,6 +27,7 @@ from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.parameter import Parameter
@@ -126,3 +128,13 @@ def test_a_shape_that_stood_on_what_is_left_out_is_refined_again() -> None:
     (bristles,) = found.causes
     assert isinstance(bristles, Presliding) and bristles.stroke == pytest.approx(2e-2, rel=0.05)
     assert worth(without(found, bristles), bristles) > 0 and reshaped(found) is found
+
+
+@pytest.mark.parametrize(("depth", "swollen"), [(0.05, False), (0.45, False), (0.55, True), (1.5, True)])
+def test_no_motor_gives_thrice_per_current_at_one_angle_what_it_gives_at_another(depth: float, swollen: bool) -> None:
+    """``(1 + s)/(1 - s)``, whatever the phase, and of a gain that inverts the torque none."""
+    state, place = first(), RIG.joints[0]
+    for phase in np.linspace(0.0, 2 * np.pi, 5):
+        found = NOTHING._replace(beta=depth * np.array([np.cos(phase), np.sin(phase)]))
+        assert swells(state, found, TorqueRipple(place, (18.0,))) == swollen
+        assert not swells(state, found, Cogging(place, (18.0,)))

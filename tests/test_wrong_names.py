@@ -72,8 +72,9 @@ from tests.rigs import BODY, spelled
 
 ALIGNED = replace(BAND, alignment=0.0)
 ALONE = (
-    f'<robot name="alone"><link name="base"/>{BODY.format("arm", 1)}<joint name="tilt" type="revolute"><parent link="base"'
-    '/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" effort="9" velocity="3"/></joint></robot>'
+    f'<robot name="alone"><link name="base"/>{BODY.format("arm", 1)}<joint name="tilt" type="revolute">'
+    '<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>'
+    '<limit lower="-1.5" upper="1.5" effort="9" velocity="3"/></joint></robot>'
 )
 """A rig of one joint, to whose torque nothing else holds the rigid model."""
 BODIES = {name: kind for name, kind in CAUSES.items() if issubclass(kind, RigEffect)}

@@ -51,6 +51,8 @@ FEWEST = 20
 """Fewest of them by which it is judged."""
 LINE = 5.0
 """Gain of a harmonic over the median of those from which it is a line."""
+UNEVEN = 3.0
+"""Torque per current at one angle over that at another from which it is no motor's: a ripple of half of it."""
 UNLIKE = 0.5
 """Cosine under which two harmonics are functions of their own on a log."""
 
@@ -155,7 +157,7 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, signs_only, holds_fast, drives, outbends, falls, strays)
+    tests = (hushes, signs_only, holds_fast, drives, outbends, falls, strays, swells)
     return not any(test(state, found, cause) for test in tests)
 
 
@@ -193,6 +195,20 @@ def falls(state: State, found: Score, cause: Cause) -> bool:
     rate = np.concatenate([part.channels.v[:, j] for part in evidence.parts])
     viscous = [x for one, x in zip(effects, theta) if not one.dry and one.joint == cause.joint]
     return bool(viscous[0] * np.linalg.norm(rate) < -PUSHED * np.linalg.norm(own))
+
+
+def swells(state: State, found: Score, cause: Cause) -> bool:
+    """Whether a motor's torque per current, ``1 - s(q)`` for a ripple s, differs by more over a log than any motor's.
+
+    Harmonics over less than a turn hold a constant, which a rig of one joint does not show: what counts is the ratio.
+    """
+    if not isinstance(cause, Harmonic) or not cause.loaded or not len(found.beta):
+        return False
+    evidence = state.problem.evidence
+    j = evidence.rig.joint_index(cause.joint)
+    q = np.concatenate([part.channels.q[:, j] for part in evidence.parts])
+    per = 1.0 - np.stack(cause.basis(Sample(0.0, q, 0.0, 0.0, 0.0, 1.0)), axis=1) @ found.beta
+    return bool(np.max(per) > UNEVEN * np.min(per))
 
 
 def drives(state: State, found: Score, cause: Cause) -> bool:
