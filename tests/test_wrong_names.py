@@ -77,6 +77,8 @@ ALONE = (
     '<limit lower="-1.5" upper="1.5" effort="9" velocity="3"/></joint></robot>'
 )
 """A rig of one joint, to whose torque nothing else holds the rigid model."""
+HELD = ALONE.replace('"-1.5"', '"1"').replace('"1.5"', '"1.6"').replace('velocity="3"', 'velocity="1"')
+"""The same with its arm held out, so that its weight is all but a constant."""
 BODIES = {name: kind for name, kind in CAUSES.items() if issubclass(kind, RigEffect)}
 RNG = np.random.default_rng
 
@@ -190,6 +192,19 @@ def test_what_scales_the_torque_beside_a_gap_of_another_form_is_a_part_of_it(mor
     state = polished(fitted(rig, log, start, more), only=start)
     (gap,) = (cause for cause in state.causes if isinstance(cause, DeadZone))
     assert mended(state, Library(state.problem, ())) == {more: gap}
+
+
+def test_a_limit_that_leaves_a_constant_of_all_commands_is_none() -> None:
+    """The weight may be so much less, and nothing else is left to tell the limit from any other."""
+    rig = spelled(HELD)
+    log = recorded(rig)
+    assert log.tau is not None
+    least, most = float(np.abs(log.tau).min()), float(np.abs(log.tau).max())
+    assert abs(np.sign(log.tau).mean()) == 1.0
+    state = fitted(rig, log)
+    for limit in np.linspace(0.8, 0.99, 3) * least:
+        assert signs_only(state, NOTHING, Saturation("tilt", limit))
+    assert not signs_only(state, NOTHING, Saturation("tilt", 0.98 * most))
 
 
 @pytest.mark.parametrize("load", [lambda: Rig.load("thesis"), lambda: spelled(ALONE)])

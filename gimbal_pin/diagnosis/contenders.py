@@ -282,6 +282,7 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
 def signs_only(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's limit leaves but the signs of the commands, as friction or lighter bodies explain of any.
 
+    Of commands of one sign it leaves a constant.
     Where the limit is one the joint's acceleration is as large as it says for the rig's own masses, from one sign to
     the next.
     """
@@ -299,7 +300,8 @@ def signs_only(state: State, found: Score, cause: Cause) -> bool:
     given = given_beta(evidence.rig, state.problem.reduction)
     rows, at = now.rows(j), len(given)
     brakes = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.place]
-    A, b = now.stack[rows][:, brakes], after.fit.target[rows]
+    constant = evidence.whiten([np.ones(len(part.gate)) for part in evidence.parts], j)
+    A, b = np.column_stack([now.stack[rows][:, brakes], constant]), after.fit.target[rows]
     alone, left = b - A @ np.linalg.lstsq(A, b, rcond=1e-10)[0], after.fit.residual[rows]
     rigid = now.stack[rows][:, :at]
     off, asked = rigid @ (after.fit.theta[:at] - given), rigid @ given
