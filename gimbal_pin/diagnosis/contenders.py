@@ -39,7 +39,7 @@ NEARLY_ALL = 0.98
 SLIGHT = 0.01
 """Share of the largest torque under which none is passed."""
 SWUNG = 20.0
-"""What dry and viscous friction alone leaves of those over what the whole model leaves, from which the joint's motion
+"""What all but the joint's own acceleration leaves of those over what the whole model leaves, from which its motion
 follows them: a sine, as any motion has, leaves a fifth of a square wave of its phase."""
 LIGHTER = 0.5
 """Share of the given rig's torque by which the fitted one's may be another, if so much less acts than is commanded."""
@@ -282,9 +282,9 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
 def signs_only(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's limit leaves but the signs of the commands, as friction or lighter bodies explain of any.
 
-    Of commands of one sign it leaves a constant.
-    Where the limit is one the joint's acceleration is as large as it says for the rig's own masses, from one sign to
-    the next.
+    Of commands of one sign it leaves a constant, as a weight that is held asks for. Where the limit is one the joint's
+    acceleration is as large as it says for the rig's own masses: what the joint bears at rest, and all else that was
+    found, is not enough.
     """
     if not isinstance(cause, Signal):
         return False
@@ -299,9 +299,8 @@ def signs_only(state: State, found: Score, cause: Cause) -> bool:
     after = solved(state.problem, (*state.causes, cause), state, keep=True)
     given = given_beta(evidence.rig, state.problem.reduction)
     rows, at = now.rows(j), len(given)
-    brakes = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.place]
-    constant = evidence.whiten([np.ones(len(part.gate)) for part in evidence.parts], j)
-    A, b = np.column_stack([now.stack[rows][:, brakes], constant]), after.fit.target[rows]
+    weights = evidence.whiten([x[:, j, state.problem.felt[j]] for x in state.problem.resting], j)
+    A, b = np.column_stack([after.fit.stack[rows][:, at:], weights]), after.fit.target[rows]
     alone, left = b - A @ np.linalg.lstsq(A, b, rcond=1e-10)[0], after.fit.residual[rows]
     rigid = now.stack[rows][:, :at]
     off, asked = rigid @ (after.fit.theta[:at] - given), rigid @ given
