@@ -51,8 +51,8 @@ FEWEST = 20
 """Fewest of them by which it is judged."""
 LINE = 5.0
 """Gain of a harmonic over the median of those from which it is a line."""
-UNEVEN = 3.0
-"""Torque per current at one angle over that at another from which it is no motor's: a ripple of half of it."""
+UNEVEN = 5.0
+"""Torque per current at one angle over that at another from which it is no motor's: a ripple of two thirds."""
 UNLIKE = 0.5
 """Cosine under which two harmonics are functions of their own on a log."""
 
