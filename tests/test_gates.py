@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import verdict
-from gimbal_pin.diagnosis.contenders import outbends
-from gimbal_pin.diagnosis.search import polished, pruned
-from gimbal_pin.diagnosis.shapes import measure, refined
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.contenders import outbends, swells
+from gimbal_pin.diagnosis.score import NOTHING
+from gimbal_pin.diagnosis.search import polished, pruned, reshaped
+from gimbal_pin.diagnosis.shapes import measure, refined, worth
+from gimbal_pin.diagnosis.state import Problem, State, solved, without
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.base import Effect, Sample, Term
@@ -26,6 +27,7 @@ from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.parameter import Parameter
@@ -114,3 +116,25 @@ def test_a_spring_outlasts_the_harmonics_that_mend_its_form() -> None:
     assert alone.gain == 0.0, "beside the harmonics no spring stands"
     kept, _ = pruned(both, 1e-5, verdict.material)
     assert spring in kept.causes
+
+
+def test_a_shape_that_stood_on_what_is_left_out_is_refined_again() -> None:
+    """Bristles of too short a stroke ask for damping that would push: they are none as they are, and not so far off."""
+    place = RIG.joints[0]
+    state = first(Term(Presliding(place, 2e-2, damped=True), (0.5, 0.1)))
+    short = solved(state.problem, (Presliding(place, 1.6e-2, damped=True),), state)
+    assert worth(without(short, short.causes[0]), short.causes[0]) == 0.0
+    found = reshaped(short)
+    (bristles,) = found.causes
+    assert isinstance(bristles, Presliding) and bristles.stroke == pytest.approx(2e-2, rel=0.05)
+    assert worth(without(found, bristles), bristles) > 0 and reshaped(found) is found
+
+
+@pytest.mark.parametrize(("depth", "swollen"), [(0.05, False), (0.6, False), (0.75, True), (1.5, True)])
+def test_no_motor_gives_five_times_as_much_at_one_angle_as_at_another(depth: float, swollen: bool) -> None:
+    """``(1 + s)/(1 - s)``, whatever the phase, and of a gain that inverts the torque none."""
+    state, place = first(), RIG.joints[0]
+    for phase in np.linspace(0.0, 2 * np.pi, 5):
+        found = NOTHING._replace(beta=depth * np.array([np.cos(phase), np.sin(phase)]))
+        assert swells(state, found, TorqueRipple(place, (18.0,))) == swollen
+        assert not swells(state, found, Cogging(place, (18.0,)))

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.edges import away, decided
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import NOTHING
-from gimbal_pin.diagnosis.search import needed, variants
+from gimbal_pin.diagnosis.search import needed, polished, variants
 from gimbal_pin.diagnosis.shapes import otherwise, refined, worth
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects.actuator_lag import ActuatorLag
@@ -140,3 +140,17 @@ def test_a_lag_that_mends_what_a_delay_is_off_is_left_out_and_what_is_there_is_n
     assert {cause.name for cause in found.causes} == {"saturation", "delay"}
     delay = next(cause for cause in found.causes if isinstance(cause, Delay))
     assert delay.late(DT) == pytest.approx(late, rel=0.03)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_limit_behind_a_gap_is_another_than_before_it(way: int) -> None:
+    """Begun the wrong way round, refined to what they are in the order in which they are."""
+    place = RIG.joints[0]
+    peak = float(np.max(np.abs(np.concatenate(looped().problem.evidence.torque)[:, 0])))
+    drive = (DeadZone(place, 0.06 * peak), Saturation(place, 0.8 * peak))[::way]
+    before = looped(*drive)
+    state = polished(solved(before.problem, drive[::-1], before))
+    assert [cause.name for cause in state.causes] == [cause.name for cause in drive]
+    limit = next(cause for cause in state.causes if isinstance(cause, Saturation))
+    zone = next(cause for cause in state.causes if isinstance(cause, DeadZone))
+    assert limit.limit == pytest.approx(0.8 * peak, rel=0.01) and zone.width == pytest.approx(0.06 * peak, rel=0.03)

@@ -68,8 +68,17 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 from gimbal_pin.text import wrong
 from tests.bench_logs import prescribed
+from tests.rigs import BODY, spelled
 
 ALIGNED = replace(BAND, alignment=0.0)
+ALONE = (
+    f'<robot name="alone"><link name="base"/>{BODY.format("arm", 1)}<joint name="tilt" type="revolute">'
+    '<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>'
+    '<limit lower="-1.5" upper="1.5" effort="9" velocity="3"/></joint></robot>'
+)
+"""A rig of one joint, to whose torque nothing else holds the rigid model."""
+HELD = ALONE.replace('"-1.5"', '"1"').replace('"1.5"', '"1.6"').replace('velocity="3"', 'velocity="1"')
+"""The same with its arm held out, so that its weight is all but a constant."""
 BODIES = {name: kind for name, kind in CAUSES.items() if issubclass(kind, RigEffect)}
 RNG = np.random.default_rng
 
@@ -201,9 +210,23 @@ def test_a_ripple_that_is_friction_over_the_angle_is_a_part_of_it(planted: str) 
     assert mended(state, Library(state.problem, ())) == ({ripple: friction} if planted == "friction" else {})
 
 
-def test_a_gap_and_a_ripple_are_two() -> None:
+def test_a_limit_that_leaves_a_constant_of_all_commands_is_none() -> None:
+    """The weight may be so much less, and nothing else is left to tell the limit from any other."""
+    rig = spelled(HELD)
+    log = recorded(rig)
+    assert log.tau is not None
+    least, most = float(np.abs(log.tau).min()), float(np.abs(log.tau).max())
+    assert abs(np.sign(log.tau).mean()) == 1.0
+    state = fitted(rig, log)
+    for limit in np.linspace(0.8, 0.99, 3) * least:
+        assert signs_only(state, NOTHING, Saturation("tilt", limit))
+    assert not signs_only(state, NOTHING, Saturation("tilt", 0.98 * most))
+
+
+@pytest.mark.parametrize("load", [lambda: Rig.load("thesis"), lambda: spelled(ALONE)])
+def test_a_gap_and_a_ripple_are_two(load: Callable[[], Rig]) -> None:
     """And so are a gap and a constant, which is a function of the torque, too, and scales nothing."""
-    rig = Rig.load("thesis")
+    rig = load()
     width = 0.1 * float(np.abs(recorded(rig).tau[:, rig.joint_index("tilt")]).max())
     for planted, more in (
         ("torque-ripple:tilt:amplitude=0.1,harmonic=8,phase=0.5", TorqueRipple("tilt", (8.0,))),

@@ -39,7 +39,7 @@ NEARLY_ALL = 0.98
 SLIGHT = 0.01
 """Share of the largest torque under which none is passed."""
 SWUNG = 20.0
-"""What dry and viscous friction alone leaves of those over what the whole model leaves, from which the joint's motion
+"""What all but the joint's own acceleration leaves of those over what the whole model leaves, from which its motion
 follows them: a sine, as any motion has, leaves a fifth of a square wave of its phase."""
 LIGHTER = 0.5
 """Share of the given rig's torque by which the fitted one's may be another, if so much less acts than is commanded."""
@@ -51,6 +51,8 @@ FEWEST = 20
 """Fewest of them by which it is judged."""
 LINE = 5.0
 """Gain of a harmonic over the median of those from which it is a line."""
+UNEVEN = 5.0
+"""Torque per current at one angle over that at another from which it is no motor's: a ripple of two thirds."""
 UNLIKE = 0.5
 """Cosine under which two harmonics are functions of their own on a log."""
 
@@ -155,7 +157,7 @@ def whole(state: State, columns: Sequence[Columns], cause: Cause) -> Cause:
 
 def possible(state: State, found: Score, cause: Cause) -> bool:
     """Whether what a cause would do is what such a cause can do."""
-    tests = (hushes, signs_only, holds_fast, drives, outbends, falls, strays)
+    tests = (hushes, signs_only, holds_fast, drives, outbends, falls, strays, swells)
     return not any(test(state, found, cause) for test in tests)
 
 
@@ -193,6 +195,20 @@ def falls(state: State, found: Score, cause: Cause) -> bool:
     rate = np.concatenate([part.channels.v[:, j] for part in evidence.parts])
     viscous = [x for one, x in zip(effects, theta) if not one.dry and one.joint == cause.joint]
     return bool(viscous[0] * np.linalg.norm(rate) < -PUSHED * np.linalg.norm(own))
+
+
+def swells(state: State, found: Score, cause: Cause) -> bool:
+    """Whether a motor's torque per current, ``1 - s(q)`` for a ripple s, differs by more over a log than any motor's.
+
+    Harmonics over less than a turn hold a constant, which a rig of one joint does not show: what counts is the ratio.
+    """
+    if not isinstance(cause, Harmonic) or not cause.loaded or not len(found.beta):
+        return False
+    evidence = state.problem.evidence
+    j = evidence.rig.joint_index(cause.joint)
+    q = np.concatenate([part.channels.q[:, j] for part in evidence.parts])
+    per = 1.0 - np.stack(cause.basis(Sample(0.0, q, 0.0, 0.0, 0.0, 1.0)), axis=1) @ found.beta
+    return bool(np.max(per) > UNEVEN * np.min(per))
 
 
 def drives(state: State, found: Score, cause: Cause) -> bool:
@@ -266,8 +282,9 @@ def hushes(state: State, found: Score, cause: Cause) -> bool:
 def signs_only(state: State, found: Score, cause: Cause) -> bool:
     """Whether a drive's limit leaves but the signs of the commands, as friction or lighter bodies explain of any.
 
-    Where the limit is one the joint's acceleration is as large as it says for the rig's own masses, from one sign to
-    the next.
+    Of commands of one sign it leaves a constant, as a weight that is held asks for. Where the limit is one the joint's
+    acceleration is as large as it says for the rig's own masses: what the joint bears at rest, and all else that was
+    found, is not enough.
     """
     if not isinstance(cause, Signal):
         return False
@@ -282,8 +299,8 @@ def signs_only(state: State, found: Score, cause: Cause) -> bool:
     after = solved(state.problem, (*state.causes, cause), state, keep=True)
     given = given_beta(evidence.rig, state.problem.reduction)
     rows, at = now.rows(j), len(given)
-    brakes = [at + k for k, effect in enumerate(state.problem.friction) if effect.joint == cause.place]
-    A, b = now.stack[rows][:, brakes], after.fit.target[rows]
+    weights = evidence.whiten([x[:, j, state.problem.felt[j]] for x in state.problem.resting], j)
+    A, b = np.column_stack([after.fit.stack[rows][:, at:], weights]), after.fit.target[rows]
     alone, left = b - A @ np.linalg.lstsq(A, b, rcond=1e-10)[0], after.fit.residual[rows]
     rigid = now.stack[rows][:, :at]
     off, asked = rigid @ (after.fit.theta[:at] - given), rigid @ given

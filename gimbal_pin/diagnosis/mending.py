@@ -60,12 +60,15 @@ def bent(state: State) -> dict[Cause, Cause]:
 
 
 def within(state: State, cause: Cause, drive: Cause) -> bool:
-    """Whether a cause gains less than a drive's limit or gap, and nothing beside any function of the torque."""
+    """Whether a cause gains less than a drive's limit or gap, and nothing beside any function of the torque.
+
+    Of the torque without the cause: all of it less the rigid model's would be the cause itself.
+    """
     base, evidence = without(state, cause), state.problem.evidence
     alone, j = worth(base, cause), evidence.rig.joint_index(cause.place)
     if alone > worth(without(state, drive), drive):
         return False
-    any_ = np.stack([evidence.whiten(one, j) for one in hats([torque[:, j] for torque in state.torque])], axis=1)
+    any_ = np.stack([evidence.whiten(one, j) for one in hats([torque[:, j] for torque in base.torque])], axis=1)
     return gained(refit(base.fit, any_, j, evidence.used()), base.columns(cause), False).gain < KEPT * alone
 
 

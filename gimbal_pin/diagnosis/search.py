@@ -125,9 +125,27 @@ def polished(state: State, only: Cause | None = None, step: float = COARSE) -> S
     """
     for cause in state.causes:
         if shape_names(cause) and only in (None, cause) and cause not in state.swings:
-            better = refined(without(state, cause), cause, step)
-            state = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
+            state = chained(state, cause, refined(without(state, cause), cause, step))
     return linked(consistent(state), again=step < COARSE)
+
+
+def chained(state: State, cause: Cause, better: Cause) -> State:
+    """The state with a cause refined; a drive's signals in the order that leaves least.
+
+    ``f(g(x)) ≠ g(f(x))``: a limit behind a gap is another than before it, and each is refined as the last of its drive.
+    """
+    after = solved(state.problem, tuple(better if c is cause else c for c in state.causes), state)
+    if all(alike_in_turn(cause, other) for other in state.causes if other is not cause):
+        return after
+    last = solved(state.problem, (*(c for c in state.causes if c is not cause), better), state)
+    return min((after, last, state), key=left)
+
+
+def alike_in_turn(one: Cause, other: Cause) -> bool:
+    """Whether it is all the same which of two causes comes first; what acts behind a gear comes last."""
+    if not isinstance(one, Signal) or not isinstance(other, Signal) or one.place != other.place:
+        return True
+    return (one.linear and other.linear) or one.geared or other.geared
 
 
 def needed(state: State) -> State:
@@ -182,8 +200,19 @@ def pruned(state: State, limit: float, material: Callable[[State, Score], bool])
         i = yielding(state, bases, min(weak)[1], rows[min(weak)[1]][0])
         if surest(bases[i], state.causes[i], rows[i][0]) <= limit and not material(bases[i], rows[i][0]):
             dropped.append(state.causes[i])
-        state = solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state)
+        state = reshaped(solved(state.problem, tuple(c for k, c in enumerate(state.causes) if k != i), state))
     return state, dropped
+
+
+def reshaped(state: State) -> State:
+    """Refine the shapes of causes that gain nothing as they are: what they were refined beside has gone.
+
+    What was left out may have held a shape where without it the fit asks for a coefficient that no such cause has.
+    """
+    for cause in state.causes:
+        if shape_names(cause) and worth(without(state, cause), cause) <= 0:
+            state = polished(state, only=cause)
+    return state
 
 
 def regrown(
