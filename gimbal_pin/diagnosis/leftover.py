@@ -52,6 +52,7 @@ class Pattern:
     lower: Array
     upper: Array
     bulk: float = 1.0
+    shared: Array | None = None
 
 
 @dataclass(frozen=True)
