@@ -20,8 +20,9 @@ from gimbal_pin.diagnosis.score import all_gained
 from gimbal_pin.diagnosis.search import CLEARER, WORSE, entered, foremost, forward, polished, swapped
 from gimbal_pin.diagnosis.shapes import form, free, measure, refined
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
-from gimbal_pin.effects import Cause, RigEffect, Signal
+from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.signal import Static
 
 LOOKED = 24
 """Couples that are looked at."""
@@ -70,11 +71,11 @@ def edged(first: State, state: State, j: int, shelf: Library) -> State | None:
     """
     joint = state.problem.evidence.rig.joints[j]
     others, here = parted(state, joint)
-    if any(isinstance(cause, Signal) and cause.abrupt for cause in here):
+    if any(isinstance(cause, Static) and cause.abrupt for cause in here):
         return None
     base = solved(state.problem, others, state)
     for _, cause in contenders(base, shelf, joint):
-        clear = cleared(state.problem.evidence, cause) if cause.place == joint and isinstance(cause, Signal) else None
+        clear = cleared(state.problem.evidence, cause) if isinstance(cause, Static) and cause.place == joint else None
         if clear is None:
             continue
         found = entered(base, cause)
