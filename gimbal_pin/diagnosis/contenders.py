@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.score import CLEARED, Score, all_gained, gained, score
 from gimbal_pin.diagnosis.shapes import free, measure, otherwise, refined, same
 from gimbal_pin.diagnosis.state import State, solved, width
-from gimbal_pin.effects import Cause, Coulomb, Effect, RigEffect, Sample, Signal
+from gimbal_pin.effects import Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
@@ -171,7 +171,8 @@ def holds_fast(state: State, found: Score, cause: Cause) -> bool:
     rows = [(cause, found.beta)]
     at = Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     if isinstance(cause, Harmonic):
-        rows = [row for row in brakes(state, found, cause) if isinstance(row[0], Coulomb | Harmonic)]
+        plain = [effect for effect in state.problem.friction if effect.dry]
+        rows = [row for row in brakes(state, found, cause) if row[0] in plain or isinstance(row[0], Harmonic)]
         at = at._replace(q=np.concatenate([part.channels.q[:, j] for part in evidence.parts]))
     held = sum(x * np.asarray(y) for effect, beta in rows for x, y in zip(beta, effect.basis(at)))
     return bool(np.max(np.abs(held)) > evidence.seen[j].peak)
