@@ -12,6 +12,7 @@ from gimbal_pin.diagnosis.contenders import signs_only, untaken
 from gimbal_pin.diagnosis.edges import away, decided
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.restart import edged
 from gimbal_pin.diagnosis.score import NOTHING
 from gimbal_pin.diagnosis.search import needed, polished, variants
 from gimbal_pin.diagnosis.shapes import otherwise, refined, worth
@@ -109,6 +110,20 @@ def test_a_threshold_is_judged_where_its_edge_is_far() -> None:
     assert np.median(near[closed]) < np.median(near[~closed])
     np.testing.assert_array_equal(shut.gate[:, 1:], part.gate[:, 1:])
     assert np.all(shut.gate <= part.gate)
+
+
+def test_a_threshold_stands_in_for_what_took_of_its_edge() -> None:
+    """Judged where its edge is clear it explains nearly all; what a search had in its place is no more a start."""
+    place, width = RIG.joints[0], 0.12
+    first = looped(DeadZone(place, width, whole=True))
+    shelf = Library(first.problem, [DeadZone(place, width, 12.0), Cogging(place, (3.0,))])
+    others = solved(first.problem, (Cogging(place, (3.0,)), ActuatorLag(place, 0.01)), first)
+    found = edged(first, others, 0, shelf)
+    assert found is not None and len(found.causes) == 1
+    (zone,) = found.causes
+    assert isinstance(zone, DeadZone) and zone.whole and zone.width == pytest.approx(width, rel=0.02)
+    assert edged(first, found, 0, shelf) is None, "it is there already"
+    assert edged(looped(), looped(), 0, Library(looped().problem, shelf.causes)) is None, "a drive without one has none"
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])

@@ -11,6 +11,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
@@ -45,6 +46,8 @@ class Columns:
         lower: Bounds of the coefficients, (c,).
         upper: The same.
         bulk: Their power over that of what sets them apart from Coulomb friction.
+        shared: Coulomb friction, whitened, (rows,), where the formula alone says what of a torque is its; None: it is
+            a torque of its own.
     """
 
     cause: Cause
@@ -54,6 +57,7 @@ class Columns:
     lower: Array
     upper: Array
     bulk: float = 1.0
+    shared: Array | None = None
 
     @property
     def width(self) -> int:
@@ -235,7 +239,8 @@ def build(
     bulk = bulk_of(evidence, cause, own) if isinstance(cause, Effect) and cause.bristly else 1.0
     if any((one.name, one.place) == (cause.name, cause.place) for one in stand.changes):
         bulk = KNOWN
-    return Columns(cause, evidence.rig.n, joint, own, lower, upper, bulk)
+    shared = evidence.sliding[joint] if joint is not None and isinstance(cause, Harmonic) and cause.dry else None
+    return Columns(cause, evidence.rig.n, joint, own, lower, upper, bulk, shared)
 
 
 def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
@@ -243,10 +248,8 @@ def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
 
     Bristles slide most of the time, and then all of them is Coulomb friction: how they bend is judged by itself.
     """
-    j = evidence.rig.joint_index(effect.joint)
-    slide = evidence.whiten([part.slide[:, j] for part in evidence.parts], j)
     apart = own.copy()
-    apart[:, 0] -= slide
+    apart[:, 0] -= evidence.sliding[evidence.rig.joint_index(effect.joint)]
     power, whole = float(np.sum(apart**2)), float(np.sum(own**2))
     return whole / power if power > BENT * whole else 1.0
 

@@ -162,13 +162,22 @@ def possible(state: State, found: Score, cause: Cause) -> bool:
 
 
 def holds_fast(state: State, found: Score, cause: Cause) -> bool:
-    """Whether dry friction would hold the joint against more than the largest torque of the logs: it never moved."""
+    """Whether dry friction would hold the joint against more than the largest torque of the logs: it never moved.
+
+    What varies with the angle does so together with the rest of it, where the joint has been.
+    """
     if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
         return False
     evidence = state.problem.evidence
-    basis = cause.basis(Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0))
-    held = sum(float(x) * float(y) for x, y in zip(found.beta, basis))
-    return abs(held) > evidence.seen[evidence.rig.joint_index(cause.joint)].peak
+    j = evidence.rig.joint_index(cause.joint)
+    rows = [(cause, found.beta)]
+    at = Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+    if isinstance(cause, Harmonic):
+        plain = [effect for effect in state.problem.friction if effect.dry]
+        rows = [row for row in brakes(state, found, cause) if row[0] in plain or isinstance(row[0], Harmonic)]
+        at = at._replace(q=np.concatenate([part.channels.q[:, j] for part in evidence.parts]))
+    held = sum(x * np.asarray(y) for effect, beta in rows for x, y in zip(beta, effect.basis(at)))
+    return bool(np.max(np.abs(held)) > evidence.seen[j].peak)
 
 
 def outbends(state: State, found: Score, cause: Cause) -> bool:
@@ -215,17 +224,22 @@ def drives(state: State, found: Score, cause: Cause) -> bool:
     """Whether dry friction at the cause's joint would have to push, all else refitted."""
     if not isinstance(cause, Effect) or not cause.dry or not len(found.beta):
         return False
+    return pushes(state.problem.evidence, brakes(state, found, cause), state.load)
+
+
+def brakes(state: State, found: Score, cause: Effect) -> list[tuple[Effect, Array]]:
+    """All friction at the cause's joint with its coefficients, all refitted beside the cause, which comes last."""
     theta = refitted_beside(state, found, cause)
     effects = [*state.problem.friction, *(c for c in state.causes if not isinstance(c, Signal))]
     ends = np.cumsum([len(state.problem.reduction.independent), *map(width, effects)])
     always = len(state.problem.friction)
     dry = next(one for one in state.problem.friction if one.dry and one.joint == cause.joint)
-    brakes = [
+    others = [
         slid(effect, theta[begin:end], dry)
         for k, (effect, begin, end) in enumerate(zip(effects, ends, ends[1:]))
         if isinstance(effect, Effect) and effect.joint == cause.joint and (k < always or resists(effect))
     ]
-    return pushes(state.problem.evidence, [*brakes, (cause, found.beta)], state.load)
+    return [*others, (cause, found.beta)]
 
 
 def resists(effect: Effect) -> bool:

@@ -32,13 +32,17 @@ def decided(first: State, state: State, signal: Signal) -> tuple[float, float] |
     None where it has no edge, or where too little of the time is left.
     """
     evidence = state.problem.evidence
+    clear, j = cleared(evidence, signal), evidence.rig.joint_index(signal.place)
+    return None if clear is None else (dispersion(first, clear, j), dispersion(state, clear, j))
+
+
+def cleared(evidence: Evidence, signal: Signal) -> Evidence | None:
+    """The logs where it is known what a signal passed; None where it has no edge, or where too little is left."""
     if not signal.abrupt or any(part.logged is None for part in evidence.parts):
         return None
     j = evidence.rig.joint_index(signal.place)
     clear = replace(evidence, parts=tuple(away(part, signal, j, evidence.band) for part in evidence.parts))
-    if clear.used()[j] < ENOUGH * evidence.used()[j]:
-        return None
-    return dispersion(first, clear, j), dispersion(state, clear, j)
+    return None if clear.used()[j] < ENOUGH * evidence.used()[j] else clear
 
 
 def dispersion(state: State, evidence: Evidence, joint: int) -> float:

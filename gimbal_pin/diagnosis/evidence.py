@@ -202,6 +202,11 @@ class Evidence:
         """What effects read at each joint, per part."""
         return [[part.sample(j) for part in self.parts] for j in range(self.rig.n)]
 
+    @cached_property
+    def sliding(self) -> list[Array]:
+        """Coulomb friction of one N m at each joint, whitened, (rows,)."""
+        return [self.whiten([part.slide[:, j] for part in self.parts], j) for j in range(self.rig.n)]
+
     @property
     def seconds(self) -> float:
         """Length of all parts, s."""

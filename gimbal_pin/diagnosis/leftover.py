@@ -54,6 +54,7 @@ class Pattern:
     lower: Array
     upper: Array
     bulk: float = 1.0
+    shared: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.contenders import PENALTY, contenders, possible
 from gimbal_pin.diagnosis.contenders import ranked as gaining
 from gimbal_pin.diagnosis.couples import ranked
-from gimbal_pin.diagnosis.leftover import MUCH
+from gimbal_pin.diagnosis.edges import cleared, dispersion
+from gimbal_pin.diagnosis.leftover import MUCH, NEARLY_ALL
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.loosened import loosened
 from gimbal_pin.diagnosis.score import all_gained
@@ -21,6 +22,7 @@ from gimbal_pin.diagnosis.shapes import form, free, measure, refined
 from gimbal_pin.diagnosis.state import State, consistent, left, solved, without
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.signal import Static
 
 LOOKED = 24
 """Couples that are looked at."""
@@ -38,7 +40,7 @@ def composed(first: State, shelf: Library) -> State:
     What enters first may be between two others, so that beside it neither is seen. Several causes at one joint may be
     one in a form that by itself gained no more than the first of them, and a base that leans about both of its axes may
     gain less about either than what stands in for it. Where much is left still, a gap is looked for whose flanks give,
-    and a spring whose link swings far.
+    and a spring whose link swings far; and last a threshold that tells all but what lies at its edge.
     """
     state = swapped(forward(first, shelf), shelf)
     for joint in state.problem.evidence.rig.joints:
@@ -56,7 +58,38 @@ def composed(first: State, shelf: Library) -> State:
             found = (one for one in loosened(state, joint, shelf) if clearer(one, state) or sparser(one, state))
             start = next((one for one in found if stands(one, joint)), None)
             state = state if start is None else swapped(forward(start, shelf), shelf)
+    for j in np.flatnonzero(state.fit.dispersion > MUCH).tolist():
+        state = edged(first, state, j, shelf) or state
     return state
+
+
+def edged(first: State, state: State, j: int, shelf: Library) -> State | None:
+    """A threshold in place of all at a joint, where its edge is clear: that tells nearly all there, and more than they.
+
+    A loop that lingers at an edge leaves of its time what nobody can know, and others than the threshold take of it
+    what they can.
+    """
+    joint = state.problem.evidence.rig.joints[j]
+    others, here = parted(state, joint)
+    if any(isinstance(cause, Static) and cause.abrupt for cause in here):
+        return None
+    base = solved(state.problem, others, state)
+    for _, cause in contenders(base, shelf, joint):
+        clear = cleared(state.problem.evidence, cause) if isinstance(cause, Static) and cause.place == joint else None
+        if clear is None:
+            continue
+        found = entered(base, cause)
+        before, old, new = (dispersion(one, clear, j) for one in (first, state, found))
+        fewer = free(cause) < sum(map(free, here))
+        if before - new > NEARLY_ALL * (before - 1) and np.log(new) < np.log(old) - CLEARER * (not fewer):
+            return found if stands(found, joint) else None
+    return None
+
+
+def parted(state: State, joint: str) -> tuple[list[Cause], list[Cause]]:
+    """A state's causes elsewhere, and those at a joint."""
+    here = [cause for cause in state.causes if cause.of_joint and cause.place == joint]
+    return [cause for cause in state.causes if cause not in here], here
 
 
 def began(otherwise: Start, state: State, j: int, shelf: Library) -> State:
@@ -76,10 +109,10 @@ def began(otherwise: Start, state: State, j: int, shelf: Library) -> State:
 
 def alone(state: State, joint: str, shelf: Library) -> State | None:
     """One cause in place of `SEVERAL` at a joint, which leaves no more than they do; None if there is none."""
-    here = [cause for cause in state.causes if cause.of_joint and cause.place == joint]
+    others, here = parted(state, joint)
     if len(here) < SEVERAL:
         return None
-    base = solved(state.problem, [cause for cause in state.causes if cause not in here], state)
+    base = solved(state.problem, others, state)
     own = [one for one in shelf.columns(base, joint) if one.cause.of_joint and not isinstance(one.cause, Harmonic)]
     best: dict[tuple[object, ...], Cause] = {}
     for _, one in gaining(base, own):
@@ -128,8 +161,7 @@ def second(state: State, joint: str, shelf: Library) -> State | None:
     What gains most of all may do so in place of two others, and beside it neither is seen. What reads the torque gains
     less than it explains, until the torque that it reads is the one that it has mended.
     """
-    others = [cause for cause in state.causes if cause.place != joint or not cause.of_joint]
-    base = solved(state.problem, others, state)
+    base = solved(state.problem, parted(state, joint)[0], state)
     rows = [row for row in contenders(base, shelf, joint) if row[1].of_joint]
     first = foremost(base, rows) if rows else None
     found = [entered(base, cause) for _, cause in rows if cause is not first]
@@ -144,8 +176,7 @@ def coupled(state: State, joint: str, shelf: Library) -> State | None:
         joint: The joint.
         shelf: The library.
     """
-    others = [cause for cause in state.causes if cause.place != joint or not cause.of_joint]
-    base = solved(state.problem, others, state)
+    base = solved(state.problem, parted(state, joint)[0], state)
     found = [polished(start) for start in starts(base, joint, shelf)]
     better = [one for one in found if clearer(one, state) and stands(one, joint)]
     return min(better, key=left, default=None)

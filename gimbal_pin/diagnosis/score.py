@@ -41,6 +41,10 @@ class Candidate(Shown, Protocol):
     def upper(self) -> Array:
         """The same."""
 
+    @property
+    def shared(self) -> Array | None:
+        """Coulomb friction, (rows,), that takes up any part of them; None: nothing does."""
+
 
 class Score(NamedTuple):
     """What a candidate would gain.
@@ -128,7 +132,11 @@ def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list
     lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
     visible = share(gram, whole) * np.array([one.bulk for one in candidates])
     torque = (own[:, None] @ each(S, c))[:, 0]
-    wrong = np.any((own < lower) | (own > upper), axis=1) | overdone(target, torque) | (visible < HIDDEN)
+    wrong = (
+        np.any((own < lower) | (own > upper), axis=1)
+        | overdone(target, beyond(torque, candidates))
+        | (visible < HIDDEN)
+    )
     beta = np.ones_like(own) if fixed else own
     gain = np.sum(beta * (2 * s - (gram @ beta[..., None])[..., 0]), axis=1)
     if fixed:
@@ -214,6 +222,21 @@ def share(left: Array, whole: Array) -> Array:
     """Traces of some matrices, (k, c, c), over those of others, (k,); 0 where that is `NIL`."""
     size = np.trace(whole, axis1=1, axis2=2)
     return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL)
+
+
+def beyond(torques: Array, candidates: Sequence[Candidate]) -> Array:
+    """Torques of candidates, (k, rows), without what of them the friction that they share with the model takes back.
+
+    Over part of a turn the cosine of an angle is nearly one: friction that varies there by a little is the difference
+    of two that are large, and how large is the formula's choice.
+    """
+    parted = [t if one.shared is None else less(t, one.shared) for t, one in zip(torques, candidates)]
+    return np.stack(parted)
+
+
+def less(torque: Array, other: Array) -> Array:
+    """``x - y (y·x)/(y·y)``."""
+    return np.asarray(torque - other * (other @ torque) / max(float(other @ other), NIL))
 
 
 def overdone(target: Array, torque: Array) -> Flags:
