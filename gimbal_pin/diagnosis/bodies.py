@@ -302,9 +302,9 @@ class Bodies:
         return min(likely, key=lambda one: one.worth, default=None)
 
     def anew(self, kind: Kind) -> list[Kind]:
-        """The forms of all sizes that are profiled, if a kind is in one of them or was freed; else itself."""
+        """The first profiled size's forms, of either sign, if a kind has such or was freed from one; else itself."""
         forms = [kind._replace(fixed=tuple(held.items())) for held in kind.of.forms(self.found.rig)]
-        return [form for form in forms if form.profiled and (kind.profiled or not kind.fixed)] or [kind]
+        return [form for form in forms if form.profiled and (kind.profiled or not kind.fixed)][:2] or [kind]
 
     def freed(self, fit: Fitted) -> Fitted | None:
         """Fit again with all profiled sizes free."""

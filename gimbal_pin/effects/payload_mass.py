@@ -17,8 +17,9 @@ from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
-WEIGHT = 0.03
-"""Weight to start from, as a share of the payload's mass: a fit that goes by first moments gets to any from there."""
+WEIGHTS = (0.03, 0.01, 0.1, 0.003, 0.3)
+"""Weights to start from, as shares of the payload's mass: what is far too near the centre with one may not be with
+another. A fit that has its place gets from the first to any other."""
 INSIDE = 0.2
 """Radii of gyration of the payload within which nothing can be bolted on."""
 
@@ -69,7 +70,7 @@ class PayloadMass(RigEffect):
             return ()
         return (
             {"x": 0.0, "y": 0.0, "z": 0.0},
-            *({"extra": share * inertia.mass} for share in (WEIGHT, -WEIGHT)),
+            *({"extra": share * inertia.mass} for size in WEIGHTS for share in (size, -size)),
         )
 
     @classmethod
