@@ -72,7 +72,7 @@ def test_a_form_that_leaves_most_of_it_is_none_of_a_causes(
     limit, other = Saturation("pan", 0.6), Saturation("pan", 4.0, knee=2.0)
     gains = {limit: 900.0, other: 900.0 * share}
     blocks = np.where(np.arange(40) < 3, (gains[limit] - gains[other]) / 3, 0.0)
-    rival = compared(other, blocks, -1)[0]
+    rival = compared(limit, other, blocks)[0]
     assert rival.z < APART and not near(limit, other, rival.delta)
     for name, stands in {
         "without": lambda state, cause: state,

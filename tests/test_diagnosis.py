@@ -316,7 +316,10 @@ def test_what_pulls_one_way_beside_a_spring_is_told_to_be_in_where_it_rests(rig:
     (found,) = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0)).findings
     figures = {figure.name: figure.value for figure in found.parameters}
     assert found.cause == "cable-spring" and figures["rest"] == pytest.approx(0.2 - 0.02 / 0.5, abs=0.01)
-    assert "torque-bias or asymmetric-friction" in found.sentence and "in rest, 2 rad per N m" in found.sentence
+    assert (
+        "torque-bias or asymmetric-friction" in found.sentence
+        and "another rest angle, by 2 rad per N m" in found.sentence
+    )
 
 
 def test_every_cause_of_the_contract_is_looked_for() -> None:

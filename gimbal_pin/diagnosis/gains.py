@@ -16,16 +16,16 @@ from gimbal_pin.diagnosis.columns import plain_columns
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.shapes import TOLD, measure
 from gimbal_pin.diagnosis.state import State, consistent, solved, without
-from gimbal_pin.effects import TorqueGain
+from gimbal_pin.effects import Cause, Effect
 from gimbal_pin.log import Array
 
 
 def attributed(state: State) -> State:
     """Put the torque gains at the motors to which they belong."""
-    own = tuple(cause for cause in state.causes if isinstance(cause, TorqueGain))
-    rest = tuple(cause for cause in state.causes if cause not in own)
+    own = gains(state)
     if not own:
         return state
+    rest = tuple(cause for cause in state.causes if cause not in own)
     others = [consistent(solved(state.problem, (*rest, *one), state)) for one in otherwise(state, own)]
     found = [state, *(one for one in others if shows(one))]
     left = [unexplained(one) for one in found]
@@ -33,18 +33,23 @@ def attributed(state: State) -> State:
     return min(alike, key=lambda one: (len(one.causes), apart(one)))
 
 
+def gains(state: State) -> tuple[Effect, ...]:
+    """The torque gains that were found."""
+    return tuple(cause for cause in state.causes if isinstance(cause, Effect) and cause.proportional)
+
+
 def shows(state: State) -> bool:
     """Whether each torque gain shows: where nearly all torque has one sign, one of that sign is but a heavier body."""
-    gains = [cause for cause in state.causes if isinstance(cause, TorqueGain)]
-    return all(measure(without(state, gain), gain).gain > 0 for gain in gains)
+    return all(measure(without(state, gain), gain).gain > 0 for gain in gains(state))
 
 
-def otherwise(state: State, own: Sequence[TorqueGain]) -> list[tuple[TorqueGain, ...]]:
+def otherwise(state: State, own: Sequence[Effect]) -> list[tuple[Cause, ...]]:
     """Other sets of as many torque gains or fewer: at any joints; of one that is off in one direction, in the other."""
-    if any(gain.side for gain in own):
-        return [(replace(own[0], side=-own[0].side),)] if len(own) == 1 else []
+    if any(gain.mirrored() != gain for gain in own):
+        return [(own[0].mirrored(),)] if len(own) == 1 else []
     joints = state.problem.evidence.rig.joints
-    sets = [tuple(map(TorqueGain, at)) for many in range(1, len(own) + 1) for at in combinations(joints, many)]
+    places = [at for many in range(1, len(own) + 1) for at in combinations(joints, many)]
+    sets = [tuple(replace(own[0], joint=joint) for joint in at) for at in places]
     return [one for one in sets if set(one) != set(own) and len(one) < len(joints)]
 
 
@@ -56,11 +61,12 @@ def unexplained(state: State) -> float:
     """
     evidence = state.problem.evidence
     total: list[Array] = [acting - rest for acting, rest in zip(state.acting, state.unexplained)]
-    for gain in (cause for cause in state.causes if isinstance(cause, TorqueGain)):
+    for gain in gains(state):
         j, missing = evidence.rig.joint_index(gain.joint), state.coefficients(gain)
-        for x, columns in zip(total, plain_columns(evidence, gain, state.load)):
+        for x, columns, at in zip(total, plain_columns(evidence, gain, state.load), evidence.samples[j]):
             x[:, j] -= columns @ missing
-            x[:, j] /= np.where((gain.side == 0) | (np.sign(x[:, j]) == gain.side), 1 - missing[0], 1.0)
+            acts = np.not_equal(gain.basis(at._replace(tau=x[:, j]))[0], 0.0)
+            x[:, j] /= np.where(acts, 1 - missing[0], 1.0)
     left = evidence.whiten_all([acting - x for acting, x in zip(state.acting, total)])
     return float(np.sum(evidence.rows * evidence.used() * np.log(np.sum(left**2, axis=0))))
 

@@ -79,6 +79,10 @@ class Cause(ABC):
         """Return the form that is taken where a log tells no other: with less to it; for most there is none."""
         return self
 
+    def mirrored(self) -> Cause:
+        """Return the same in the other direction, of one that acts in one; most act in both."""
+        return self
+
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
         return ()

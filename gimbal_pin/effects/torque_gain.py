@@ -40,6 +40,7 @@ class TorqueGain(Effect):
         "motion of all axes, tells them apart"
     )
     like_inertia: ClassVar[bool] = True
+    proportional: ClassVar[bool] = True
     experiment: ClassVar[str] = "all axes at once, with a known mass fixed at a known place"
     compensation: ClassVar[str] = "the command is divided by the gain; correct the torque constant"
 
@@ -51,6 +52,10 @@ class TorqueGain(Effect):
     def coupled(self) -> bool:
         """Only what is the same in both directions scales like inertias."""
         return self.side == 0
+
+    def mirrored(self) -> Cause:
+        """Off in the other direction."""
+        return replace(self, side=-self.side)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
