@@ -247,29 +247,34 @@ class Bodies:
 
     def slopes_at(self, kinds: Sequence[Kind], values: Sequence[Array]) -> list[Slope]:
         """Slopes of each kind among the others, at their figures; at the given rig where no body allows a step."""
-        found = []
+        found, rig = [], self.found.rig
         for i, kind in enumerate(kinds):
             slope = self.slope(kind)
             if slope is not None:
-                columns = [self.column(kinds, values, i, k, unit / WORTH) for k, unit in enumerate(slope.unit)]
+                steps = enumerate(slope.unit / WORTH)
+                columns = [self.column(rig, kinds[i:], values[i:], k, step) for k, step in steps]
                 kept = [own if new is None else new for new, own in zip(columns, slope.columns.T)]
                 found.append(Slope(np.stack(kept, axis=1), slope.unit))
+            rig = altered(rig, [kind], [values[i]])
         return found
 
-    def column(self, kinds: Sequence[Kind], values: Sequence[Array], i: int, k: int, step: float) -> Array | None:
-        """Central difference in the k-th figure of the i-th kind, (b,)."""
+    def column(self, rig: Rig, kinds: Sequence[Kind], values: Sequence[Array], k: int, step: float) -> Array | None:
+        """Central difference in the k-th figure of the first of some kinds, on a rig with those before it, (b,)."""
         ends = []
         for sign in (1.0, -1.0):
-            moved = [x.copy() for x in values]
-            moved[i][k] += sign * step
-            ends.append(self.made(kinds, moved))
+            moved = values[0].copy()
+            moved[k] += sign * step
+            ends.append(self.made(kinds, [moved, *values[1:]], rig))
         up, down = ends
         return None if up is None or down is None else (up - down) / (2 * step)
 
-    def made(self, kinds: Sequence[Kind], values: Sequence[Array]) -> Array | None:
-        """Change in base parameters that kinds with these figures make, (b,); None where no body allows them."""
+    def made(self, kinds: Sequence[Kind], values: Sequence[Array], rig: Rig | None = None) -> Array | None:
+        """Change in base parameters with kinds of these figures, (b,), from the given rig's; None where no body allows.
+
+        They alter that rig, or another with all that comes before them.
+        """
         try:
-            return self.response(altered(self.found.rig, kinds, values))[0]
+            return self.response(altered(rig or self.found.rig, kinds, values))[0]
         except UsageError:
             return None
 
