@@ -77,6 +77,17 @@ def test_signs_that_change_nothing_give_the_scores_own_wald(seed: int, width: in
     assert chance(wald[0], width, effective(now, rest)) == pytest.approx(score(now, columns, False).p)
 
 
+@pytest.mark.parametrize("width", [1, 2])
+def test_what_has_no_scatter_is_nothing_and_no_warning(width: int) -> None:
+    """A column of one block alone, which its coefficient explains whole: nothing tells it from luck."""
+    gram = np.zeros((1, width, width, BLOCKS))
+    gram[0, :, :, 3] = np.eye(width)
+    scatter = np.zeros((1, width, BLOCKS))
+    scatter[0, :, 3] = 2.0
+    with np.errstate(invalid="raise", divide="raise"):
+        assert np.all(flipped_wald(RNG(0).choice([-1.0, 1.0], (20, BLOCKS)), scatter, gram) == 0.0)
+
+
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.floats(-320.0, 5.0))
 def test_a_columns_size_is_nothing_to_its_chance(seed: int, width: int, power: float) -> None:
     """Down to where it is none, and never with a warning: friction that dies away with speed leaves any size."""

@@ -98,15 +98,20 @@ def flipped_wald(signs: Array, scatter: Array, gram: Array) -> Array:
 def over(V: Array, s: Array) -> Array:
     """``sᵀ V⁻¹ s`` of many symmetric V, entries ``i ≤ j`` by rows, (k, m, flips), and s, (k, c, flips): (k, flips).
 
-    Without a solver's call for each small one.
+    Without a solver's call for each small one. Nothing of a V that has no scatter: a column of one block alone.
     """
     c = s.shape[1]
     if c == 1:
-        return np.asarray(s[:, 0] ** 2 / V[:, 0])
+        return quotient(s[:, 0] ** 2, V[:, 0])
     if c == 2:
         (x, y), (a, b, d) = np.swapaxes(s, 0, 1), np.swapaxes(V, 0, 1)
-        return np.asarray((x * x * d - 2 * x * y * b + y * y * a) / (a * d - b * b))
+        return quotient(x * x * d - 2 * x * y * b + y * y * a, a * d - b * b)
     whole, (i, j) = np.empty((len(V), c, c, s.shape[2])), np.triu_indices(c)
     whole[:, i, j] = whole[:, j, i] = V
     s = np.moveaxis(s, 1, 2)
     return np.asarray(np.sum(s * np.linalg.solve(np.moveaxis(whole, 3, 1), s[..., None])[..., 0], axis=-1))
+
+
+def quotient(x: Array, y: Array) -> Array:
+    """``x/y``, 0 where y is no more than that."""
+    return np.asarray(np.divide(x, y, out=np.zeros_like(x), where=y > 0))
