@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis.gains import attributed, unexplained
+from gimbal_pin.diagnosis.plainer import plainer
 from gimbal_pin.diagnosis.shapes import TOLD
 from gimbal_pin.diagnosis.state import State, consistent, solved
 from gimbal_pin.effects import Cogging, TorqueGain
@@ -57,6 +59,17 @@ def test_of_two_directions_the_one_that_leaves_the_bodies_as_given() -> None:
     weak = replace(TILT, side=1)
     state = attributed(told(log_of(Term(weak, (0.25,))), (replace(TILT, side=-1),)))
     assert state.causes == (weak,)
+
+
+def test_a_gain_of_torques_of_one_sign_is_one_of_both_directions() -> None:
+    """Of a joint whose torque never changes its sign: the plain form, and then the motor to which it belongs."""
+    rig = Rig.load("handheld")
+    pan, roll, tilt = map(TorqueGain, rig.joints)
+    start = first(Term(tilt, (0.2,)), given=rig)
+    assert all(np.all(x[:, 1] > 0) for x in start.torque)
+    found = plainer(told(start, (pan, replace(roll, side=1))))
+    assert set(found.causes) == {pan, roll}
+    assert attributed(found).causes == (tilt,)
 
 
 def test_without_a_gain_nothing_changes() -> None:

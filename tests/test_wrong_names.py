@@ -22,14 +22,14 @@ from gimbal_pin.diagnosis.confirmed import LENT, asked, confirmation
 from gimbal_pin.diagnosis.contenders import contenders, explains_others, falls, holds_fast, hushes, lines, signs_only
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import Evidence, gather
-from gimbal_pin.diagnosis.finding import Finding, Rival
+from gimbal_pin.diagnosis.finding import Finding, Rival, Untestable
 from gimbal_pin.diagnosis.heldout import CONFIRMED
 from gimbal_pin.diagnosis.leftover import ACCURATE, MUCH, NOISY, Residual, judge
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.mending import KEPT, keeps, mended
 from gimbal_pin.diagnosis.nearness import nearness, span
 from gimbal_pin.diagnosis.noiselike import uneven
-from gimbal_pin.diagnosis.reported import rough
+from gimbal_pin.diagnosis.reported import rough, untold
 from gimbal_pin.diagnosis.score import NOTHING, silences
 from gimbal_pin.diagnosis.search import polished
 from gimbal_pin.diagnosis.searched import Searched, echoes, outlines, shaken, swings
@@ -294,6 +294,13 @@ def test_a_gain_that_this_log_cannot_show_is_told() -> None:
     assert note.startswith("pan: the inertia about its axis is 25") and "more" in note and "torque-gain" in note
     right = diagnose(rig, [log], only, rng=RNG(0), filtering=ALIGNED)
     assert not any("inertia about its axis" in note for note in right.notes)
+
+
+def test_what_is_found_is_none_of_what_is_hidden() -> None:
+    """One motor's gain shows by what it spares all others, however little it shows by itself."""
+    rows = [Untestable("torque-gain", joint, "") for joint in ("pan", "tilt")]
+    found = [cast(Finding, SimpleNamespace(cause="torque-gain", joint="tilt"))]
+    assert untold(rows, found) == tuple(rows[:1]) and untold(rows, []) == tuple(rows)
 
 
 def test_the_help_lists_every_cause() -> None:

@@ -65,6 +65,7 @@ def reported(
     before, after = extended(found.first), extended(found.final)
     baseline = measured(held, before)
     hidden = verdict.untestable(found.first, found.shelf)
+    unseen = (*hidden, *verdict.half_hidden(found.first, found.shelf))
     mends = mended(found.final, found.shelf)
     rows = [row for row in zip(found.final.causes, found.lacking, strict=True) if row[0] not in mends]
     each, twice = once(combined([finding(found, *row, held, baseline, hidden, rng) for row in rows]))
@@ -82,7 +83,7 @@ def reported(
         findings=tuple(sorted((scaled(one, limits) for one in each), key=lambda one: -one.explained_share)),
         residual=dict(zip(joints, found.residual)),
         immaterial=found.slight,
-        untestable=(*hidden, *verdict.half_hidden(found.first, found.shelf)),
+        untestable=untold(unseen, each),
         detection_limit={joint: limit_of(state, j, found.null) for j, joint in enumerate(joints)},
         alignment=hold,
         baseline=baseline,
@@ -95,6 +96,12 @@ def reported(
         tracking=followed(before, after, rng) if each else {},
         likeness=tuple(likeness(found.final, cause, found.shelf) for cause, _ in rows),
     )
+
+
+def untold(hidden: Sequence[Untestable], each: Sequence[Finding]) -> tuple[Untestable, ...]:
+    """What the logs hide, but for what was found: one motor's gain shows by what it spares all others."""
+    told = {(one.cause, one.joint) for one in each}
+    return tuple(row for row in hidden if (row.cause, row.joint) not in told)
 
 
 def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:

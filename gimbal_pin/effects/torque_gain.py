@@ -53,6 +53,10 @@ class TorqueGain(Effect):
         """Only what is the same in both directions scales like inertias."""
         return self.side == 0
 
+    def plain(self) -> Cause:
+        """Off in both directions."""
+        return replace(self, side=0)
+
     def mirrored(self) -> Cause:
         """Off in the other direction."""
         return replace(self, side=-self.side)
