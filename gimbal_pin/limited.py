@@ -10,6 +10,10 @@ from gimbal_pin.log import Array
 
 SPOKEN = 0.05
 """Share of the time from which on it is spoken of."""
+NEARLY = 0.03
+"""Share of a motor's limit by which a measured torque may be off it and is at it, for what noise the sensor has."""
+MOSTLY = 0.5
+"""Share of the time at the limit from which little else is in a log."""
 PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
 """What follows for who holds a camera."""
 THROUGH = (
@@ -17,6 +21,11 @@ THROUGH = (
     "effect, or lower the controller's bandwidth"
 )
 """What is told of joints that a simulated loop has lost, and what to do about it."""
+
+
+def near_limit(tau: Array, tau_max: Array) -> Array:
+    """Return the share of the samples of a measured torque, N m, (N, n), at its limit, N m, (n,): (n,)."""
+    return np.asarray(np.mean(np.abs(np.abs(tau) / tau_max - 1.0) < NEARLY, axis=0))
 
 
 def at_limit(joints: Sequence[str], tau: Array, tau_max: Array) -> dict[str, float]:

@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.effects import CAUSES, RigEffect
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.effects.rig_effect import carried
+from gimbal_pin.effects.rig_effect import carried, payload
 from gimbal_pin.experiment import perturbed
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Log
@@ -175,6 +175,8 @@ def diagnosed(rig: Rig, log: Log, inertia: str) -> Diagnosis:
 
 
 BOTH = "off-diagonal-inertia:tilt:Ixy=0.0008,Ixz=0.0006,payload_Ixy=-0.0004,payload_Iyz=-0.0007"
+SUMS = {"Ixy": 0.0004, "Ixz": 0.0006, "Iyz": -0.0007}
+"""What shows of them where the payload is not mounted turned."""
 PLANTED = {
     "payload-shift:x=0.0042,y=0.002,z=-0.001": {"x": 0.0042, "z": -0.001},
     "payload-mass:extra=0.15": {"extra": 0.15},
@@ -203,6 +205,11 @@ def test_products_of_a_link_and_of_its_payload_are_one_cause() -> None:
     turned = replace(rig, config=replace(rig.config, inertia="trusted"))
     found = diagnosed(turned, recorded(plant(turned, BOTH), 6), "trusted")
     assert [(one.cause, one.joint) for one in found.findings] == [("off-diagonal-inertia", "tilt")]
+    np.testing.assert_allclose(payload(turned)[2].rotation, np.eye(3), atol=1e-9)
+    told = {one.name: one for one in found.findings[0].parameters}
+    for name, value in SUMS.items():
+        alike = [told[one] for one in (name, f"payload_{name}") if one in told]
+        assert sum(one.value for one in alike) == pytest.approx(value, abs=4 * max(one.std for one in alike))
 
 
 def test_products_of_a_link_that_turns_about_one_axis_only_stand_for_no_other_figure() -> None:

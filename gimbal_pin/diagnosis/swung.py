@@ -12,14 +12,13 @@ from gimbal_pin.diagnosis.audit import Fault, stuck_channel
 from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.digits import digits
 from gimbal_pin.effects import Signal
+from gimbal_pin.limited import MOSTLY, near_limit
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
-NEARLY = 0.03
-"""Share of a motor's limit by which a torque may be off it and is at it, for what noise the sensor has."""
-MOSTLY = 0.5
-"""Share of the time at the limit, and of the torque's power beyond the band, from which little else is in a log."""
+BEYOND = 0.5
+"""Share of the torque's power beyond the band from which most of what a log holds is not looked at."""
 
 
 def swung(rig: Rig, logs: Sequence[Log], found: Searched, cutoff: float) -> Fault | None:
@@ -46,11 +45,11 @@ def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
     """
     if log.tau is None:
         return None
-    shares = np.mean(np.abs(np.abs(log.tau) / rig.tau_max - 1.0) < NEARLY, axis=0)
+    shares = near_limit(log.tau, rig.tau_max)
     powers = spectrum(log.tau)
     frequencies = fft.rfftfreq(len(log), log.dt)
     beyond = np.sum(powers[frequencies > cutoff], axis=0) / np.maximum(np.sum(powers, axis=0), 1e-300)
-    swings = (shares > MOSTLY) & (beyond > MOSTLY)
+    swings = (shares > MOSTLY) & (beyond > BEYOND)
     if not swings.any():
         return None
     j = int(np.argmax(np.where(swings, shares, 0.0)))

@@ -7,15 +7,12 @@ from math import degrees, inf, isfinite, pi
 import numpy as np
 
 from gimbal_pin.errors import LogError
+from gimbal_pin.limited import MOSTLY, near_limit
 from gimbal_pin.log import Array
 from gimbal_pin.rig import Rig
 
 TOO_STRONG = 3.0
 """Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
-NEARLY = 0.03
-"""Share of a motor's limit by which a torque may be off it and is at it, for what noise the sensor has."""
-MOSTLY = 0.5
-"""Share of the time at the limit from which it is told."""
 FEW = 0.01
 """Share of the samples at either end that do not count: spikes are the audit's to find."""
 FEWEST = 50
@@ -98,7 +95,7 @@ def pushed(rig: Rig, tau: Array | None) -> tuple[str, ...]:
     """Return a sentence per joint that is at its torque limit most of the time: its loop swings, or cannot follow."""
     if tau is None:
         return ()
-    shares = np.mean(np.abs(np.abs(tau) / rig.tau_max - 1.0) < NEARLY, axis=0).tolist()
+    shares = near_limit(tau, rig.tau_max).tolist()
     return tuple(
         f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
         "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower"
