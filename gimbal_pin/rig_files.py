@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gimbal_pin.config import Config, load_config, overlaid
 from gimbal_pin.errors import RigError
-from gimbal_pin.reading import read_bytes
+from gimbal_pin.reading import TEXT, read_bytes
 
 YAML = (".yaml", ".yml")
 
@@ -79,6 +79,6 @@ def payload_path(payload: str) -> Path:
 def read(path: Path) -> str:
     """Return a text file's content; `RigError` if it cannot be read."""
     try:
-        return read_bytes(path, RigError).decode("utf-8")
+        return read_bytes(path, RigError, TEXT).decode("utf-8")
     except UnicodeDecodeError as error:
         raise RigError(str(path), f"is not text ({error})", "give a text file in UTF-8") from error
