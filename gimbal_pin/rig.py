@@ -184,7 +184,7 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
         if joint.find("limit") is None:
             etree.SubElement(joint, "limit", effort="0", velocity="0")
     try:
-        model = pin.buildModelFromXML(urdf.to_text(robot))
+        model = pin.buildModelFromXML(urdf.skeleton(robot))
     except (ValueError, RuntimeError) as error:
         raise RigError(place, f"is not a URDF that Pinocchio reads ({error})", "mend what it names") from error
     model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])

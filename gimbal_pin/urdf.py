@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lxml import etree
 
-from gimbal_pin.errors import RigError
+from gimbal_pin.errors import FEW, RigError
 from gimbal_pin.urdf_checks import (
     ENTRIES,
     MOVABLE,
@@ -19,6 +19,7 @@ from gimbal_pin.urdf_checks import (
     check_numbers,
     check_references,
     names,
+    repeated,
 )
 
 if TYPE_CHECKING:
@@ -28,9 +29,13 @@ if TYPE_CHECKING:
 def parse(text: str, place: str) -> etree._Element:
     """Return the ``<robot>`` element of a URDF; `RigError` names the line where the XML breaks."""
     try:
-        robot = etree.fromstring(text.encode(), etree.XMLParser(resolve_entities=False, no_network=True))
+        # The text is decoded already, whatever encoding it declares.
+        parser = etree.XMLParser(encoding="utf-8", resolve_entities=False, load_dtd=False, no_network=True)
+        robot = etree.fromstring(text.encode(), parser)
     except etree.XMLSyntaxError as error:
         raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
+    if robot.getroottree().docinfo.doctype:
+        raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
     if robot.tag != "robot":
         raise RigError(place, f"starts with <{robot.tag}>, not <robot>", "give a URDF")
     return robot
@@ -80,26 +85,47 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
 
 def root_link(robot: etree._Element, place: str) -> str:
     """Return the one link that is no joint's child; `RigError` on none or several, or if a loop is anywhere."""
-    children = [child.get("link", "") for child in robot.iterfind("joint/child")]
-    if twice := sorted({link for link in children if children.count(link) > 1}):
+    links, children = names(robot, "link"), [child.get("link", "") for child in robot.iterfind("joint/child")]
+    if twice := repeated(children):
         raise RigError(place, f"link '{twice[0]}' has two parent joints: the rig is a loop, not a tree", "cut the loop")
-    roots = [link for link in names(robot, "link") if link not in children]
+    inner = set(children)
+    roots = [link for link in links if link not in inner]
     if len(roots) != 1:
-        what = "no root link: its joints form a loop" if not roots else f"{len(roots)} root links: {', '.join(roots)}"
+        what = f"{len(roots)} root links: {', '.join(roots[:FEW])}" if roots else "no root link: its joints form a loop"
         raise RigError(place, f"has {what}", "connect all links to one base by joints")
-    if apart := set(names(robot, "link")) - reached(robot, roots[0]):
+    if apart := set(links) - reached(robot, roots[0]):
         raise RigError(place, f"link '{min(apart)}' hangs in a loop of joints apart from '{roots[0]}'", "cut the loop")
     return roots[0]
 
 
 def reached(robot: etree._Element, root: str) -> set[str]:
     """Return the links that joints lead to from `root`, itself included."""
-    edges = [(joint.find("parent").get("link"), joint.find("child").get("link")) for joint in robot.findall("joint")]
-    links, fresh = {root}, {root}
+    below: dict[str, list[str]] = {}
+    for joint in robot.findall("joint"):
+        below.setdefault(joint.find("parent").get("link"), []).append(joint.find("child").get("link"))
+    links, fresh = {root}, [root]
     while fresh:
-        fresh = {child for parent, child in edges if parent in fresh} - links
-        links |= fresh
+        fresh = [child for parent in fresh for child in below.get(parent, ()) if child not in links]
+        links.update(fresh)
     return links
+
+
+def skeleton(robot: etree._Element, *more: str) -> str:
+    """Strip a robot of all but inertials, joints and the parts of links named in `more`, in place; return its text.
+
+    urdfdom prints on standard error what it does not like. It does not see the rest, and this has been checked.
+    """
+    etree.strip_elements(robot, etree.Comment, etree.ProcessingInstruction, with_tail=False)
+    kept = {"link": ("inertial", *more), "joint": ("parent", "child", "origin", "axis", "limit")}
+    for key in set(robot.attrib) - {"name"}:
+        del robot.attrib[key]
+    for element in list(robot):
+        for part in list(element):
+            if part.tag not in kept.get(element.tag, ()):
+                element.remove(part)
+        if element.tag not in kept:
+            robot.remove(element)
+    return etree.tostring(robot, encoding="unicode")
 
 
 def checked(text: str, place: str) -> yourdfpy.Robot:

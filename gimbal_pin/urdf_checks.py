@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,17 +19,42 @@ if TYPE_CHECKING:
 MOVABLE = ("revolute", "continuous", "prismatic")
 ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 """Attribute, row and column of the entries of a URDF's inertia."""
-NUMBERS: Mapping[str, Mapping[str, int]] = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "dynamics": {"damping": 1, "friction": 1},
-    "mass": {"value": 1},
-    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+JOINTS = 32
+"""Most movable joints: the base parameters' samples (`reduction.kronecker`) know three sequences for each of 33, and
+`check` takes 4 s."""
+LINKS = 1000
+"""Most links, fixed ones included: a chain of them loads in 2 s, one of 5000 overflows the stack inside Pinocchio."""
+NAME = 100
+"""Longest name: a message has room for two."""
+LIGHTEST, HEAVIEST = 1e-9, 1e7
+"""Masses, kg: a microgram, as exporters give to links that only mark a place, and ten times the largest crane's."""
+NARROWEST, WIDEST = 1e-9, 1e3
+"""Radii of gyration, m: far below what any exporter writes for a point; a kilometre."""
+NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
+    "origin": {"xyz": (3, WIDEST), "rpy": (3, 1e3)},
+    "axis": {"xyz": (3, 1e6)},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), (1, 1e16)),  # what SDF writes for no limit
+    "dynamics": {"damping": (1, 1e6), "friction": (1, 1e6)},
+    "mass": {"value": (1, HEAVIEST)},
+    "inertia": dict.fromkeys((name for name, _, _ in ENTRIES), (1, HEAVIEST * WIDEST**2)),
+    "box": {"size": (3, WIDEST)},
+    "cylinder": {"radius": (1, WIDEST), "length": (1, WIDEST)},
+    "sphere": {"radius": (1, WIDEST)},
+    "mesh": {"scale": (3, 1e6)},
+    "color": {"rgba": (4, 255.0)},
 }
-"""Tag → its attributes that hold numbers, and how many."""
-REQUIRED = {"axis": {"xyz"}, "limit": {"effort", "velocity"}, "mass": {"value"}, "inertia": set(NUMBERS["inertia"])}
+"""Tag → its attributes that hold numbers: how many, and the largest, in SI units."""
+REQUIRED: Mapping[str, Sequence[str]] = {
+    "axis": ["xyz"],
+    "limit": ["effort", "velocity"],
+    "mesh": ["filename"],
+    **{tag: list(NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
+}
 """Attributes that must be there: readers differ in what they take a missing one for, and some drop the whole tag."""
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
+"""A decimal number that every reader takes for the same double; with a third digit in the exponent some overflow."""
+LONGEST = 64
+"""Most characters of one; 17 digits tell every double."""
 
 
 def names(robot: etree._Element, tag: str) -> list[str]:
@@ -36,13 +63,31 @@ def names(robot: etree._Element, tag: str) -> list[str]:
 
 
 def check_names(robot: etree._Element, place: str) -> None:
-    """Raise `RigError` if the robot, a link or a joint has no name, or if two links or two joints share one."""
-    for element in (robot, *robot.findall("link"), *robot.findall("joint")):
-        if not element.get("name"):
-            raise RigError(f"{place}:{element.sourceline}", f"<{element.tag}> has no name", "give it one")
-    for tag in ("link", "joint"):
-        if twice := sorted({name for name in names(robot, tag) if names(robot, tag).count(name) > 1}):
+    """Raise `RigError` if the robot, links or joints are too many, or two share a name, or one cannot name a column."""
+    links, joints = robot.findall("link"), robot.findall("joint")
+    for element in (robot, *links, *joints):
+        name = element.get("name", "")
+        where = f"{place}:{element.sourceline}"
+        if not name:
+            raise RigError(where, f"<{element.tag}> has no name", "give it one")
+        if len(name) > NAME or name != name.strip() or not name.isprintable() or set(name) & set(',;"'):
+            mend = f"use up to {NAME} letters, digits and signs, but no comma, semicolon, double quote or blank ends"
+            raise RigError(where, f"<{element.tag}> has a name that a log's header cannot hold ({name[:20]!r})", mend)
+    for tag, elements in (("link", links), ("joint", joints)):
+        if twice := repeated(element.get("name") for element in elements):
             raise RigError(place, f"two {tag}s are named '{twice[0]}'", "rename one")
+    movable = {joint.get("name") for joint in joints if joint.get("type") in MOVABLE}
+    if len(links) > LINKS or len(movable) > JOINTS:
+        what = f"has {len(links)} links and {len(movable)} movable joints"
+        raise RigError(place, what, f"give at most {LINKS} and {JOINTS}: cut off, or fix, what the log does not hold")
+    if both := sorted(joint for joint in movable if f"ref_{joint}" in movable):
+        what = f"q_ref_{both[0]} would be the angle of joint 'ref_{both[0]}' and the reference of '{both[0]}'"
+        raise RigError(place, what, "rename one")
+
+
+def repeated(names: Iterable[str]) -> list[str]:
+    """Return the names that are there more than once, in order."""
+    return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
 def check_references(robot: etree._Element, place: str) -> None:
@@ -61,25 +106,31 @@ def check_references(robot: etree._Element, place: str) -> None:
 
 
 def check_numbers(robot: etree._Element, place: str) -> None:
-    """Raise `RigError` where an attribute of `NUMBERS` is missing, or is not as many finite numbers as it should be."""
-    for element in robot.xpath("joint/* | link/inertial/* | link/visual/origin | link/collision/origin"):
-        for attribute, count in NUMBERS.get(element.tag, {}).items():
-            text = element.get(attribute)
-            where = f"{place}:{element.sourceline}"
-            if text is None and attribute in REQUIRED.get(element.tag, ()):
+    """Raise `RigError` where an attribute is missing, or is not as many numbers of a size that can be as it should be.
+
+    See `REQUIRED` and `NUMBERS`.
+    """
+    solids = "link/visual/origin | link/collision/origin | link/visual/geometry/* | link/collision/geometry/*"
+    for element in robot.xpath(f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"):
+        where = f"{place}:{element.sourceline}"
+        for attribute in REQUIRED.get(element.tag, ()):
+            if element.get(attribute) is None:
                 raise RigError(where, f"<{element.tag}> has no {attribute}", "give it")
-            if text is not None and not numeric(text, count):
+        for attribute, (count, largest) in NUMBERS.get(element.tag, {}).items():
+            text = element.get(attribute)
+            if text is not None and not numeric(text, count, largest):
                 what = "a finite number" if count == 1 else f"{count} finite numbers"
-                raise RigError(where, f"<{element.tag}> has {attribute}='{text}'", f"write {what}")
+                short = text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+                mend = f"write {what} up to {largest:g}, in digits"
+                raise RigError(where, f"<{element.tag}> has {attribute}='{short}'", mend)
 
 
-def numeric(text: str, count: int) -> bool:
-    """Tell whether `text` is `count` finite numbers parted by blanks."""
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        return False
-    return len(values) == count and bool(np.isfinite(values).all())
+def numeric(text: str, count: int, largest: float) -> bool:
+    """Tell whether `text` is `count` decimal numbers of at most a size, parted by blanks."""
+    words = text.split()
+    return len(words) == count and all(
+        len(word) <= LONGEST and NUMBER.fullmatch(word) is not None and abs(float(word)) <= largest for word in words
+    )
 
 
 def check_joint(joint: yourdfpy.Joint, place: str) -> None:
@@ -89,7 +140,7 @@ def check_joint(joint: yourdfpy.Joint, place: str) -> None:
         return
     if joint.type not in MOVABLE:
         raise RigError(where, f"is of type {joint.type}", f"use one of {', '.join(MOVABLE)}, or fixed")
-    if not np.linalg.norm(joint.axis) > 0:
+    if not np.linalg.norm(joint.axis) > 1e-6:  # of an exporter's rounding nobody can tell the direction
         raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
     if joint.mimic is not None:
         raise RigError(where, "mimics another joint", "drive it by a motor of its own, or make it fixed")
@@ -120,8 +171,15 @@ def check_inertial(link: etree._Element, place: str) -> None:
     for name, row, column in ENTRIES:
         lower_triangle[column, row] = float(inertia.get(name))
     small, middle, large = np.linalg.eigvalsh(lower_triangle, UPLO="L")
+    if not LIGHTEST <= float(mass.get("value")) <= HEAVIEST:
+        mend = f"give {LIGHTEST:g} to {HEAVIEST:g} kg, or leave <inertial> out"
+        raise RigError(where, f"has mass {mass.get('value')}", mend)
     if not small > 0:
         raise RigError(where, f"has an inertia that is not positive definite (principal {small:.3g} kg m²)", "mend it")
     if small + middle < large * (1 - 1e-9):
         what = f"breaks the triangle inequality: principal inertias {small:.4g} + {middle:.4g} < {large:.4g} kg m²"
         raise RigError(where, what, "no body has such an inertia: recompute it")
+    radii = np.sqrt(np.array([small, large]) / float(mass.get("value")))
+    if not (radii[0] >= NARROWEST and radii[1] <= WIDEST):
+        what = f"has radii of gyration of {radii[0]:.2g} to {radii[1]:.2g} m"
+        raise RigError(where, what, "no body of its mass has such an inertia: give it in kg m²")

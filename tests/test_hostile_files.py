@@ -5,14 +5,23 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from lxml import etree
 
-from gimbal_pin.errors import GimbalPinError, UsageError
+from gimbal_pin.errors import GimbalPinError, RigError, UsageError
 from gimbal_pin.reading import read_bytes, read_yaml
+from gimbal_pin.regressor import rnea
+from gimbal_pin.rig import Rig
+from gimbal_pin.rig import bundled as data_folder
+from tests.rigs import spelled
+
+BUNDLED = sorted(data_folder().rglob("*.urdf"))
 
 SOON = 2.0
 """Longest that anything here may take, s: what it guards against takes minutes or all of the memory."""
@@ -83,7 +92,7 @@ def test_a_few_aliases_mean_what_they_stand_for(tmp_path: Path) -> None:
 SPELLED = st.text("ab01.:-,[]{}&*!?|>#'\"% \n\t_enx", max_size=40)
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(SPELLED.map(str.encode) | st.binary(max_size=60))
 @example(b"\xff\xfea\0")
 @example(b"\xef\xbb\xbfa: 1")
@@ -120,3 +129,148 @@ def test_a_pipe_that_somebody_fills_is_read_to_its_end() -> None:
     os.close(start)
     assert soon(lambda: read_bytes(f"/dev/fd/{end}")) == b"abc"
     os.close(end)
+
+
+# --- URDF -----------------------------------------------------------------------------------------------------------
+
+BODY = (
+    '<link name="l{0}"><inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="j{0}" type="{1}"><parent link="l{2}"/><child link="l{0}"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+)
+
+
+def chain(count: int, kind: str, last: str = "revolute", root: str = '<link name="l0"/>') -> str:
+    """A URDF of so many links behind each other, the last of them on a joint of the kind `last`."""
+    links = [BODY.format(k, last if k == count else kind, k - 1) for k in range(1, count + 1)]
+    return f'<robot name="chain">{root}{"".join(links)}</robot>'
+
+
+def in_one(old: str, new: str) -> str:
+    """A rig of one joint with the first `old` replaced."""
+    text = chain(1, "revolute")
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+MASS = '<mass value="1"/>'
+HOSTILE = {
+    "too many joints": chain(200, "revolute"),
+    "too many links": chain(10_000, "fixed"),
+    "elements in elements": f"<robot>{20_000 * '<a>'}{20_000 * '</a>'}</robot>",
+    "a huge text": in_one("</robot>", f"<x>{12_000_000 * 'a'}</x></robot>"),
+    "an entity as mass": '<!DOCTYPE robot [<!ENTITY m "1">]>' + in_one(MASS, '<mass value="&m;"/>'),
+    "a file as entity": '<!DOCTYPE robot [<!ENTITY m SYSTEM "/etc/hostname">]>' + in_one(MASS, f"&m;{MASS}"),
+    "digits of another script": in_one(MASS, '<mass value="١"/>'),
+    "an underscore": in_one(MASS, '<mass value="1_0"/>'),
+    "hexadecimal": in_one(MASS, '<mass value="0x10"/>'),
+    "an endless number": in_one(MASS, f'<mass value="{10**5 * "1"}"/>'),
+    "a planet": in_one(MASS, '<mass value="1e24"/>'),
+    "an atom": in_one(MASS, '<mass value="1e-24"/>'),
+    "next to nothing": in_one(MASS, '<mass value="5e-324"/>'),
+    "a point": in_one('ixx="1" iyy="1" izz="1"', 'ixx="1e-30" iyy="1e-30" izz="1e-30"'),
+    "a planet's orbit": in_one('ixx="1" iyy="1" izz="1"', 'ixx="1e12" iyy="1e12" izz="1e12"'),
+    "far away": in_one("<axis", '<origin xyz="1e300 0 0"/><axis'),
+    "a turn without end": in_one("<axis", '<origin rpy="1e300 0 0"/><axis'),
+    "no direction": in_one('xyz="0 0 1"', 'xyz="0 0 1e-30"'),
+    "the effort of a star": in_one('effort="1"', 'effort="1e300"'),
+    **{
+        f"a joint named {name!r}": in_one('name="j1"', f'name="{name}"')
+        for name in ("a,b", "a;b", "a&quot;b", "a&#9;b", "a&#10;b", "a&#x9b;b", " a", "a ", "&#xa0;", 101 * "a")
+    },
+    "a link that no column can name": in_one("<robot", '<robot id="1"').replace('"l1"', '"l,1"'),
+    "an angle that is a reference": chain(2, "revolute")
+    .replace('"j1"', '"a"')
+    .replace('"j2"', '"ref_a"'),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_urdf_of_no_machine_is_refused_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], case: str
+) -> None:
+    (tmp_path / "x.urdf").write_text(HOSTILE[case], encoding="utf-8")
+    refusal = soon(lambda: Rig.load(tmp_path / "x.urdf"), RigError)
+    assert isinstance(refusal, RigError) and refusal.place.startswith(str(tmp_path / "x.urdf"))
+    assert HOSTILE[case] not in str(refusal) and len(refusal.what) < 300
+    assert capfd.readouterr() == ("", "")
+
+
+ODD = ("<dynamics/>", "<?pi?>", "<!-- <mass value='2'/> -->", '<xi:include xmlns:xi="x" href="/etc/hostname"/>', "<a/>")
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("before", ["<robot", MASS, "<axis", "</robot>"])
+def test_what_a_model_is_not_made_of_changes_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], odd: str, before: str
+) -> None:
+    if before == "<robot" and not odd.startswith(("<?", "<!")):
+        before = '<link name="l0"/>'
+    (tmp_path / "x.urdf").write_text(in_one(before, odd + before))
+    np.testing.assert_array_equal(Rig.load(tmp_path / "x.urdf").phi, spelled(chain(1, "revolute")).phi)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_names_in_any_script_and_an_encoding_wrongly_declared_are_taken(tmp_path: Path) -> None:
+    for name in ("schwenk-achse", "俯仰", "arm/joint.1 (left)", "universe", "platform", "root_joint"):
+        text = '<?xml version="1.0" encoding="iso-8859-1"?>' + in_one('name="j1"', f'name="{name}"')
+        (tmp_path / "x.urdf").write_text(text, encoding="utf-8")
+        rig = Rig.load(tmp_path / "x.urdf")
+        assert rig.joints == (name,) and rig.floating.nv == 7
+
+
+JUNK = (
+    "",
+    " ",
+    "0",
+    "-1",
+    "1e308",
+    "-1e-308",
+    "nan",
+    "inf",
+    "0x1",
+    "1_0",
+    "x",
+    "0 0 0",
+    "1e9 0 0",
+    "fixed",
+    "base",
+    "é",
+)
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> str:
+    """A bundled rig or payload with some attributes, elements or characters changed, taken away or doubled."""
+    text = draw(st.sampled_from(BUNDLED)).read_text(encoding="utf-8")
+    robot = etree.fromstring(text.encode())
+    for _ in range(draw(st.integers(1, 3))):
+        parts = [part for part in robot.iter() if isinstance(part.tag, str) and part is not robot]
+        part = draw(st.sampled_from(parts))
+        what = draw(st.sampled_from(["value", "value", "value", "no value", "gone", "twice", "elsewhere"]))
+        if what == "gone":
+            part.getparent().remove(part)
+        elif what in ("twice", "elsewhere"):
+            draw(st.sampled_from(parts) if what == "elsewhere" else st.just(part.getparent())).append(deepcopy(part))
+        elif part.attrib:
+            key = draw(st.sampled_from(sorted(part.attrib)))
+            part.set(key, draw(st.sampled_from(JUNK)))
+            if what == "no value":
+                del part.attrib[key]
+    out = etree.tostring(robot).decode()
+    if draw(st.booleans()):
+        at = draw(st.integers(0, len(out)))
+        out = out[:at] + draw(st.sampled_from(["<", ">", "&", '"', "\0", "<!--", "]]>", "é"])) + out[at + 1 :]
+    return out
+
+
+@settings(max_examples=150)
+@given(mutated())
+def test_a_mutated_urdf_is_a_rig_or_refused_and_nobody_prints(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], text: str
+) -> None:
+    (tmp_path / "x.urdf").write_text(text, encoding="utf-8")
+    rig = soon(lambda: Rig.load(tmp_path / "x.urdf"), RigError)
+    assert isinstance(rig, RigError) or np.isfinite(rnea(rig, *np.ones((3, 1, rig.n)))).all()
+    assert capfd.readouterr() == ("", "")

@@ -176,7 +176,7 @@ def parts(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     robot = urdf.parse(rig.urdf, str(rig.path))
     unchecked = resolved(robot, rig)
     try:
-        geometry = pin.buildGeomFromUrdfString(rig.model, urdf.to_text(robot), pin.GeometryType.COLLISION)
+        geometry = pin.buildGeomFromUrdfString(rig.model, urdf.skeleton(robot, "collision"), pin.GeometryType.COLLISION)
     except ValueError as error:
         raise RigError(str(rig.path), f"has a collision mesh that cannot be read ({error})", "mend the mesh") from error
     joined = {
