@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.confirmed import familiar
@@ -115,11 +117,37 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
 
 
-@pytest.mark.parametrize("band", [5.0, 12.0, 30.0, 60.0, 200.0, 600.0])
+def size(least: float, most: float) -> st.SearchStrategy[float]:
+    """Numbers of every order of magnitude between two, and none at all."""
+    return st.just(0.0) | st.floats(np.log10(least), np.log10(most)).map(lambda x: float(10**x))
+
+
+ANY_LOG = st.builds(
+    Seen,
+    seconds=st.floats(0.05, 1e6),
+    dt=st.floats(1e-5, 1.0),
+    band=st.floats(0.1, 2e3),
+    travel=size(1e-9, 1e7),
+    rate=size(1e-9, 1e5),
+    rate_std=size(1e-9, 1e5),
+    torque=size(1e-9, 1e7),
+    peak=size(1e-9, 1e7),
+    warm=st.booleans(),
+    upright=st.booleans(),
+    middle=st.floats(-1e7, 1e7),
+    rms=size(1e-9, 1e7),
+)
+"""A second or a week, one angle or a million turns, a motor of a watch or of a press."""
+
+
 @pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not kind.of_given_model))
-def test_whatever_band_is_asked_for_no_cause_is_tried_beyond_its_bounds(name: str, band: float) -> None:
-    """A cause outside its bounds is refused with figures that nobody gave."""
-    assert all(cause.name == name for cause in CAUSES[name].tried("pan", SEEN._replace(band=band)))
+@given(seen=ANY_LOG, factor=st.floats(1e-9, 1e9))
+def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(name: str, seen: Seen, factor: float) -> None:
+    """Nor moved there, nor in another form: a cause outside its bounds is refused with figures that nobody gave."""
+    tried = CAUSES[name].tried("pan", seen)
+    for cause in (*tried[:: max(1, len(tried) // 8)], *tried[-1:]):
+        moves = [cause.moved(shape, factor * getattr(cause, shape)) for shape in shape_names(cause)]
+        assert all(one.name == name for one in (*moves, *cause.akin(seen), cause.plain(), cause.mirrored()))
 
 
 @pytest.mark.parametrize("peak", [1.2, 4.0, 40.0])

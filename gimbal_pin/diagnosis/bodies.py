@@ -65,9 +65,9 @@ class Kind(NamedTuple):
 
     def at(self, values: Sequence[float]) -> RigEffect:
         """Return the cause with these figures, as far as its bounds allow."""
-        inside = {s.name: float(np.clip(x, s.lower, s.upper)) for x, s in zip(values, self.free)}
         place = {"joint": self.joint} if self.of.of_joint else {}
-        return self.of(**place, **inside, **dict(self.fixed))
+        figures = {shape.name: float(x) for x, shape in zip(values, self.free)}
+        return self.of.inside(**place, **figures, **dict(self.fixed))
 
     def stepped(self, values: Array, step: Array) -> Array:
         """Figures after a step of a fit, (p,)."""

@@ -155,13 +155,13 @@ class Swinging:
         A linear spring bends its damping and its rotor's share to what hardening does: they begin where they are usual.
         """
         zero = even.frequency * np.sqrt(even.rotor_share / SHARE)
-        even = replace(even, frequency=zero, damping=DAMPED, rotor_share=SHARE)
+        even = even.altered(frequency=zero, damping=DAMPED, rotor_share=SHARE)
         agreed = self.agree(even, self.unknown, None, FIRST)
         if agreed is None:
             return None
         power = np.mean(np.concatenate([link.soft for link in agreed.links]) ** 2)
         softer = 1 / np.sqrt(1 + 3 * HARDER)
-        start = replace(even, frequency=zero * softer, hardening=HARDER / (softer**4 * power))
+        start = even.altered(frequency=zero * softer, hardening=HARDER / (softer**4 * power))
         agreed = self.agree(start, agreed._replace(begun=0 * agreed.begun, links=()), None, FIRST)
         if agreed is None:
             return None
@@ -181,7 +181,7 @@ class Swinging:
         low, high = np.log([bounds[name] for name in names]).T
 
         def shaped(x: Array) -> Sprung:
-            return replace(start, **dict(zip(names, np.exp(x).tolist())))
+            return start.altered(**dict(zip(names, np.exp(x).tolist())))
 
         def residual(x: Array) -> Array:
             agreed = self.agree(shaped(x), known, known.fit.scale)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import partial
 from math import log
 
@@ -63,7 +63,7 @@ def onward(before: Cause, at: Cause) -> Cause | None:
         return None
     shapes = [shape for shape in at.shapes if shape.name in shape_names(at)]
     new = {shape.name: getattr(at, shape.name) ** 2 / getattr(before, shape.name) for shape in shapes}
-    return replace(at, **new) if all(s.lower <= new[s.name] <= s.upper for s in shapes) else None
+    return at.altered(**new) if all(s.lower <= new[s.name] <= s.upper for s in shapes) else None
 
 
 def worth(state: State, cause: Cause) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -342,7 +342,7 @@ def aimed(state: State, cause: Cause) -> Cause:
 def sized(cause: RigEffect, value: float) -> RigEffect:
     """Return a rig effect with its one shape parameter that is not zero set to a value within its bounds."""
     shape = next(s for s in cause.shapes if getattr(cause, s.name))
-    return replace(cause, **{shape.name: float(np.clip(value, shape.lower, shape.upper))})
+    return cause.altered(**{shape.name: value})
 
 
 def without(state: State, cause: Cause) -> State:

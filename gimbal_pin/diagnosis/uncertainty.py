@@ -73,7 +73,7 @@ def slopes(state: State, base: State, cause: Cause) -> Array:
         value = getattr(cause, name)
         step = NUDGE * abs(value) if value else 1e-6
         shape = next(s for s in cause.shapes if s.name == name)
-        other = replace(cause, **{name: value + step if value + step <= shape.upper else value - step})
+        other = cause.altered(**{name: value + step if value + step <= shape.upper else value - step})
         slope = at.columns(other).values - now
         slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))

@@ -52,7 +52,7 @@ class ActuatorLag(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Time constants from a tenth of a sample of the channels to a tenth of a second."""
-        return tuple(cls(joint, time) for time in ladder(seen.dt / 10, 0.1, 9, cls.shapes[0]))
+        return tuple(cls.inside(joint, time) for time in ladder(seen.dt / 10, 0.1, 9, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the time constant in milliseconds."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import copysign, nan, pi
 from typing import ClassVar
 
@@ -123,7 +123,7 @@ class Backlash(Loose):
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Gaps from a fraction of a milliradian, light and heavy rotors, the encoder on either side."""
         return tuple(
-            cls(joint, gap, inertia, share)
+            cls.inside(joint, gap, inertia, share)
             for gap in (2.5e-4, 1e-3, 4e-3, 1.6e-2)
             for inertia in (1e-4, 1e-3, 1e-2)
             for share in (0.0, 0.25)
@@ -137,7 +137,7 @@ class Backlash(Loose):
         if self.rotor_share:
             return ()
         widths = self.gap * 2.0 ** (np.arange(-FINER, FINER + 1) / FINER)
-        return tuple(replace(self, gap=gap) for gap in widths.tolist() if 0 < gap <= self.shapes[0].upper)
+        return tuple(self.altered(gap=gap) for gap in widths.tolist() if 0 < gap <= self.shapes[0].upper)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the gap; times the rotor's inertia where flanks do not give: no torque tells one without the other.

@@ -168,11 +168,15 @@ class CableSpring(Effect):
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """With and without the cubic part, growing over a twentieth of the travel to half of it, and slack."""
         growing = ladder(seen.travel / STEEPEST, seen.travel / MILDEST, 5, GROWTH)
-        found = [cls(joint), cls(joint, stiffening=True), *(cls(joint, growth=growth) for growth in growing)]
+        found = [
+            cls.inside(joint),
+            cls.inside(joint, stiffening=True),
+            *(cls.inside(joint, growth=growth) for growth in growing),
+        ]
         knots = [seen.middle + place * seen.travel for place in PLACES]
-        found += [cls(joint, taut=2, upper=upper, lower=lower) for lower, upper in combinations(knots, 2)]
-        above = [cls(joint, taut=1, upper=knot) for knot in knots]
-        below = [cls(joint, taut=-1, lower=knot) for knot in knots]
+        found += [cls.inside(joint, taut=2, upper=upper, lower=lower) for lower, upper in combinations(knots, 2)]
+        above = [cls.inside(joint, taut=1, upper=knot) for knot in knots]
+        below = [cls.inside(joint, taut=-1, lower=knot) for knot in knots]
         return (*found, *above, *below)
 
     def says(self, values: Sequence[float] = ()) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
+
+C = TypeVar("C", bound="Cause")
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,31 @@ class Cause(ABC):
         return False
 
     @classmethod
+    def inside(cls: type[C], *given: Any, **held: Any) -> C:
+        """Return it with these fields, each shape parameter at the bound that it would lie beyond.
+
+        So a search makes a cause from what a log shows, which may be a second long, or a hundred turns.
+        """
+        held |= {field.name: value for field, value in zip(fields(cls), given)}
+        for shape in cls.shapes:
+            if isinstance(value := held.get(shape.name), tuple):
+                held[shape.name] = tuple(nearest(shape, number) for number in value)
+            elif value is not None:
+                held[shape.name] = nearest(shape, value)
+        return cls(**held)
+
+    def altered(self: C, **held: Any) -> C:
+        """Return it with other values of some fields, as `inside`."""
+        return self.inside(**{**{field.name: getattr(self, field.name) for field in fields(self)}, **held})
+
+    @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
         return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
 
     def moved(self, name: str, value: float) -> Cause:
         """Return it with one shape parameter at another value, and with it what a fit would move along."""
-        return replace(self, **{name: value})
+        return self.altered(**{name: value})
 
     def akin(self, seen: Seen) -> tuple[Cause, ...]:
         """Return other forms of it to go on from where a search has found it: such as are too dear for a grid."""
@@ -135,6 +155,11 @@ def within(parameter: Parameter, value: float, owner: str) -> float:
     if not parameter.lower <= value <= parameter.upper:
         raise UsageError(owner, f"{parameter.name} is {value:g}{parameter.in_units}", f"give {bounds(parameter)}")
     return value
+
+
+def nearest(parameter: Parameter, value: float) -> float:
+    """Return the value, or the bound that it is beyond."""
+    return min(max(value, parameter.lower), parameter.upper)
 
 
 def bounds(parameter: Parameter) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
 
@@ -114,7 +114,7 @@ class DeadZone(Static):
             return ()
         low, high = (self.width * log2(1.0 / x) ** (1.0 / self.sharpness) for x in (0.8, 0.2))
         widths = ladder(low, high, ceil(log(high / low) / log(APART)) + 1, self.shapes[0])
-        return tuple(replace(self, width=width, sharpness=0.0, whole=True) for width in widths)
+        return tuple(self.altered(width=width, sharpness=0.0, whole=True) for width in widths)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
@@ -122,8 +122,8 @@ class DeadZone(Static):
         gaps = ladder(0.01 * seen.torque, 0.7 * seen.torque, 7, cls.shapes[0])
         others = ladder(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
         return (
-            *(cls(joint, width) for width in gaps),
-            *(cls(joint, width, sharpness) for width in others for sharpness in SHARP),
+            *(cls.inside(joint, width) for width in gaps),
+            *(cls.inside(joint, width, sharpness) for width in others for sharpness in SHARP),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:

@@ -48,7 +48,7 @@ class Delay(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """From a tenth of a sample of the channels to a twentieth of a second."""
-        return tuple(cls(joint, time) for time in ladder(seen.dt / 10, 0.05, 9, cls.shapes[0]))
+        return tuple(cls.inside(joint, time) for time in ladder(seen.dt / 10, 0.05, 9, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return it in milliseconds."""

@@ -99,11 +99,11 @@ class FrictionDrift(Effect):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """A drift that levels off within the log, and one that does not; by temperature, or by what makes it."""
-        own = [cls(joint, span, held=seen.rms) for span in (seen.seconds / 6, seen.seconds)] if seen.rms else []
+        own = [cls.inside(joint, span, held=seen.rms) for span in (seen.seconds / 6, seen.seconds)] if seen.rms else []
         return (
-            cls(joint, seen.seconds / 3),
-            cls(joint, 20 * seen.seconds),
-            *((cls(joint, thermal=True),) if seen.warm else own),
+            cls.inside(joint, seen.seconds / 3),
+            cls.inside(joint, 20 * seen.seconds),
+            *((cls.inside(joint, thermal=True),) if seen.warm else own),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:

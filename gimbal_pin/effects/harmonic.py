@@ -76,12 +76,12 @@ class Harmonic(Effect):
         """Return the overtones of its harmonics, each alone: what repeats with a tooth has any form over it."""
         last = self.limits()[1]
         found = {times * k for k in self.harmonic for times in self.overtones} - {*self.harmonic}
-        return tuple(type(self)(self.joint, (k,)) for k in sorted(found) if k <= last)
+        return tuple(self.inside(self.joint, (k,)) for k in sorted(found) if k <= last)
 
     def doubled(self) -> Harmonic | None:
         """Return the overtone of twice its first harmonic alone; None beyond those that are tried."""
         twice = 2 * self.harmonic[0]
-        return type(self)(self.joint, (twice,)) if twice <= self.limits()[1] else None
+        return self.inside(self.joint, (twice,)) if twice <= self.limits()[1] else None
 
     def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
         """Amplitude and phase, rad, of every harmonic."""
@@ -145,4 +145,4 @@ class Harmonic(Effect):
         last = min(cls.highest, 2 * pi * seen.band / max(0.12 * seen.rate, 1e-6))
         step = max(1, int(pi / (2 * seen.travel)))
         tried = range(1, int(last) + 1, step)
-        return tuple(cls(joint, (float(k),)) for k in tried if k <= cls.dense or step > 1 or k % cls.every == 0)
+        return tuple(cls.inside(joint, (float(k),)) for k in tried if k <= cls.dense or step > 1 or k % cls.every == 0)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut
+from gimbal_pin.effects.functions import Value
 from gimbal_pin.effects.geared import ROTOR_SHARE
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Borne, Memory, Signal
@@ -68,10 +68,7 @@ class JointFlexibility(Sprung):
         if name != "frequency" or not self.rotor_share:
             return super().moved(name, value)
         factor = value / self.frequency
-        limits = {shape.name: (shape.lower, shape.upper) for shape in self.shapes}
-        share = float(cut(self.rotor_share / factor**2, *limits["rotor_share"]))
-        damping = float(cut(self.damping * factor, *limits["damping"]))
-        return replace(self, frequency=value, rotor_share=share, damping=damping)
+        return self.altered(frequency=value, rotor_share=self.rotor_share / factor**2, damping=self.damping * factor)
 
     def beside(self, borne: Borne) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
@@ -88,9 +85,8 @@ class JointFlexibility(Sprung):
 
         Both are at least their own bounds: a search may come by a zero of less, which is a spring that holds nothing.
         """
-        least, root = [shape.lower for shape in self.shapes], sqrt(self.rotor_share)
-        frequency, damping = (max(x * root, low) for x, low in zip((self.frequency, self.damping), least))
-        return replace(self, frequency=frequency, damping=damping, rotor_share=0.0)
+        root = sqrt(self.rotor_share)
+        return self.altered(frequency=self.frequency * root, damping=self.damping * root, rotor_share=0.0)
 
     def felt(self, load: Array, inertial: Array, dt: float) -> Array:
         """``r inertial + N (load + (1 - r) inertial)``."""
@@ -150,13 +146,13 @@ class JointFlexibility(Sprung):
 
         Of a resonance far above the band only the zero shows.
         """
-        rungs = [cls(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
+        rungs = [cls.inside(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
         highest = cls.shapes[0].upper * sqrt(SHARE)
         zeros = [
             *ladder(1.0, min(WITHIN * seen.band, highest), 15, cls.shapes[0]),
             *ladder(1.5 * seen.band, min(5 * seen.band, highest), 4, cls.shapes[0]),
         ]
-        behind = [cls(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
+        behind = [cls.inside(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
         return (*rungs, *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:

@@ -66,7 +66,7 @@ class LoadDependentFriction(Effect):
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Gear, bearing, and one that half the torque presses on, each in proportion and beyond a preload."""
         carried = ((False, 0.0), (True, 0.0), (True, 0.5))
-        return tuple(cls(joint, *form, preload) for form, preload in product(carried, (0.0, seen.torque / 4)))
+        return tuple(cls.inside(joint, *form, preload) for form, preload in product(carried, (0.0, seen.torque / 4)))
 
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:

@@ -108,4 +108,6 @@ class Loose(Geared):
     def giving(cls, joint: str, inertia: float) -> tuple[Loose, ...]:
         """Gaps with flanks that give, of rotors light and heavy, at a joint of some inertia, kg m²."""
         rotors = [(share * inertia, share) for share in SHARES if inertia > 0]
-        return tuple(cls(joint, gap, J, r, flank, DAMPING) for gap in GAPS for J, r in rotors for flank in FLANKS)
+        return tuple(
+            cls.inside(joint, gap, J, r, flank, DAMPING) for gap in GAPS for J, r in rotors for flank in FLANKS
+        )

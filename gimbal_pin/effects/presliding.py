@@ -86,7 +86,7 @@ class Presliding(Effect):
         """Strokes up to a third of the way, without damping and with it, bristles of one length and of many."""
         strokes = ladder(4e-4, min(seen.travel / 3, 0.5), 6, cls.shapes[0])
         forms = product((False, True), (False, True), strokes)
-        return tuple(cls(joint, stroke, damped, slips) for slips, damped, stroke in forms)
+        return tuple(cls.inside(joint, stroke, damped, slips) for slips, damped, stroke in forms)
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:

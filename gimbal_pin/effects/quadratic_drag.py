@@ -48,7 +48,7 @@ class QuadraticDrag(Effect):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """Every quarter: no log says it closer, and drag and power trade places."""
-        return tuple(cls(joint, power) for power in POWERS)
+        return tuple(cls.inside(joint, power) for power in POWERS)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size."""

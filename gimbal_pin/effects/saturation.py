@@ -35,7 +35,7 @@ SIDE = Parameter(
 
 def stepped(low: float, high: float, most: float) -> tuple[float, ...]:
     """Return values from low to high, each at most so many times the last; none where low is no less."""
-    return ladder(low, high, ceil(log(max(high / low, 1.0)) / log(most)) + 1, Saturation.shapes[0])
+    return ladder(low, high, ceil(log(high / low) / log(most)) + 1, Saturation.shapes[0]) if 0 < low < high else ()
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,8 @@ class Saturation(Static):
         limits = (*under, *(seen.peak - one for one in stepped(NARROW * seen.peak, WIDE * seen.peak, WIDER)))
         beyond = ladder(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
         return (
-            *(cls(joint, limit, side) for limit in sorted(set(limits)) for side in (0, 1, -1)),
-            *(cls(joint, limit, 0, SOFT) for limit in beyond),
+            *(cls.inside(joint, limit, side) for limit in sorted(set(limits)) for side in (0, 1, -1)),
+            *(cls.inside(joint, limit, 0, SOFT) for limit in beyond),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from gimbal_pin.effects.functions import cut
 from gimbal_pin.effects.geared import Geared
 from gimbal_pin.log import Array
 
@@ -77,8 +76,4 @@ class Sprung(Geared):
         if not self.hardening:
             return self
         grown = float(np.sqrt(1 + 3 * self.hardening * np.mean(z**2)))
-        frequency, damping = (
-            float(cut(x, shape.lower, shape.upper))
-            for x, shape in zip((self.frequency * grown, self.damping / grown), self.shapes)
-        )
-        return replace(self, frequency=frequency, damping=damping, hardening=0.0)
+        return self.altered(frequency=self.frequency * grown, damping=self.damping / grown, hardening=0.0)

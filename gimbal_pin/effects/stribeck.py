@@ -54,7 +54,7 @@ class Stribeck(Effect):
         """Speeds from what the rate's noise hides to half of the fastest."""
         slowest = max(3 * seen.rate_std, 0.01 * seen.rate)
         speeds = ladder(slowest, seen.rate / 2, 6, cls.shapes[0])
-        return tuple(cls(joint, speed, exponent) for speed in speeds for exponent in (2, 1))
+        return tuple(cls.inside(joint, speed, exponent) for speed in speeds for exponent in (2, 1))
 
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """A joint that swings by ``travel/2`` passes such speeds within ``speed²/(2a)``, ``a = 2 rate²/travel``.
