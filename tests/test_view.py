@@ -7,10 +7,8 @@ import base64
 import io
 import json
 import re
-import subprocess
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,13 +25,12 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log import Imu, Log
 from gimbal_pin.rig import Rig, bundled_rigs
 from gimbal_pin.view import browser, figure, output, stage
-from gimbal_pin.view.live import open_window
 from gimbal_pin.view.motion import base_attitude, motion, poses
 from gimbal_pin.view.scene import GHOST, RIG, scene
 from gimbal_pin.view.solid import Y_TO_Z
 from gimbal_pin.view.stage import ASPECT, FOV
 from gimbal_pin.view.visuals import visuals
-from tests.browsing import meanwhile, needs_browser, pause, visit
+from tests.browsing import needs_browser, pause, visit
 
 BARE = """<robot name="bare">
   <link name="base"/>
@@ -539,71 +536,16 @@ def test_every_format_of_video_is_whole_or_not_there(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_browser_can_be_asked_from_inside_a_running_event_loop() -> None:
-    async def ask() -> None:
+def test_a_browser_can_be_asked_from_inside_a_running_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def paint(page: str, times: list[float], size: object, take: Callable[[bytes], object], _: object) -> None:
         await asyncio.sleep(0)
-        asked.append(True)
+        take(page.encode())
 
     async def notebook() -> None:
-        browser.finished(ask())
+        browser.pictures("one", [0.0], (16, 16), asked.append)
 
-    asked: list[bool] = []
+    asked: list[bytes] = []
+    monkeypatch.setattr(browser, "shoot", paint)
     asyncio.run(notebook())
-    browser.finished(ask())
-    assert asked == [True, True]
-
-
-# -- live --------------------------------------------------------------------------------------------------------------
-
-
-def test_live_answers_without_a_browser_and_gives_up_waiting(lumped: Rig, capfd: pytest.CaptureFixture[str]) -> None:
-    start = time.monotonic()
-    with view.show(lumped, sweep(lumped), browser=False) as live:
-        live.pose(np.full(3, 0.2))
-        assert live.play(sweep(lumped), speed=0.5) == pytest.approx(4.0)
-        process: subprocess.Popen[bytes] = live._window.server_proc
-        assert process.poll() is None and live.url.startswith("http://127.0.0.1:")
-        with pytest.raises(UsageError, match="no browser opened"):
-            live.wait(0.3)
-    assert process.poll() is not None and time.monotonic() - start < 20
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_text_browser_is_not_let_into_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    import webbrowser
-
-    class Told(webbrowser.BackgroundBrowser):
-        def open(self, url: str, new: int = 0, autoraise: bool = True) -> bool:
-            opened.append(url)
-            return True
-
-    opened: list[str] = []
-    monkeypatch.setattr(webbrowser, "get", lambda: webbrowser.GenericBrowser("w3m"))
-    assert not open_window("http://127.0.0.1:1/")
-    monkeypatch.setattr(webbrowser, "get", lambda: Told("firefox"))
-    assert open_window("http://127.0.0.1:1/") and opened == ["http://127.0.0.1:1/"]
-
-
-@needs_browser
-def test_a_browser_shows_live_poses_and_plays_a_log(lumped: Rig) -> None:
-    q = np.array([0.3, -0.4, 0.1])
-    log = sweep(lumped)
-    with view.Live(lumped, ghost=True) as live:
-        live.pose(q, -q)
-        pose = "viewer.scene_tree.find({}).object.quaternion.toArray()"
-        nodes = [figure.paths(lumped, root)[2].strip("/").split("/") for root in (RIG, GHOST)]
-        ends = "[viewer.animator.duration, viewer.animator.playing]"
-        with ThreadPoolExecutor(1) as pool:
-            waiting = pool.submit(live.wait, 60)
-
-            def play() -> None:
-                waiting.result()
-                live.play(log, colour=np.full(log.q.shape, 0.5))
-
-            still = [pose.format(node) for node in nodes]
-            seen = visit(live.url, pause(1.0), *still, meanwhile(play), pause(1.0), ends)
-        for have, sign in zip(seen.values[:2], (1, -1), strict=True):
-            want = poses(lumped.model, sign * q[None]).quaternion[0, 1]
-            assert abs(np.dot(have, want)) == pytest.approx(1, abs=1e-9)
-        assert seen.values[2] == [pytest.approx(2.0, abs=1e-6), True]
-    assert [text for text in seen.complaints if "favicon" not in text] == []
+    browser.pictures("two", [0.0], (16, 16), asked.append)
+    assert asked == [b"one", b"two"]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import base64
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.errors import UsageError
@@ -26,26 +27,29 @@ def pictures(page: str, times: Sequence[float], size: tuple[int, int], take: Cal
     Raises:
         UsageError: No Chromium, no choreographer, or a browser that does not draw.
     """
-    finished(shoot(page, times, size, take))
-
-
-def finished(task: Coroutine[Any, Any, None]) -> None:
-    """Run a coroutine to its end, also where an event loop is running already (a notebook)."""
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        asyncio.run(task)
-        return
+    ended = Event()
     with ThreadPoolExecutor(1) as pool:
-        pool.submit(asyncio.run, task).result()
+        try:
+            pool.submit(asyncio.run, shoot(page, times, size, take, ended)).result()
+        finally:
+            ended.set()
 
 
-async def shoot(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
-    """Open the page and hand over its pictures; a progress bar counts them."""
+async def shoot(
+    page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object], ended: Event
+) -> None:
+    """Open the page and hand over its pictures, until `ended` is set; a progress bar counts them.
+
+    This runs in a thread of its own: where an event loop is running already (a notebook), and because choreographer,
+    if a signal breaks in, waits for ever for a browser that it no longer listens to. So the signal goes to the main
+    thread, and the browser is closed in peace, with its children and its profile.
+    """
     from tqdm import tqdm
 
     async with opened(page) as tab:
         for time in tqdm(times, desc="frames", unit="frame", disable=None if len(times) > 30 else True):
+            if ended.is_set():
+                return
             uri = await evaluate(tab, f"picture({time!r}, {size[0]}, {size[1]})")
             take(base64.b64decode(uri.partition(",")[2]))
 

@@ -1,33 +1,27 @@
-"""The rig live in a browser, through meshcat's server."""
+"""The rig live in a browser on this machine."""
 
 from __future__ import annotations
 
 import contextlib
-import io
 import webbrowser
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
-from gimbal_pin.view import figure, three
+from gimbal_pin.view import figure
 from gimbal_pin.view.motion import Frames, motion, poses
-from gimbal_pin.view.scene import GHOST, MOTION, RIG, Scene, scene
-
-if TYPE_CHECKING:
-    from meshcat.visualizer import ViewerWindow
-
-PATIENCE = 5.0
-"""Longest wait for an answer of the server on this machine, s."""
+from gimbal_pin.view.page import packed, page
+from gimbal_pin.view.scene import GHOST, RIG, scene
+from gimbal_pin.view.server import Server
 
 
 class Live(contextlib.AbstractContextManager["Live"]):
     """A rig in a browser's window: open `url`, then `pose` it instant by instant or `play` a log.
 
-    The server is a process of its own on this machine and ends with `close`, with the ``with`` block, or with Python.
-    Nothing here waits for a browser but `wait`, and that not for ever.
+    Only this machine is served, and there only who knows the address. The server ends with `close`, with the ``with``
+    block, or with Python. Nothing here waits for a browser but `wait`, and that not for ever.
     """
 
     def __init__(self, rig: Rig, *, ghost: bool = False) -> None:
@@ -37,22 +31,22 @@ class Live(contextlib.AbstractContextManager["Live"]):
             UsageError: The server does not start.
         """
         self.rig = rig
-        self._window = start()
+        self._server = Server()
         zero = np.zeros((1, rig.n))
-        self._draw(scene(rig, Frames(np.zeros(1), zero, zero if ghost else None), room=1.5))
+        self._show("live", Frames(np.zeros(1), zero, zero if ghost else None), room=1.5)
 
     @property
     def url(self) -> str:
-        """Address to open in a browser on this machine."""
-        return str(self._window.web_url)
+        """Address to open in a browser on this machine; whoever has it sees the rig."""
+        return self._server.url
 
     def pose(self, q: Array, q_ref: Array | None = None) -> None:
         """Show the joint positions q, rad or m, (n,), and those of the ghost if given."""
         for values, root in ((q, RIG), (q_ref, GHOST)):
             if values is not None:
                 at = poses(self.rig.model, np.reshape(np.asarray(values, dtype=float), (1, self.rig.n)))
-                for command in figure.pose_commands(self.rig, at, root):
-                    self._send(command)
+                self._posed |= {c["path"]: packed(c) for c in figure.pose_commands(self.rig, at, root)}
+        self._server.tell(list(self._posed.values()))
 
     def play(
         self, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True, colour: Array | None = None
@@ -62,7 +56,7 @@ class Live(contextlib.AbstractContextManager["Live"]):
         Arguments and errors as for `record`. Returns at once; a browser that is opened later plays from the start.
         """
         shown = motion(self.rig, log, fps, speed, ghost, colour)
-        self._draw(scene(self.rig, shown))
+        self._show(log.name, shown)
         return float(shown.clock[-1])
 
     def wait(self, timeout: float = 60.0) -> None:
@@ -71,53 +65,27 @@ class Live(contextlib.AbstractContextManager["Live"]):
         Raises:
             UsageError: None did within `timeout` seconds; the server is closed then.
         """
-        self._window.zmq_socket.send(b"wait")
-        if not self._window.zmq_socket.poll(1000 * timeout):
-            url = self.url
+        with self._server.changed:
+            seen = self._server.changed.wait_for(lambda: self._server.windows, timeout)
+        if not seen:
             self.close()
-            raise UsageError("live view", f"no browser opened {url} within {timeout:g} s", "write -o out.html instead")
-        self._window.zmq_socket.recv()
-        self._window.zmq_socket.close(0)
-        self._window.connect_zmq()  # after an answer of this kind meshcat's server hears only a new connection
+            raise UsageError(
+                "live view", f"no browser opened {self.url} within {timeout:g} s", "write -o out.html instead"
+            )
 
     def close(self) -> None:
         """End the server."""
-        self._window.zmq_socket.close(0)
-        self._window.server_proc.kill()
-        self._window.server_proc.communicate()
+        self._server.end()
 
     def __exit__(self, *_: object) -> None:
         """End the server."""
         self.close()
 
-    def _draw(self, drawn: Scene) -> None:
+    def _show(self, name: str, shown: Frames, room: float = 1.0) -> None:
         """Replace what is shown."""
-        for path in ("/meshcat", MOTION):
-            self._send({"type": "delete", "path": path})
-        for command in drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation):
-            self._send(command)
-
-    def _send(self, command: three.Json) -> None:
-        """Send one command and take the server's receipt."""
-        import umsgpack
-
-        socket = self._window.zmq_socket
-        socket.send_multipart([command["type"].encode(), command["path"].encode(), umsgpack.packb(command)])
-        if not socket.poll(1000 * PATIENCE):
-            raise UsageError("live view", "the server does not answer any more", "start it again, or write -o out.html")
-        socket.recv()
-
-
-def start() -> ViewerWindow:
-    """Return a connection to a new server; what meshcat prints about it is kept back."""
-    from meshcat.visualizer import ViewerWindow
-
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said):
-            return ViewerWindow(zmq_url=None, start_server=True, server_args=[])
-    except RuntimeError as error:
-        raise UsageError("live view", f"{error} ({said.getvalue().strip()})", "write -o out.html instead") from error
+        self._posed: dict[str, str] = {}
+        drawn = scene(self.rig, shown, room)
+        self._server.show(page(self.rig, name, shown, drawn, live=self._server.number + 1))
 
 
 def show(rig: Rig, log: Log | None = None, *, speed: float = 1.0, browser: bool = True) -> Live:

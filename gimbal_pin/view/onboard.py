@@ -29,7 +29,7 @@ def onboard(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> str:
     log = shown(rig, run, seen, wanted)
     moved = replace(motion(rig, log, FPS, 1.0, True, None), pivot=Sight(rig).centre, wanted=wanted)
     several = gaze.pictures(seen)[:2]
-    return page(rig, log, moved, scene(rig, moved), (several, gaze.data(seen, wanted, several)))
+    return page(rig, log.name, moved, scene(rig, moved), (several, gaze.data(seen, wanted, several)))
 
 
 def shown(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> Log:

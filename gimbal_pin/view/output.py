@@ -80,7 +80,7 @@ def save(
     rate = FPS[suffix] if fps is None else fps
     shown = motion(rig, log, rate, speed, ghost, colour)
     drawn = scene(rig, shown)
-    recorded = page(rig, log, shown, drawn)
+    recorded = page(rig, log.name, shown, drawn)
     if suffix == ".html":
         atomic_write(path, recorded)
     elif suffix == ".png":

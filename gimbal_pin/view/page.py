@@ -36,21 +36,24 @@ def record(
         LogError: The log is empty or lacks a joint of the rig.
     """
     shown = motion(rig, log, fps, speed, ghost, colour)
-    return page(rig, log, shown, scene(rig, shown))
+    return page(rig, log.name, shown, scene(rig, shown))
 
 
 Inset = tuple[Sequence[gaze.Picture], gaze.Json]
 """What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
 
 
-def page(rig: Rig, log: Log, shown: Frames, drawn: Scene, inset: Inset | None = None) -> str:
-    """Return the page of a scene, with pictures in its corner where there are any."""
+def page(rig: Rig, name: str, shown: Frames, drawn: Scene, inset: Inset | None = None, live: int | None = None) -> str:
+    """Return the page of a scene, with pictures in its corner where there are any.
+
+    `live`: its number at the server that sends it news, see `view.server`; None: it is a file and hears of none.
+    """
     pictures, seen = ((), None) if inset is None else inset
     return filled(
         "gimbal_pin.view",
         "page.html.j2",
         title=rig.title,
-        subtitle=log.name,
+        subtitle=name,
         legend=legend(shown),
         ramp=shown.colour is not None,
         bundle=bundle(),
@@ -58,17 +61,23 @@ def page(rig: Rig, log: Log, shown: Frames, drawn: Scene, inset: Inset | None = 
         gaze=gaze.script() if inset else "",
         pictures=pictures,
         seen=json.dumps(seen),
+        live=live,
     )
 
 
-def data(shown: Frames, drawn: Scene) -> str:
-    """Return the commands and the times as JSON; each command is packed as meshcat's server would send it."""
+def packed(command: three.Json) -> str:
+    """Return a command as meshcat's viewer takes it, in base 64."""
     import umsgpack
 
+    return base64.b64encode(umsgpack.packb(command)).decode()
+
+
+def data(shown: Frames, drawn: Scene) -> str:
+    """Return the commands and the times as JSON."""
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
     return json.dumps(
         {
-            "commands": [base64.b64encode(umsgpack.packb(command)).decode() for command in commands],
+            "commands": [packed(command) for command in commands],
             "start": float(shown.t[0]),
             "end": float(shown.t[-1]),
             "duration": float(shown.clock[-1]),
