@@ -80,16 +80,17 @@ def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
         q: Angles as they were read, rad, (N,).
         v: Rates of a sensor of their own, rad/s, (N,); such as were made from the angles agree with them.
     """
-    turned = cumulative_trapezoid(v, t, initial=0.0)
     at = np.searchsorted(t, np.arange(t[0], t[-1], WINDOW))
-    whole = np.diff(t[at]) < 2 * WINDOW
+    turned = cumulative_trapezoid(v, t, initial=0.0)[at]
+    t, q, v = t[at], q[at], v[at]
+    whole = np.diff(t) < 2 * WINDOW
     found = Eccentricity(0.0, 0.0, 0.0)
     if np.sum(whole) < 2 * BLOCKS:
         return None
     for _ in range(PASSES):
         x = found.mended(q)
         columns = np.stack([np.cos(x), np.sin(x), t - t[0], x, v], axis=1)
-        rows, target = np.diff(columns[at], axis=0)[whole], np.diff((q - turned)[at])[whole]
+        rows, target = np.diff(columns, axis=0)[whole], np.diff(q - turned)[whole]
         unit = np.linalg.norm(rows, axis=0)
         if np.any(unit == 0) or np.linalg.cond(rows / unit) > 1e6:
             return None

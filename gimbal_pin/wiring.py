@@ -18,9 +18,9 @@ from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.platform import BaseMotion
 from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import regressor
+from gimbal_pin.regressor import inertia
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, columns_of, kept
+from gimbal_pin.rows import Block, Filtering, Regression, Rows, kept
 from gimbal_pin.states import spread
 
 POOR = 0.5
@@ -89,12 +89,8 @@ def impossible(blocks: Regression, estimate: Estimate) -> bool:
 
 def mass_matrices(rows: Rows, beta: Array) -> Array:
     """``D(q)`` of base parameters over the rig's poses, (N, n, n): column j is what a unit acceleration of j takes."""
-    q = spread(rows.rig).q
-    places, still = columns_of(rows.rig, rows.reduction), np.zeros_like(q)
-    held = regressor(rows.rig, q, still, still)[:, :, places] @ beta
-    unit = np.eye(rows.rig.n)
-    columns = [regressor(rows.rig, q, still, still + one)[:, :, places] @ beta - held for one in unit]
-    matrices = np.stack(columns, axis=2)
+    rig, q = rows.rig.with_phi(rows.phi(beta)), spread(rows.rig).q
+    matrices = np.stack([inertia(rig, q, j) for j in range(rig.n)], axis=2)
     return (matrices + matrices.transpose(0, 2, 1)) / 2
 
 

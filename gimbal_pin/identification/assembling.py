@@ -15,7 +15,7 @@ from gimbal_pin.model import Estimated, Model
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.regressor import columns
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Rows, columns_of
+from gimbal_pin.rows import Block, Rows
 
 
 def assembled(
@@ -53,14 +53,10 @@ def assembled(
 def to_model(rows: Rows, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
-    Bodies that were fitted are taken as they are. Else the reduction's independent columns take the change; the others
-    stay as the URDF has them. No other split is more right, as no torque can tell them apart; `consistency.nearest`
-    looks for a physical one.
+    Bodies that were fitted are taken as they are, else those of `Rows.phi`; `consistency.nearest` looks for physical ones.
     """
     rig, width = rows.rig, len(rows.reduction.independent)
-    phi = rig.phi.copy() if estimate.phi is None else estimate.phi.copy()
-    if estimate.phi is None:
-        phi[columns_of(rig, rows.reduction)] += estimate.theta[:width] - given_beta(rig, rows.reduction)
+    phi = rows.phi(estimate.theta[:width]) if estimate.phi is None else estimate.phi
     known = Estimated(rows.names, units_of(rows), estimate.theta, estimate.covariance)
     return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
 

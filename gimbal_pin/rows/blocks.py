@@ -76,6 +76,15 @@ class Rows:
         """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
         return over_phi(self.rig, self.reduction)
 
+    def phi(self, beta: Array) -> Array:
+        """Bodies of these base parameters, (10 n,): the independent columns take the change, others stay as given.
+
+        No other split is more right, as no torque can tell them apart.
+        """
+        phi = self.rig.phi.copy()
+        phi[columns_of(self.rig, self.reduction)] += beta - self.mixing @ phi
+        return phi
+
     def terms(self, theta: Array) -> tuple[Term, ...]:
         """Return the effects with their coefficients out of theta, (k,)."""
         out, at = [], len(self.reduction.independent)
