@@ -1,9 +1,38 @@
-"""One root error; every message names the place and the mend in one line."""
+"""One root error; every message names the place and the mend in one short line that a terminal can show."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
 FEW = 6
 """Most names in a message."""
+LONGEST = 280
+"""Most characters of a message: a line of 300 has room for the program's name and ``note:`` before it."""
+
+UNSAFE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+"""What a terminal obeys or hides instead of showing it: control bytes but the line feed, marks of writing direction and
+of no width, and the halves of pairs that bytes of a file's name become which are no UTF-8."""
+
+
+def visible(text: str) -> str:
+    """Return a text with every character of `UNSAFE` written out as Python writes it, such as its code after an x."""
+    return UNSAFE.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def message(parts: Sequence[str], between: Sequence[str]) -> str:
+    """Join parts on one line of at most `LONGEST` characters, the longest of them shortened in their middles."""
+    shown = [visible(" ".join(part.split())) for part in parts]
+    room = LONGEST - sum(map(len, between))
+    most = next(most for most in range(room, 0, -1) if sum(min(len(part), most) for part in shown) <= room)
+    fitted = [shortened(part, most) for part in shown]
+    return "".join(word for pair in zip(fitted, (*between, "")) for word in pair)
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most that many characters, its middle left out where it is longer."""
+    head = most // 2
+    return text if len(text) <= most else f"{text[:head]}…{text[len(text) - (most - head - 1) :]}"
 
 
 class GimbalPinError(Exception):
@@ -19,9 +48,13 @@ class GimbalPinError(Exception):
     exit_code = 2
 
     def __init__(self, place: str, what: str, mend: str) -> None:
-        """Join the three parts; line breaks inside them are folded."""
-        self.place, self.what, self.mend = (" ".join(part.split()) for part in (place, what, mend))
-        super().__init__(f"{self.place}: {self.what}; {self.mend}")
+        """Join the three parts as `message` does."""
+        self.place, self.what, self.mend = (visible(" ".join(part.split())) for part in (place, what, mend))
+        super().__init__(message((place, what, mend), (": ", "; ")))
+
+    def __reduce__(self) -> tuple[type[GimbalPinError], tuple[str, str, str], dict[str, object]]:
+        """Make it pass between processes, which by itself an exception of several arguments does not."""
+        return type(self), (self.place, self.what, self.mend), vars(self)
 
 
 class UsageError(GimbalPinError):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
 from gimbal_pin.identification import Identified, identify
 from gimbal_pin.io import write_log, write_motion
-from gimbal_pin.io.diagnosis import NEXT
-from gimbal_pin.io.files import atomic_write, output_folder, write_json, write_yaml
+from gimbal_pin.io.diagnosis import FILES as DIAGNOSED
+from gimbal_pin.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.io.model import write_extended, write_model
 from gimbal_pin.log import Log
 from gimbal_pin.model import Model, nominal
@@ -45,6 +46,17 @@ DRAWN_PLANT = "a rig that the model's covariance leaves possible"
 HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "tuned", "switch", "oracle"), 4.5
 """Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
 
+FILES = {
+    "model": "model.yaml",
+    "controller": "controller.yaml",
+    "motion": "motion.csv",
+    "animation": "animation.html",
+    "camera": "camera.html",
+    "results": "results.json",
+    **{what: DIAGNOSED[what] for what in ("extended model", "next experiment", "report")},
+}
+"""What `auto` writes → the file's name; beside these the URDF, named after the rig."""
+
 
 @dataclass(frozen=True, eq=False)
 class Auto:
@@ -62,6 +74,7 @@ class Auto:
         held: The camera held on a moving platform; None where that cannot be.
         why: Why it cannot, or nothing.
         undiagnosed: Why there is no diagnosis, or nothing.
+        notes: What `write_run` says of files of an earlier run.
     """
 
     identified: Identified
@@ -75,6 +88,7 @@ class Auto:
     held: Verified | None = None
     why: str = ""
     undiagnosed: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def tuning(self) -> Tuning:
@@ -111,6 +125,7 @@ def auto(
     filtering: Filtering | None = None,
     wish: Wish | None = None,
     plant: Model | None = None,
+    run: Mapping[str, object] | None = None,
 ) -> Auto:
     """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
 
@@ -126,6 +141,7 @@ def auto(
         filtering: As for `identify`.
         wish: What is asked of `tune`; the steps are also run with the other kind of controller.
         plant: The plant that the steps are verified on; None: the model that the controllers were made for.
+        run: What the folder's ``run.json`` says of the run, see `write_run`.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
@@ -142,10 +158,9 @@ def auto(
     animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro", delay=late)
     held, why = carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
-    files = paths(rig, output_folder(folder), wrong, held)
+    files = paths(rig, Path(folder), wrong, held)
     found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why, undiagnosed)
-    write(rig, logs, found)
-    return found
+    return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
 
 def tuned(model: Model, wish: Wish) -> Mapping[str, Tuning]:
@@ -189,19 +204,20 @@ def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, lat
 
 def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None) -> Mapping[str, Path]:
     """Return what `write` leaves in a folder, and where."""
-    names = {"model": "model.yaml", "urdf": f"{rig.name}.urdf", "controller": "controller.yaml", "motion": "motion.csv"}
-    names |= {"next experiment": NEXT} if wrong is not None and wrong.next_motion is not None else {}
-    names |= {"animation": "animation.html", "report": "report.html", "results": "results.json"}
-    names |= {} if held is None else {"camera": "camera.html"}
-    names |= {} if wrong is None or wrong.held is None else {"extended model": "extended.yaml"}
-    return {what: folder / name for what, name in names.items()}
+    lacking = {
+        "camera": held is None,
+        "next experiment": wrong is None or wrong.next_motion is None,
+        "extended model": wrong is None or wrong.held is None,
+    }
+    names = {"urdf": f"{rig.name}.urdf", **FILES}
+    return {what: folder / name for what, name in names.items() if not lacking.get(what)}
 
 
-def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
-    """Write every file."""
-    files, identified = found.files, found.identified
+def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> tuple[str, ...]:
+    """Write every file; return the notes of `write_run`."""
+    identified, wrong = found.identified, found.diagnosis
     animation = view.record(rig, found.animated)
-    results = identified, found.tunings, found.tracking, animation, found.diagnosis
+    results = identified, found.tunings, found.tracking, animation, wrong
     page = report.full(
         rig,
         logs,
@@ -212,19 +228,22 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto) -> None:
         why=found.why,
         undiagnosed=found.undiagnosed,
     )
-    write_model(identified, files["model"])
-    atomic_write(files["urdf"], identified.to_urdf())
-    if found.diagnosis is not None and "extended model" in files:
-        write_extended(found.diagnosis.after.model, files["extended model"])
-    write_yaml(found.tuning.to_dict(), files["controller"])
-    write_log(found.animated, files["motion"])
-    atomic_write(files["animation"], animation)
+    writers: dict[str, Callable[[Path], object]] = {
+        "model": partial(write_model, identified),
+        "urdf": partial(atomic_write, content=identified.to_urdf()),
+        "controller": partial(write_yaml, found.tuning.to_dict()),
+        "motion": partial(write_log, found.animated),
+        "animation": partial(atomic_write, content=animation),
+        "report": partial(atomic_write, content=page),
+        "results": partial(write_json, found.to_dict()),
+    }
     if found.held is not None:
-        atomic_write(files["camera"], report.moving(rig, found.held))
-    atomic_write(files["report"], page)
-    if found.diagnosis is not None and found.diagnosis.next_motion is not None:
-        write_motion(found.diagnosis.next_motion, rig.joints, files["next experiment"])
-    write_json(found.to_dict(), files["results"])
+        writers["camera"] = partial(atomic_write, content=report.moving(rig, found.held))
+    if wrong is not None and wrong.held is not None:
+        writers["extended model"] = partial(write_extended, wrong.after.model)
+    if wrong is not None and wrong.next_motion is not None:
+        writers["next experiment"] = partial(write_motion, wrong.next_motion, rig.joints)
+    return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
 
 
 def hidden(rig: Rig) -> Term | Signal | RigEffect:
@@ -234,13 +253,20 @@ def hidden(rig: Rig) -> Term | Signal | RigEffect:
     return parse_effect(f"cogging:{rig.joints[0]}:amplitude={COGGING * limit:.3g},harmonic={teeth}", rig)
 
 
-def demo(rig: Rig, folder: str | Path, *, rng: np.random.Generator, seconds: float = 22.0) -> Auto:
+def demo(
+    rig: Rig,
+    folder: str | Path,
+    *,
+    rng: np.random.Generator,
+    seconds: float = 22.0,
+    run: Mapping[str, object] | None = None,
+) -> Auto:
     """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
 
     The plant's bodies differ by some ten per cent and its friction by up to a third, and the first joint's motor cogs:
-    what `auto` is given is the URDF and the log alone. The steps are verified on the true plant.
+    what `auto` is given is the URDF and the log alone. The steps are verified on the true plant. `run`: as for `auto`.
     """
     plant = plant_with(perturbed(rig, 0.1, rng), [hidden(rig)]).plant
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
     log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
-    return auto(rig, [log], folder, rng=rng, plant=plant)
+    return auto(rig, [log], folder, rng=rng, plant=plant, run=run)

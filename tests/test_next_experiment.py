@@ -157,10 +157,10 @@ def test_it_keeps_to_the_limits_and_to_rest(rig: Rig, plan: NextExperiment) -> N
 
 
 def test_it_is_a_file_that_others_read(rig: Rig, ambiguous: Diagnosis, plan: NextExperiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    files = write_diagnosis(replace(ambiguous, planned=plan), tmp_path)
+    files, _ = write_diagnosis(replace(ambiguous, planned=plan), tmp_path, "page")
     motion = read_motion(files["next experiment"], rig)
     np.testing.assert_allclose(motion.q, plan.motion.q if plan.motion else 0.0, atol=1e-12)
-    assert "next experiment" not in write_diagnosis(ambiguous, tmp_path / "none")
+    assert "next experiment" not in write_diagnosis(ambiguous, tmp_path / "none", "page")[0]
     data = replace(ambiguous, planned=plan).to_dict()["next_experiment"]
     assert data["partings"][0]["deviations_expected"] > data["partings"][0]["deviations_now"]
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import tyro
 
+from gimbal_pin.cli import paths
 from gimbal_pin.cli.animate import animate
 from gimbal_pin.cli.auto import auto
 from gimbal_pin.cli.base import base
@@ -21,6 +22,7 @@ from gimbal_pin.cli.demo import demo
 from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.identify import identify
+from gimbal_pin.cli.present import complain
 from gimbal_pin.cli.rigs import rigs
 from gimbal_pin.cli.simulate import simulate
 from gimbal_pin.cli.track import track
@@ -38,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         parse(sys.argv[1:] if arguments is None else arguments)()
     except GimbalPinError as error:
-        print(f"gimbal-pin: {error}", file=sys.stderr)
+        complain(str(error))
         raise SystemExit(error.exit_code) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
@@ -59,7 +61,7 @@ def parse(arguments: Sequence[str]) -> Callable[[], None]:
             return tyro.cli(deferred(VERBS[name]), prog=f"gimbal-pin {name}", args=rest)
     except SystemExit as stop:
         if stop.code == 2:
-            print(f"gimbal-pin: {one_line(said.getvalue())}", file=sys.stderr)
+            complain(one_line(said.getvalue()))
         raise
 
 
@@ -70,10 +72,14 @@ def overview() -> str:
 
 
 def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
-    """Return the verb as a function that keeps its arguments for later: parsing ends before the work begins."""
+    """Return the verb as a function that keeps its arguments for later: parsing ends before the work begins.
+
+    In between it is checked that no file is read and written at once.
+    """
 
     @functools.wraps(verb)
     def keep(*args: Any, **kwargs: Any) -> Callable[[], None]:
+        paths.check(verb, inspect.signature(verb).bind(*args, **kwargs).arguments)
         return functools.partial(verb, *args, **kwargs)
 
     return keep

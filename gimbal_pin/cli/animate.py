@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,8 @@ from tyro.conf import Positional, arg
 
 from gimbal_pin.cli.inputs import load_rig, mounted, play, shown_somewhere
 from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName, optional
+from gimbal_pin.cli.paths import Reads, logs
+from gimbal_pin.cli.present import noted, say
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Array, Log
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 def animate(
     rig: RigName,
-    log: Annotated[Positional[str], arg(metavar="LOG", help="a log or trajectory")],
+    log: Annotated[Positional[str], Reads(logs), arg(metavar="LOG", help="a log or trajectory")],
     output: MaybeOutput = None,
     *,
     payload: Payload = None,
@@ -29,6 +30,7 @@ def animate(
     at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
     residual: Annotated[
         Path | None,
+        Reads(),
         optional(
             "MODEL", "turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on"
         ),
@@ -44,9 +46,8 @@ def animate(
     read = read_log(log, loaded, map, need_tau=residual is not None)
     colour = None if residual is None else warmth(residual, loaded, read)
     if output is not None:
-        for warning in view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at):
-            print(warning, file=sys.stderr)
-        print(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
+        noted(view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at))
+        say(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
     if live:
         play(loaded, read)
 

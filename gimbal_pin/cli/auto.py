@@ -7,7 +7,7 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import filtering, load_logs, play, typed
+from gimbal_pin.cli.inputs import filtering, load_logs, play, run_of, typed
 from gimbal_pin.cli.options import (
     USUAL,
     Alignment,
@@ -23,7 +23,7 @@ from gimbal_pin.cli.options import (
     RigName,
     Seed,
 )
-from gimbal_pin.cli.present import present
+from gimbal_pin.cli.present import noted, present
 
 
 def auto(
@@ -43,6 +43,7 @@ def auto(
     json: Json = None,
 ) -> None:
     """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
+    asked_for = run_of("auto", locals())
     import numpy as np
 
     from gimbal_pin.estimators import ESTIMATORS
@@ -58,8 +59,10 @@ def auto(
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
         wish=gains.wish,
+        run=asked_for,
     )
     asked = typed("diagnose", rig, logs, payload=payload, map=map, holdout=holdout)
+    noted(found.notes)
     present(text.auto(found, asked), found.to_dict(), json)
     if live:
         play(loaded, found.animated)

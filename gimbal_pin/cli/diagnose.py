@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import load_logs, typed
+from gimbal_pin.cli.inputs import load_logs, run_of, typed
 from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed, optional
-from gimbal_pin.cli.present import present
+from gimbal_pin.cli.present import noted, present
 
 
 def diagnose(
@@ -33,13 +34,13 @@ def diagnose(
     says `inertia: trusted`, payload-shift, payload-mass, off-diagonal-inertia; of the data: acceleration-noise,
     clock, commanded-torque, filtered-velocity, stuck-channel, outliers.
     """
+    asked_for = run_of("diagnose", locals())
     import numpy as np
 
     from gimbal_pin import report
     from gimbal_pin.diagnosis import BAND, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.io.diagnosis import write_diagnosis
-    from gimbal_pin.io.files import atomic_write
     from gimbal_pin.rows import Filtering
 
     loaded, read = load_logs(rig, payload, logs, map)
@@ -48,9 +49,8 @@ def diagnose(
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)
-    files: dict[str, Path] = {}
+    files: Mapping[str, Path] = {}
     if output is not None:
-        page = output / "report.html"
-        files = {**write_diagnosis(found, output), "report": page}
-        atomic_write(page, report.diagnosed(loaded, read, found, asked))
+        files, notes = write_diagnosis(found, output, report.diagnosed(loaded, read, found, asked), asked_for)
+        noted(notes)
     present(text.diagnosis(found, files, asked), found.to_dict(), json)

@@ -10,6 +10,7 @@ from tyro.conf import UseAppendAction, arg
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_logs, load_rig, mounted, plant_of, positive
 from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed, optional
+from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -36,6 +37,7 @@ def excite(
     criterion: Literal["condition", "determinant"] = "condition",
     after: Annotated[
         tuple[str, ...],
+        Reads(logs),
         optional("LOG …", "earlier logs: design what teaches most beyond them, by log det of the information"),
     ] = (),
     map: Map = (),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
@@ -15,7 +14,8 @@ from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
 from gimbal_pin.cli.options import optional
-from gimbal_pin.cli.present import present
+from gimbal_pin.cli.paths import Writes
+from gimbal_pin.cli.present import noted, present, say
 from gimbal_pin.errors import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Following:
         float | None, optional("SECONDS", "with --follow: end when the file has not grown for so long", "never")
     ] = None
     plot: Annotated[
-        Path | None, optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")
+        Path | None, Writes(), optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")
     ] = None
 
     def check(self, batch_only: Mapping[str, bool]) -> None:
@@ -83,14 +83,14 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
 
     history, told, spoken, memory, broken = [], 0, 0, online.start(log), list[str]()
     try:
-        come = noted(follow(log, online.rows.rig, mapping, idle=inf if wish.idle is None else wish.idle))
+        come = heard(follow(log, online.rows.rig, mapping, idle=inf if wish.idle is None else wish.idle))
         for memory in steps(online, come, log):
             second = int(memory.t + 1e-6) if memory.samples else 0
             if second == spoken and len(memory.events) == told:
                 continue
             now = progress(online, memory)
             history += [now] if wish.plot is not None else []
-            print(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told), flush=True)
+            say(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told))
             told, spoken = len(memory.events), second
     except KeyboardInterrupt:
         pass
@@ -112,7 +112,7 @@ def concluded(found: Identified, json: Path | None) -> None:
     from gimbal_pin.io.files import to_json
 
     if by_line(json):
-        print(to_json({**reported(found), "kind": "result"}, None)[:-1])
+        say(to_json({**reported(found), "kind": "result"}, None)[:-1])
     else:
         present(text.identified(found), reported(found), json)
 
@@ -122,11 +122,11 @@ def by_line(json: Path | None) -> bool:
     return json is not None and str(json) == "-"
 
 
-def noted(logs: Iterator[Log]) -> Iterator[Log]:
+def heard(logs: Iterator[Log]) -> Iterator[Log]:
     """Pass logs on; say each thing that was noticed about them once."""
     said: set[str] = set()
     for log in logs:
         for event in (event for event in log.events if event.split()[0] not in said):
             said.add(event.split()[0])
-            print(f"gimbal-pin: note: {event}", file=sys.stderr)
+            noted([event])
         yield log

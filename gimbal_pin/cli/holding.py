@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
-from gimbal_pin.cli.inputs import carried, load_logs, noted, positive
-from gimbal_pin.cli.options import Effects, PlatformSize, optional
+from gimbal_pin.cli.inputs import carried, load_logs, positive
+from gimbal_pin.cli.options import Effects, PlatformSize, Written, optional
+from gimbal_pin.cli.paths import Reads, logs, maps
+from gimbal_pin.cli.present import noted
 from gimbal_pin.controllers import HOLDING, TUNED
 from gimbal_pin.errors import UsageError
 
@@ -35,11 +37,13 @@ class Holding:
     ] = "none"
     platform_log: Annotated[
         Path | None,
+        Reads(logs),
         optional("FILE", "and, or, along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz"),
     ] = None
     platform_size: PlatformSize = 1.0
     map: Annotated[
         UseAppendAction[tuple[str, ...]],
+        Reads(maps),
         arg(
             metavar="COLUMN=SOURCE",
             help="columns of --platform-log, of --learn where that is the only log: gyro_base_x=gx*pi/180, t=time, or "
@@ -48,6 +52,7 @@ class Holding:
     ] = ()
     learn_map: Annotated[
         UseAppendAction[tuple[str, ...]],
+        Reads(maps),
         arg(metavar="COLUMN=SOURCE", help="columns of --learn, beside a --platform-log that has its own"),
     ] = ()
     steps: Annotated[
@@ -56,6 +61,7 @@ class Holding:
     controllers: Annotated[str | None, optional("NAME,…", f"who meets the platform: {THERE}", "all")] = None
     learn: Annotated[
         str | None,
+        Reads(logs),
         optional(
             "LOG",
             "a log of the rig on a shaken platform: model and the platform's spectrum come from it",
@@ -146,9 +152,9 @@ class Holding:
 class Pages:
     """Pictures and pages that are asked for."""
 
-    plot: Annotated[Path | None, optional("FILE", "draw line of sight, spectrum, torque and budget")] = None
-    report: Annotated[Path | None, optional("FILE", "write a report: what the camera sees, errors, torque")] = None
-    animation: Annotated[Path | None, optional("FILE", "write the rig on its platform as an offline page")] = None
+    plot: Annotated[Written, optional("FILE", "draw line of sight, spectrum, torque and budget")] = None
+    report: Annotated[Written, optional("FILE", "write a report: what the camera sees, errors, torque")] = None
+    animation: Annotated[Written, optional("FILE", "write the rig on its platform as an offline page")] = None
 
     def check(self, moving: bool) -> None:
         """Raise `UsageError` for a picture of a platform that stands."""

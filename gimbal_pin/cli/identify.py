@@ -27,6 +27,7 @@ from gimbal_pin.cli.options import (
     Seed,
     optional,
 )
+from gimbal_pin.cli.paths import Reads, Writes
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -43,7 +44,7 @@ def identify(
     logs: Logs,
     output: MaybeOutput = None,
     *,
-    urdf: Annotated[Path | None, optional("FILE", "write the rig's URDF with the parameters in it")] = None,
+    urdf: Annotated[Path | None, Writes(), optional("FILE", "write the rig's URDF with the parameters in it")] = None,
     payload: Payload = None,
     map: Map = (),
     cutoff: Cutoff = None,
@@ -55,8 +56,10 @@ def identify(
     ] = False,
     known: Annotated[
         str | None,
+        Reads(unless="force"),
         optional("MODEL", "a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do"),
     ] = None,
+    force: Annotated[bool, arg(help="write -o over the model of --known")] = False,
     bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
     trust: Annotated[
         float | None,

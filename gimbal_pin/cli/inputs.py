@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import shlex
-import sys
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from gimbal_pin.cli.present import noted, say
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -61,6 +62,12 @@ def typed(verb: str, rig: str, logs: Sequence[str], **options: object) -> str:
     return shlex.join(words)
 
 
+def run_of(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a folder's ``run.json`` says of a verb that was given these arguments."""
+    arguments = {name: vars(value) if is_dataclass(value) else value for name, value in given.items()}
+    return {"verb": verb, "arguments": arguments}
+
+
 def alone(what: str, given: Mapping[str, bool], mend: str) -> None:
     """Raise `UsageError` if an option is given that does not go with `what`."""
     for option, is_given in given.items():
@@ -104,12 +111,6 @@ def carried(
     t, imu, notes = sound(*read_imu(log, rig, rig.base, mapping), str(log))
     noted(notes)
     return Platform.measured(t - t[0], imu, str(log))
-
-
-def noted(notes: Sequence[str]) -> None:
-    """Tell what is to be known of an input, on standard error."""
-    for note in notes:
-        print(f"gimbal-pin: note: {note}", file=sys.stderr)
 
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:
@@ -157,6 +158,6 @@ def play(rig: Rig, log: Log) -> None:
     from gimbal_pin import view
 
     with view.show(rig, log) as live:
-        print(f"playing at {live.url}; Ctrl-C ends it")
+        say(f"playing at {live.url}; Ctrl-C ends it")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()

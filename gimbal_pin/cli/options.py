@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from gimbal_pin.cli.paths import Reads, Writes, diagnosed, logs, maps, payloads, rigs, walked
+
 if TYPE_CHECKING:
     from gimbal_pin.control.design import Wish
 
@@ -17,15 +19,20 @@ def optional(metavar: str, help: str, default: str = "") -> Any:
     return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
 
 
-RigName = Annotated[Positional[str], arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")]
+RigName = Annotated[
+    Positional[str], Reads(rigs), arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")
+]
 Logs = Annotated[
     Positional[tuple[str, ...]],
+    Reads(logs),
     arg(metavar="LOG …", help="CSV or Parquet; LOG@PAYLOAD names its payload", help_behavior_hint="(at least one)"),
 ]
-Payload = Annotated[str | None, optional("NAME", "bundled payload or URDF", "the rig's own")]
-Json = Annotated[Path | None, optional("FILE", "write the result as JSON; - for standard output")]
+Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
+Written = Annotated[Path | None, Writes()]
+Json = Annotated[Written, optional("FILE", "write the result as JSON; - for standard output")]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
+    Reads(maps),
     arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
 ]
 Effects = Annotated[
@@ -36,15 +43,18 @@ Effects = Annotated[
     ),
 ]
 PlatformSize = Annotated[float, arg(help="profile S times this")]
-Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="where to write")]
-MaybeOutput = Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")]
-Folder = Annotated[Path, arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there")]
+Output = Annotated[Path, Writes(), arg(aliases=["-o"], metavar="FILE", help="where to write")]
+MaybeOutput = Annotated[
+    Path | None, Writes(), arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")
+]
+INTO = "folder for the files, made if it is not there; its run.json says which run they are of"
+Folder = Annotated[Path, Writes(walked), arg(aliases=["-o"], metavar="DIR", help=INTO)]
 MaybeFolder = Annotated[
-    Path | None,
-    arg(aliases=["-o"], metavar="DIR", help="folder for the files, made if it is not there", help_behavior_hint=""),
+    Path | None, Writes(diagnosed), arg(aliases=["-o"], metavar="DIR", help=INTO, help_behavior_hint="")
 ]
 ModelFile = Annotated[
     Path | None,
+    Reads(),
     optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
 Seed = Annotated[int, arg(help="seed of everything random")]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+from gimbal_pin.errors import message, visible
 
 
 def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
@@ -12,8 +15,26 @@ def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
     from gimbal_pin.io.files import to_json, write_json
 
     if json is not None and str(json) == "-":
-        print(to_json(result), end="")
+        say(to_json(result)[:-1])
         return
-    print(told)
+    say(told)
     if json is not None:
         write_json(result, json)
+
+
+def say(text: str, to: TextIO | None = None) -> None:
+    """Print lines at once: what a terminal would obey instead of showing, or cannot show, is written out."""
+    stream = sys.stdout if to is None else to
+    code = getattr(stream, "encoding", None) or "utf-8"
+    print(visible(text).encode(code, "backslashreplace").decode(code), file=stream, flush=True)
+
+
+def complain(what: str) -> None:
+    """Print one short line on standard error."""
+    say(f"gimbal-pin: {message([what], [])}", sys.stderr)
+
+
+def noted(notes: Sequence[str]) -> None:
+    """Tell what is to be known of an input or a result, on standard error."""
+    for note in notes:
+        complain(f"note: {note}")

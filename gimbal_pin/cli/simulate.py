@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from gimbal_pin.cli.inputs import carried, load_rig, mounted, noted, plant_of, play, read_controller, shown_somewhere
+from gimbal_pin.cli.inputs import carried, load_rig, mounted, plant_of, play, read_controller, shown_somewhere
 from gimbal_pin.cli.options import Effects, Map, MaybeOutput, ModelFile, Payload, PlatformSize, RigName, Seed, optional
+from gimbal_pin.cli.paths import Reads, logs
+from gimbal_pin.cli.present import noted, say
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Log, Motion
@@ -29,7 +30,9 @@ class Carrying:
         Literal["none", "S"], arg(help="what carries the rig: nothing that moves, or profile S, seeded")
     ] = "none"
     platform_log: Annotated[
-        Path | None, optional("FILE", "motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz")
+        Path | None,
+        Reads(logs),
+        optional("FILE", "motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz"),
     ] = None
     platform_size: PlatformSize = 1.0
     map: Map = ()
@@ -39,7 +42,7 @@ class Carrying:
         found = carried(rig, self.platform, self.platform_log, self.map, self.platform_size, seconds, dt, seed)
         if found is not None and found.t[-1] < seconds - dt / 2:
             told = f"{self.platform_log} ends after {found.t[-1]:.3g} s, and so does the simulation"
-            print(f"gimbal-pin: note: {told}", file=sys.stderr)
+            noted([told])
         return found
 
 
@@ -62,9 +65,9 @@ def simulate(
     *,
     payload: Payload = None,
     model: ModelFile = None,
-    controller: Annotated[str, arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
+    controller: Annotated[str, Reads(), arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
     reference: Annotated[
-        Path | None, arg(help="trajectory file; None: a quickly designed excitation, repeated")
+        Path | None, Reads(logs), arg(help="trajectory file; None: a quickly designed excitation, repeated")
     ] = None,
     seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
     bandwidth_hz: Annotated[float, arg(help="bandwidth of the tracking error, Hz")] = 8.0,
@@ -80,7 +83,7 @@ def simulate(
     from gimbal_pin.io import read_motion, write_log
 
     if "help" in effect:
-        print(every())
+        say(every())
         return
     shown_somewhere(output, live)
     loaded = load_rig(rig, payload or mounted(model))
@@ -93,7 +96,7 @@ def simulate(
     noted(log.events)
     if output is not None:
         write_log(log, output)
-        print(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")
+        say(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")
     if live:
         play(loaded, log)
 

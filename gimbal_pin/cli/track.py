@@ -12,6 +12,7 @@ from gimbal_pin import text
 from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
 from gimbal_pin.cli.options import Json, ModelFile, Payload, RigName, Seed
+from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 
@@ -27,6 +28,7 @@ def track(
     rig: RigName,
     controller: Annotated[
         Positional[str | None],
+        Reads(),
         arg(
             metavar="CONTROLLER",
             help="a controller's YAML, from tune; on a platform its model is what is known, its gains are 'tuned''s",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
-from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeOutput, Payload, RigName
+from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeOutput, Payload, RigName, Written
+from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 
 if TYPE_CHECKING:
@@ -19,14 +19,16 @@ if TYPE_CHECKING:
 
 def tune(
     rig: RigName,
-    source: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG|MODEL", help="logs, or a model's YAML")],
+    source: Annotated[
+        Positional[tuple[str, ...]], Reads(logs), arg(metavar="LOG|MODEL", help="logs, or a model's YAML")
+    ],
     output: MaybeOutput = None,
     *,
     payload: Payload = None,
     map: Map = (),
     cutoff: Cutoff = None,
     gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
-    plot: Annotated[Path | None, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
+    plot: Annotated[Written, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
     json: Json = None,
 ) -> None:
     """Gains, margins and robust term from logs or from a model."""

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.io import write_motion
-from gimbal_pin.io.files import output_folder, write_json
+from gimbal_pin.io.files import atomic_write, write_json, write_run
 from gimbal_pin.io.model import write_extended
 
-NEXT = "next_experiment.csv"
-"""File of the motion that parts what is ambiguous."""
+FILES = {
+    "diagnosis": "diagnosis.json",
+    "extended model": "extended.yaml",
+    "next experiment": "next_experiment.csv",
+    "report": "report.html",
+}
+"""What `write_diagnosis` writes → the file's name. The next experiment is the motion that parts what is ambiguous."""
 
 
-def write_diagnosis(found: Diagnosis, folder: str | Path) -> Mapping[str, Path]:
-    """Write ``diagnosis.json``, ``extended.yaml`` and a planned ``next_experiment.csv``; return what → path."""
-    place = output_folder(folder)
-    files = {"diagnosis": place / "diagnosis.json", "extended model": place / "extended.yaml"}
-    write_json(found.to_dict(), files["diagnosis"])
-    write_extended(found.after.model, files["extended model"])
+def write_diagnosis(
+    found: Diagnosis, folder: str | Path, page: str, run: Mapping[str, object] | None = None
+) -> tuple[Mapping[str, Path], tuple[str, ...]]:
+    """Write a diagnosis, its report `page` and what else there is of `FILES`; `run` is for `write_run`.
+
+    Returns:
+        What → path, and the notes of `write_run`.
+    """
+    writers: dict[str, Callable[[Path], object]] = {
+        "diagnosis": partial(write_json, found.to_dict()),
+        "extended model": partial(write_extended, found.after.model),
+        "report": partial(atomic_write, content=page),
+    }
     if found.planned is not None and found.planned.motion is not None:
-        files["next experiment"] = place / NEXT
-        write_motion(found.planned.motion, found.planned.joints, files["next experiment"])
-    return files
+        writers["next experiment"] = partial(write_motion, found.planned.motion, found.planned.joints)
+    notes = write_run(folder, {FILES[what]: write for what, write in writers.items()}, run or {})
+    return {what: Path(folder) / FILES[what] for what in writers}, notes

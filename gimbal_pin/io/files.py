@@ -2,46 +2,146 @@
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import json
 import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import numpy as np
 import yaml
 
-from gimbal_pin.errors import UsageError
+from gimbal_pin import __version__
+from gimbal_pin.errors import UNSAFE, UsageError
+
+STAGED = ".gimbal-pin-unfinished-"
+"""How the names of the folders begin in which files are written before they take their places."""
+RUN = "run.json"
+"""File that says which run a folder's files are of."""
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a new file's path in the folder of `path`; it takes that name when the block ends without an error.
+    """Yield a new file's path, of the same name; it takes the place of `path` when the block ends without an error.
 
-    The yielded path keeps the suffix, for writers that choose a format by it. A device or pipe cannot be replaced: it
-    is written to after the block, from a file that is whole.
+    A device or pipe cannot be replaced: it is written to after the block, from a file that is whole.
 
     Raises:
         UsageError: The folder is missing, `path` is a folder, or writing is not allowed.
     """
-    special = Path(path).exists() and not Path(path).is_file()
-    target = Path(path) if special else Path(os.path.realpath(path))
-    check_target(target, str(path))
-    folder = Path(tempfile.gettempdir()) if special else target.parent
-    temporary = folder / f".{uuid4().hex[:12]}{target.suffix}"
+    with told(path):
+        special = Path(path).exists() and not Path(path).is_file()
+        target = Path(path) if special else Path(os.path.realpath(path))
+        check_target(target, str(path))
+    with staging(Path(tempfile.gettempdir()) if special else target.parent, path) as staged:
+        with told(path):
+            (staged / target.name).touch()
+        yield staged / target.name
+        with told(path):
+            put(staged / target.name, target, special)
+
+
+@contextmanager
+def staging(folder: Path, path: str | Path) -> Iterator[Path]:
+    """Yield a new hidden folder in `folder` to write files into, gone after the block: those of killed runs go first.
+
+    A run holds a lock on its own, which the system releases with the process: what can be locked is nobody's any more.
+    `path`: what an error names.
+    """
+    with told(path):
+        for left in folder.glob(f"{STAGED}*"):
+            if not left.is_symlink() and (lock := locked(left)) is not None:
+                shutil.rmtree(left, ignore_errors=True)
+                os.close(lock)
+        made = Path(tempfile.mkdtemp(prefix=STAGED, dir=folder))
+    lock = locked(made)
     try:
-        with told(path):
-            temporary.open("xb").close()
-        yield temporary
-        with told(path):
-            put(temporary, target, special)
+        yield made
     finally:
-        temporary.unlink(missing_ok=True)
+        shutil.rmtree(made, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def locked(folder: Path) -> int | None:
+    """Return the descriptor of a folder that it locks; None where another process has it, or it cannot be locked."""
+    with suppress(OSError):
+        found = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(found, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(found)
+            raise
+        return found
+    return None
+
+
+def write_run(
+    path: str | Path, writers: Mapping[str, Callable[[Path], object]], run: Mapping[str, object]
+) -> tuple[str, ...]:
+    """Write the files of one run into a folder, all of them or none, and beside them `RUN`, which lists them.
+
+    Each is written whole before the first takes its place. `RUN` goes before that and comes back last: a folder whose
+    `RUN` agrees with its files holds one run's. Files that an earlier `RUN` lists and this run has not are removed,
+    unless they have changed since; files of others are left alone.
+
+    Args:
+        path: The folder; made if it is not there.
+        writers: Name → what writes that file to a path.
+        run: What `RUN` says beside schema, version, time (UTC) and each file's SHA-256: the verb and its arguments.
+
+    Returns:
+        A sentence for each file of an earlier run that stays because it was changed.
+
+    Raises:
+        UsageError: The folder or one of the files in it cannot be written.
+    """
+    folder = output_folder(path)
+    for name in (*writers, RUN):
+        with told(folder / name):
+            check_target(folder / name, str(folder / name))
+    with staging(folder, path) as staged:
+        for name, write in writers.items():
+            write(staged / name)
+        files = {name: digest(staged / name) for name in writers}
+        about = {"schema": 1, **run, "version": __version__, "time": datetime.now(timezone.utc).isoformat()}
+        write_json({**about, "files": files}, staged / RUN)
+        with told(path):
+            older = {name: found for name, found in listed(folder).items() if name not in writers}
+            changed = [name for name, found in older.items() if digest(folder / name) not in (found, "")]
+            for name in (RUN, *(older.keys() - set(changed))):
+                (folder / name).unlink(missing_ok=True)
+            for name in writers:
+                put(staged / name, folder / name)
+            put(staged / RUN, folder / RUN)
+    return tuple(f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed)
+
+
+def listed(folder: Path) -> Mapping[str, str]:
+    """Return name → SHA-256 of the files that a folder's `RUN` lists; none where there is no such file of ours."""
+    try:
+        found = json.loads((folder / RUN).read_bytes())["files"]
+        return {name: str(of) for name, of in found.items() if Path(name).name == name and name != RUN}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return {}
+
+
+def digest(path: Path) -> str:
+    """Return a regular file's SHA-256 in hexadecimal, "" where there is none."""
+    if path.is_symlink() or not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        found = hashlib.sha256()
+        while block := file.read(1 << 20):
+            found.update(block)
+    return found.hexdigest()
 
 
 def check_target(target: Path, place: str) -> None:
@@ -54,7 +154,7 @@ def check_target(target: Path, place: str) -> None:
         raise UsageError(place, "is write-protected", "name another file")
 
 
-def put(temporary: Path, target: Path, special: bool) -> None:
+def put(temporary: Path, target: Path, special: bool = False) -> None:
     """Move `temporary` to `target`, which keeps its access rights; a special file is written through."""
     if special:
         with temporary.open("rb") as source, target.open("wb") as sink:
@@ -75,17 +175,21 @@ def told(path: str | Path) -> Iterator[None]:
 
 
 def atomic_write(path: str | Path, content: str | bytes) -> None:
-    """Write a whole file or nothing; text as UTF-8 with line feeds. Raises `UsageError` like `replacing`."""
+    """Write a whole file or nothing; text as UTF-8 with line feeds. Raises `UsageError` like `replacing`.
+
+    What UTF-8 has no bytes for (a file's name may hold it) is written out as its code.
+    """
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     with replacing(path) as temporary, told(path):
-        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        temporary.write_bytes(data)
 
 
 def output_folder(path: str | Path) -> Path:
     """Create the folder that a verb's ``-o DIR`` names, parents included, and return it; `UsageError` if that fails."""
     folder = Path(path)
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(str(path), "is a file, not a folder", "name a folder")
     with told(path):
+        if folder.exists() and not folder.is_dir():
+            raise UsageError(str(path), "is a file, not a folder", "name a folder")
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -99,9 +203,10 @@ def write_yaml(value: object, path: str | Path) -> None:
 def to_json(value: object, indent: int | None = 2) -> str:
     """Return `plain(value)` as JSON text, keys in the order given; NaN and infinities, which JSON lacks, are null.
 
-    Without an indent it is one line.
+    Without an indent it is one line. What a terminal would obey is escaped as JSON does it.
     """
-    return json.dumps(finite(plain(value)), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(finite(plain(value)), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    return UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def write_json(value: object, path: str | Path) -> None:

@@ -1,0 +1,162 @@
+"""No verb writes over what it reads: which options name files, and one check before anything is read."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import stat
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from gimbal_pin.errors import UsageError
+
+Files = Callable[[Any, Mapping[str, Any]], Iterable["str | Path"]]
+"""Value of an option and all that the verb was given → the files that the value means."""
+
+
+def itself(value: str | Path, given: Mapping[str, Any]) -> list[str | Path]:
+    """Return the path that an option's value is; ``-`` is standard input or output."""
+    return [value] if str(value) != "-" else []
+
+
+@dataclass(frozen=True)
+class Reads:
+    """Marks an option whose value means files that the verb reads.
+
+    Attributes:
+        files: Which.
+        unless: Flag that allows to write over them.
+    """
+
+    files: Files = itself
+    unless: str = ""
+
+
+@dataclass(frozen=True)
+class Writes:
+    """Marks an option whose value means files that the verb writes."""
+
+    files: Files = itself
+
+
+def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
+    """Files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
+    from gimbal_pin.io import split_payload
+
+    for log in value if isinstance(value, tuple) else (str(value),):
+        file, payload = (Path("/dev/stdin"), None) if log == "-" else split_payload(log)
+        yield file
+        yield from () if payload is None else payloads(payload, given)
+
+
+def maps(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
+    """YAML files among the entries of a mapping."""
+    from gimbal_pin.io.mapping import is_file
+
+    return [entry for entry in value if is_file(entry)]
+
+
+def payloads(value: str, given: Mapping[str, Any]) -> list[Path]:
+    """URDF of a payload, and the meshes that it names."""
+    from gimbal_pin.rig_files import payload_path
+
+    return with_meshes(payload_path(value))
+
+
+def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
+    """YAML files that a rig's name leads through, its URDF, the YAML beside that, its payload and their meshes."""
+    from gimbal_pin.config import load_config
+    from gimbal_pin.rig_files import YAML, bundled, bundled_rigs, find, find_target
+
+    urdf, config = find(value)
+    path = bundled() / f"{value}.urdf" if value in bundled_rigs() else Path(value)
+    while path.suffix in YAML:
+        yield path
+        path = find_target(path, load_config(path))
+    yield from (urdf.with_suffix(".yaml"), *with_meshes(urdf))
+    if config.payload is not None and given.get("payload") is None:
+        yield from payloads(config.payload, given)
+
+
+def with_meshes(urdf: Path) -> list[Path]:
+    """Return a URDF and the mesh files that it names."""
+    from gimbal_pin.reading import mesh_file
+    from gimbal_pin.rig_files import read
+    from gimbal_pin.urdf import parse
+
+    named = [mesh.get("filename", "") for mesh in parse(read(urdf), str(urdf)).iter("mesh")]
+    return [urdf, *(file for name in named if (file := mesh_file(name, urdf.parent)) is not None)]
+
+
+def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:
+    """Files that `diagnose` may put into a folder."""
+    from gimbal_pin.io.diagnosis import FILES
+
+    return in_folder(value, FILES.values())
+
+
+def walked(value: Path, given: Mapping[str, Any]) -> list[Path]:
+    """Files that `auto` may put into a folder."""
+    from gimbal_pin.rig_files import find
+    from gimbal_pin.walk import FILES
+
+    return in_folder(value, (*FILES.values(), f"{find(given['rig'])[0].stem}.urdf"))
+
+
+def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
+    """Return files that a run writes into a folder, and those of an earlier run, which it removes."""
+    from gimbal_pin.io.files import RUN, listed
+
+    return [folder / name for name in (*names, *listed(folder), RUN)]
+
+
+def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
+    """Raise `UsageError` if a verb would write over a file that it reads, or two of its outputs into one."""
+    marked = [(label, value, mark) for label, value, marks in options(verb, given) for mark in marks]
+    written = [(label, value, mark) for label, value, mark in marked if isinstance(mark, Writes)]
+    if not written:
+        return
+    taken: dict[object, tuple[str, str]] = {}
+    for label, value, mark in marked:
+        if isinstance(mark, Reads) and not given.get(mark.unless):
+            mend = f", or add --{mark.unless}" if mark.unless else ""
+            taken |= {identity(file): (f"which {label} reads", mend) for file in mark.files(value, given)}
+    for label, value, mark in written:
+        own = {identity(file): file for file in mark.files(value, given)}
+        for file in (own.keys() & taken.keys()) - {None}:
+            what, mend = taken[file]
+            raise UsageError(label, f"would write over {own[file]}, {what}", f"name another place{mend}")
+        taken |= dict.fromkeys(own, (f"which {label} writes", ""))
+
+
+def identity(path: str | Path) -> object:
+    """Return what two names of one file share: its inode, or where it will be; None for a device, pipe or folder."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return os.path.realpath(path)
+    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
+
+
+def options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
+    """Yield name on the command line, value and annotations of every option that has a value, nested ones too."""
+    for name, hint in inspect.get_annotations(of, eval_str=True).items():
+        value, marks = given.get(name), getattr(hint, "__metadata__", ())
+        if is_dataclass(value):
+            yield from options(type(value), vars(value))
+        elif value is not None:
+            yield label(name, marks), value, marks
+
+
+def label(name: str, marks: tuple[Any, ...]) -> str:
+    """Return how an option is called: its short name, a positional's word in the usage, or ``--its-name``."""
+    from tyro.conf import Positional
+
+    described = next((mark for mark in marks if hasattr(mark, "metavar") and hasattr(mark, "aliases")), None)
+    if described is not None and described.aliases:
+        return str(described.aliases[0])
+    if described is not None and any(mark is Positional for mark in marks):
+        return str(described.metavar).split()[0]
+    return f"--{name.replace('_', '-')}"

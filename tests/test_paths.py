@@ -1,0 +1,180 @@
+"""What a verb writes: never over what it reads, and a folder's files together."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from inspect import get_annotations, signature
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from gimbal_pin.cli import VERBS
+from gimbal_pin.cli.paths import Reads, Writes, options
+from gimbal_pin.errors import UsageError
+from gimbal_pin.io import files
+from gimbal_pin.rig_files import bundled
+from tests.command_line import Run, refused
+
+CLASHES = [
+    ("identify rig.urdf log.csv -o log.csv", "-o", "LOG"),
+    ("identify rig.urdf log.csv --json hard.csv", "--json", "LOG"),
+    ("identify rig.urdf soft.csv --urdf log.csv", "--urdf", "LOG"),
+    ("identify rig.urdf log.csv@camera.urdf -o camera.urdf", "-o", "LOG"),
+    ("identify rig.urdf log.csv --urdf rig.urdf", "--urdf", "RIG"),
+    ("identify rig.urdf log.csv -o rig.yaml", "-o", "RIG"),
+    ("identify named.yaml log.csv -o named.yaml", "-o", "RIG"),
+    ("identify named.yaml log.csv --urdf rig.urdf", "--urdf", "RIG"),
+    ("identify rig.urdf log.csv --map map.yaml -o map.yaml", "-o", "--map"),
+    ("identify rig.urdf log.csv -o new.yaml --json ../{here}/new.yaml", "--json", "-o"),
+    ("identify rig.urdf log.csv --known model.yaml -o model.yaml", "-o", "--force"),
+    ("identify rig.urdf log.csv --known model.yaml --force --json log.csv", "--json", "LOG"),
+    ("identify rig.urdf log.csv --follow --plot log.csv", "--plot", "LOG"),
+    ("check rig.urdf --payload camera.urdf --json camera.urdf", "--json", "--payload"),
+    ("simulate rig.urdf --reference log.csv -o log.csv", "-o", "--reference"),
+    ("simulate rig.urdf --controller model.yaml -o model.yaml", "-o", "--controller"),
+    ("simulate rig.urdf --platform-log log.csv -o hard.csv", "-o", "--platform-log"),
+    ("excite rig.urdf --after log.csv --json log.csv -o x.csv", "--json", "--after"),
+    ("animate rig.urdf log.csv -o log.csv", "-o", "LOG"),
+    ("tune rig.urdf model.yaml -o model.yaml", "-o", "LOG|MODEL"),
+    ("tune rig.urdf model.yaml -o x.yaml --plot x.yaml", "--plot", "-o"),
+    ("track rig.urdf model.yaml --json model.yaml", "--json", "CONTROLLER"),
+    ("track rig.urdf --platform S --learn log.csv --report log.csv", "--report", "--learn"),
+    ("track rig.urdf --platform S --plot x --animation x", "--animation", "--plot"),
+    ("diagnose rig.urdf out/next_experiment.csv -o out", "-o", "LOG"),
+    ("diagnose rig.urdf out/earlier.csv -o out", "-o", "LOG"),
+    ("diagnose rig.urdf log.csv -o out --json out/diagnosis.json", "--json", "-o"),
+    ("auto out/rig.urdf log.csv -o out", "-o", "RIG"),
+    ("auto rig.urdf out/motion.csv -o out", "-o", "LOG"),
+    ("demo -o out --rig out/rig.urdf", "-o", "--rig"),
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A rig, and files that are none: a verb that read one of them would say so."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    for name in ("rig.urdf", "out/rig.urdf"):
+        shutil.copy(bundled() / "turret.urdf", tmp_path / name)
+    shutil.copy(bundled() / "turret.yaml", tmp_path / "rig.yaml")
+    shutil.copy(bundled() / "payloads" / "cinema.urdf", tmp_path / "camera.urdf")
+    (tmp_path / "named.yaml").write_text("urdf: rig.urdf\n")
+    for name in ("log.csv", "map.yaml", "model.yaml", "out/next_experiment.csv", "out/motion.csv", "out/earlier.csv"):
+        (tmp_path / name).write_text("{")
+    earlier = {"earlier.csv": files.digest(tmp_path / "out" / "earlier.csv")}
+    (tmp_path / "out" / "run.json").write_text(json.dumps({"schema": 1, "files": earlier}))
+    (tmp_path / "hard.csv").hardlink_to(tmp_path / "log.csv")
+    (tmp_path / "soft.csv").symlink_to("log.csv")
+    return tmp_path
+
+
+def content(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(("command", "writes", "reads"), CLASHES, ids=[command for command, *_ in CLASHES])
+def test_no_verb_writes_over_what_it_reads(run: Run, folder: Path, command: str, writes: str, reads: str) -> None:
+    before = content(folder)
+    refused(run(*command.format(here=folder.name).split()), 2, f"gimbal-pin: {writes}: would write over", reads)
+    assert content(folder) == before
+
+
+@pytest.mark.parametrize("options", ["-o /dev/null --json /dev/null", "--known model.yaml -o model.yaml --force"])
+def test_devices_and_what_is_forced_are_no_clash(run: Run, folder: Path, options: str) -> None:
+    """The log, which is none, is what is wrong here."""
+    said = run("identify", "rig.urdf", "log.csv", *options.split())
+    refused(said, 2)
+    assert "would write over" not in said[2]
+
+
+def every_option(of: Any) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
+    """Name, type and annotations of every option of a verb, nested ones too."""
+    defaults = {name: given.default for name, given in signature(of).parameters.items()}
+    nested = {id(value) for value in defaults.values() if hasattr(value, "__dataclass_fields__")}
+    for name, hint in get_annotations(of, eval_str=True).items():
+        if id(defaults.get(name)) in nested:
+            yield from every_option(type(defaults[name]))
+        else:
+            kind, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
+            yield name, kind, tuple(marks)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_path_is_marked_as_read_or_written(verb: str) -> None:
+    for name, kind, marks in every_option(VERBS[verb]):
+        if kind is Path or Path in get_args(kind):
+            assert any(isinstance(mark, (Reads, Writes)) for mark in marks), name
+    given = dict.fromkeys(signature(VERBS[verb]).parameters, "value")
+    assert len({label for label, *_ in options(VERBS[verb], given)}) == len(given)
+
+
+def one_run(folder: Path) -> bool:
+    """Whether a folder's run.json is there and says of every file in it what it holds."""
+    listed = files.listed(folder)
+    return bool(listed) and all(files.digest(folder / name) == found for name, found in listed.items())
+
+
+def written(folder: Path, /, **text: str) -> tuple[str, ...]:
+    """What `write_run` says of files with these texts."""
+    return files.write_run(folder, {name: lambda path, name=name: path.write_text(text[name]) for name in text}, {})
+
+
+def test_files_of_an_older_run_do_not_stay_beside_newer_ones(tmp_path: Path) -> None:
+    (tmp_path / "foreign").write_text("mine")
+    assert written(tmp_path, a="1", b="1", c="1") == () and one_run(tmp_path)
+    (tmp_path / "c").write_text("changed")
+    (note,) = written(tmp_path, a="2")
+    assert note.startswith(f"{tmp_path / 'c'} ") and one_run(tmp_path)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.name != files.RUN} == {
+        "foreign": "mine",
+        "a": "2",
+        "c": "changed",
+    }
+
+
+def test_a_run_that_fails_leaves_the_older_one_whole(tmp_path: Path) -> None:
+    written(tmp_path, a="1", b="1")
+    before = content(tmp_path)
+    with pytest.raises(ZeroDivisionError):
+        files.write_run(tmp_path, {"a": lambda path: path.write_text("2"), "b": lambda path: 1 / 0}, {})
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(UsageError, match="is a folder"):
+        written(tmp_path, a="2", folder="2")
+    assert content(tmp_path) == before and not list(tmp_path.glob(f"{files.STAGED}*"))
+
+
+@pytest.mark.parametrize("killed_at", range(4))
+def test_a_folder_that_says_whose_it_is_is_never_a_mixture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed_at: int
+) -> None:
+    """Cut off before the n-th file of three and run.json takes its place."""
+    written(tmp_path, a="1", b="1", c="1")
+    calls, put = [0], files.put
+
+    def cut_off(temporary: Path, target: Path, special: bool = False) -> None:
+        calls[0] += target.parent == tmp_path
+        if calls[0] > killed_at:
+            raise KeyboardInterrupt
+        put(temporary, target)
+
+    monkeypatch.setattr(files, "put", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        written(tmp_path, a="2", b="2", c="2")
+    assert not one_run(tmp_path)
+    monkeypatch.setattr(files, "put", put)
+    written(tmp_path, a="3", b="3", c="3")
+    assert one_run(tmp_path)
+
+
+def test_what_a_killed_run_left_goes_and_what_another_writes_stays(tmp_path: Path) -> None:
+    left = tmp_path / f"{files.STAGED}killed"
+    left.mkdir()
+    (left / "a").write_text("half")
+    with files.replacing(tmp_path / "a") as first:
+        assert not left.exists()
+        files.atomic_write(tmp_path / "b", "other")
+        first.write_text("whole")
+    assert content(tmp_path) == {tmp_path / "a": b"whole", tmp_path / "b": b"other"}
