@@ -1,0 +1,149 @@
+"""What must hold of every call, whatever it was given."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import unicodedata
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import yaml
+
+from fuzzing.running import Ran
+
+SECONDS, WAITING = 10.0, 30.0
+"""Work of one call, s, and the same with what a busy machine makes it wait."""
+LONGEST = 300
+"""Characters of a message."""
+OWN, NOTE = "gimbal-pin: ", "gimbal-pin: note: "
+CODES = (0, 2, 3)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A law that did not hold.
+
+    Attributes:
+        kind: Which one.
+        signature: What makes it the same failure as another: an exception's type and place, a message's shape.
+        detail: What came out.
+    """
+
+    kind: str
+    signature: str
+    detail: str
+
+    def to_dict(self) -> dict[str, str]:
+        """As plain data."""
+        return asdict(self)
+
+
+def failures(run: Ran) -> list[Failure]:
+    """Return every law that a call broke."""
+    return [*ended(run), *said(run), *written(run)]
+
+
+def ended(run: Ran) -> Iterator[Failure]:
+    """Its own errors only, in time."""
+    if run.code is None:
+        yield Failure("exception", f"{run.error} in {run.frame}", run.trace)
+    elif run.code not in CODES:
+        yield Failure("exit code", f"exit code {run.code}", run.err.decode(errors="replace")[-2000:])
+    if run.seconds > WAITING:
+        yield Failure("slow", "over the time", f"{run.seconds:.1f} s")
+
+
+def said(run: Ran) -> Iterator[Failure]:
+    """Each message one line, short, without control bytes, and the package's own."""
+    for name, stream in (("standard error", run.err), ("standard output", run.out)):
+        text = stream.decode("utf-8", errors="replace")
+        marks = sorted({mark for mark in text if control(mark)})
+        if marks:
+            line = next(line for line in text.split("\n") if any(control(mark) for mark in line))
+            yield Failure("control bytes", f"{name}: {shape(line)}", f"{marks!r} in {line[:600]!r}")
+    lines = run.err.decode("utf-8", errors="replace").split("\n")
+    if lines[-1]:
+        yield Failure("message", "no line end on standard error", repr(lines[-1][-300:]))
+    complaints = 0
+    for line in (line for line in lines if line):
+        if not line.startswith(OWN):
+            yield Failure("foreign line", shape(line), repr(line[:600]))
+            continue
+        start = NOTE if line.startswith(NOTE) else OWN
+        complaints += start == OWN
+        if len(line) - len(start) > LONGEST:
+            yield Failure("long message", shape(line[len(start) :]), f"{len(line)} characters: {line[:400]!r}")
+    if run.code in (2, 3) and complaints != 1:
+        yield Failure("message", f"{complaints} lines of error", run.err.decode(errors="replace")[:2000])
+
+
+def control(mark: str) -> bool:
+    """Whether a character steers a terminal, or turns the text around."""
+    return mark not in "\n\t" and (
+        unicodedata.category(mark) in ("Cc", "Cs") or mark in "\u202d\u202e\u2066\u2067\u2068"
+    )
+
+
+def shape(line: str) -> str:
+    """Return a message without what differs from case to case."""
+    plain = "".join("?" if control(mark) else mark for mark in line)
+    plain = re.sub(r"'[^']*'|\"[^\"]*\"|`[^`]*`", "'…'", plain)
+    return re.sub(r"\S*[\d/\\]\S*", "#", plain)[:90]
+
+
+def written(run: Ran) -> Iterator[Failure]:
+    """Inputs as they were; files whole, and no others."""
+    for name in run.changed:
+        yield Failure("input changed", name.rpartition(".")[2], name)
+    for name, content in run.left.items():
+        last = name.rpartition("/")[2]
+        if last.startswith("."):
+            yield Failure("partial file", "a temporary file is left", name)
+        elif (why := broken(last, content)) is not None:
+            yield Failure("partial file", f"{last.rpartition('.')[2]}: {why[:60]}", f"{name}, {len(content)} B: {why}")
+
+
+def broken(name: str, content: bytes) -> str | None:
+    """Return why a file is not whole, or None; a suffix that is not known says nothing."""
+    check = WHOLE.get(name.rpartition(".")[2].lower())
+    try:
+        return None if check is None or check(content) else "is not whole"
+    except (ValueError, yaml.YAMLError, ET.ParseError) as error:
+        return " ".join(str(error).split())
+
+
+def table(content: bytes) -> bool:
+    """Whether a table has a header and whole rows."""
+    rows = list(csv.reader(io.StringIO(content.decode())))
+    return content.endswith(b"\n") and len({len(row) for row in rows}) == 1
+
+
+def tree(content: bytes) -> bool:
+    """Whether it is YAML with something in it."""
+    loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return content.endswith(b"\n") and yaml.load(content, loader) is not None
+
+
+def ends(first: bytes, last: bytes) -> Callable[[bytes], bool]:
+    """Whether it begins and ends as its format does."""
+    return lambda content: content.startswith(first) and content.rstrip().endswith(last)
+
+
+WHOLE: Mapping[str, Callable[[bytes], bool]] = {
+    "json": lambda content: json.loads(content) is not None,
+    "yaml": tree,
+    "yml": tree,
+    "csv": table,
+    "html": ends(b"<", b"</html>"),
+    "svg": ends(b"<?xml", b"</svg>"),
+    "pdf": ends(b"%PDF", b"%%EOF"),
+    "png": ends(b"\x89PNG", b"IEND\xaeB`\x82"),
+    "parquet": ends(b"PAR1", b"PAR1"),
+    "urdf": lambda content: ET.fromstring(content) is not None,
+}
+"""Suffix → whether a file of it is whole."""

@@ -1,0 +1,193 @@
+"""A call of the command line in this process, with all that it writes: also what C++ puts on the descriptors."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import hashlib
+import os
+import resource
+import shutil
+import signal
+import sys
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fuzzing.case import Case
+
+MEMORY = 4 << 30
+"""Address space a call may take beyond what is loaded, B: half of what CI's machine has."""
+FILE = 256 << 20
+"""Largest file, B: forty times the largest page that a valid input leads to."""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What came of a call.
+
+    Attributes:
+        code: Exit code; None where an exception came out.
+        out: Standard output.
+        err: Standard error.
+        seconds: How long it took, s of this process.
+        trace: The exception that came out, with its traceback, as lines.
+        changed: Inputs that are no longer what they were.
+        left: Name → content of every file that was not there before, or is another now.
+        error: Type of the exception.
+        frame: Innermost place of the package in it.
+    """
+
+    code: int | None
+    out: bytes
+    err: bytes
+    seconds: float
+    trace: str
+    changed: tuple[str, ...]
+    left: Mapping[str, bytes]
+    error: str = ""
+    frame: str = ""
+
+
+def ran(main: Callable[[Sequence[str]], None], case: Case, folder: Path) -> Ran:
+    """Run a case in an empty folder, which holds its files afterwards."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    case.write(folder)
+    before = digests(folder)
+    home = Path.cwd()
+    os.chdir(folder)
+    code: int | None = 0
+    trace = error = frame = ""
+    start = time.perf_counter()
+    try:
+        with captured(folder.parent) as streams, piped(case.piped), warnings.catch_warnings():
+            try:
+                main(case.words)
+            except SystemExit as stop:
+                code = stop.code if isinstance(stop.code, int) else 0 if stop.code is None else 1
+            except BaseException as wrong:  # noqa: BLE001  # that nothing comes out is what is tested
+                code, error, frame, trace = None, type(wrong).__name__, place(wrong), told(wrong)
+            seconds = time.perf_counter() - start
+    finally:
+        os.chdir(home)
+    after = digests(folder)
+    changed = tuple(name for name in case.inputs if after.get(name) != before[name])
+    new = [name for name in after if name not in case.inputs and after[name] != before.get(name)]
+    left = {name: (folder / name).read_bytes() for name in new}
+    left |= {name: b"" for name in case.old if name not in after}
+    return Ran(code, streams["out"], streams["err"], seconds, trace, changed, left, error, frame)
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file below a folder; a folder that is empty counts, too."""
+    paths = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def place(error: BaseException) -> str:
+    """Return ``file:function`` of the innermost frame that is the package's."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if "/gimbal_pin/" in frame.filename]
+    return f"{own[-1].filename.rpartition('/gimbal_pin/')[2]}:{own[-1].name}" if own else "?"
+
+
+def told(error: BaseException) -> str:
+    """Return the traceback, shortened where it repeats itself."""
+    return "".join(traceback.format_exception(error, limit=-30))[-8000:]
+
+
+@contextmanager
+def captured(folder: Path) -> Iterator[dict[str, bytes]]:
+    """Send descriptors 1 and 2 to files; they are filled into what is yielded when the block ends."""
+    streams: dict[str, bytes] = {}
+    flush()
+    kept = {number: os.dup(number) for number in (1, 2)}
+    names = {1: "out", 2: "err"}
+    try:
+        for number, name in names.items():
+            file = os.open(folder / f".{name}{os.getpid()}", os.O_CREAT | os.O_TRUNC | os.O_RDWR | os.O_APPEND)
+            os.dup2(file, number)
+            os.close(file)
+        yield streams
+    finally:
+        flush()
+        for number, name in names.items():
+            os.dup2(kept[number], number)
+            os.close(kept[number])
+            path = folder / f".{name}{os.getpid()}"
+            with path.open("rb") as stream:
+                streams[name] = stream.read(4 << 20)
+            path.unlink()
+
+
+def flush() -> None:
+    """Empty Python's and C's buffers."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    ctypes.CDLL(None).fflush(None)
+
+
+@contextmanager
+def piped(content: bytes | None) -> Iterator[None]:
+    """Put a pipe with this content, or nothing, on descriptor 0."""
+    kept, writer = os.dup(0), None
+    if content is None:
+        source = os.open(os.devnull, os.O_RDONLY)
+    else:
+        source, sink = os.pipe()
+        writer = threading.Thread(target=fed, args=(sink, content), daemon=True)
+    os.dup2(source, 0)
+    os.close(source)
+    if writer is not None:
+        writer.start()
+    try:
+        yield
+    finally:
+        os.dup2(kept, 0)  # closes the pipe's last reading end: a writer that waits ends with an error
+        os.close(kept)
+        if writer is not None:
+            writer.join()
+
+
+def fed(sink: int, content: bytes) -> None:
+    """Write all of it into a pipe, unless nobody reads any longer."""
+    try:
+        with os.fdopen(sink, "wb") as file:
+            file.write(content)
+    except BrokenPipeError:
+        pass
+
+
+def bounded() -> None:
+    """Bound memory and files of this process, so that a case that asks for all of them harms nobody."""
+    with open("/proc/self/statm", encoding="ascii") as file:
+        loaded = int(file.read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (loaded + MEMORY, loaded + MEMORY))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FILE, FILE))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+@contextmanager
+def watched(seconds: float, waiting: float, trace: Path) -> Iterator[None]:
+    """End this process after so many seconds of work, or of waiting; where it stood then is written to `trace`.
+
+    Both work inside C++, where no handler of Python would be called.
+    """
+    with trace.open("w", encoding="utf-8") as file:
+        faulthandler.enable(file, all_threads=False)
+        faulthandler.register(signal.SIGPROF, file, all_threads=False, chain=True)
+        faulthandler.dump_traceback_later(waiting, exit=True, file=file)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            faulthandler.cancel_dump_traceback_later()
+            faulthandler.unregister(signal.SIGPROF)
+            faulthandler.disable()
