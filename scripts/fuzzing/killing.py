@@ -12,10 +12,9 @@ import os
 import shlex
 import shutil
 import signal
-import sys
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +40,10 @@ after the old result is touched."""
 JUST = 2e-3
 """That long after, s: some ten renames."""
 
+CLEANED = 3
+"""Kills after which the next run is looked at: it takes as long as any, and removes what the killed one left."""
+WHOLE = ("the old result", "the new result")
+
 Files = Mapping[str, str]
 """Name → SHA-256."""
 
@@ -61,23 +64,26 @@ class Undisturbed:
 
 
 def killed(main: Main, count: int, seed: int, folder: Path) -> int:
-    """Kill every verb so many times; print a table, and return the exit code."""
+    """Kill every verb so many times; print a line each, and return the exit code."""
     place = folder / "killed"
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
     alone(lambda: logged(place))
-    rng, failed = np.random.default_rng(seed), list[str]()
-    with tqdm(total=count * len(VERBS), unit="kill", disable=None) as bar:
-        for verb, words in VERBS.items():
-            ends: Counter[str] = Counter()
-            for number, end in enumerate(outcomes(main, words, count, rng, place)):
-                ends[end] += 1
-                bar.update()
-                if end not in ("the old result", "the new result"):
-                    failed.append(f"{verb} {number}")
-            tqdm.write(f"{verb:10}" + "; ".join(f"{end} {times}" for end, times in sorted(ends.items())), sys.stdout)
-    print(f"{count * len(VERBS) - len(failed)} passed, {len(failed)} failed")
-    return int(bool(failed))
+    ends = run(main, VERBS, count, seed, place)
+    for verb, left in ends.items():
+        print(f"{verb:10}" + "; ".join(f"{end}: {times}" for end, times in sorted(Counter(left).items())))
+    failed = sum(end not in WHOLE for left in ends.values() for end in left)
+    print(f"{count * len(ends) - failed} passed, {failed} failed")
+    return int(failed > 0)
+
+
+def run(
+    main: Main, verbs: Mapping[str, tuple[str, ...]], count: int, seed: int, place: Path
+) -> Mapping[str, Sequence[str]]:
+    """Return what each kill of each verb left; `place` holds the logs ``log.csv`` and ``older.csv``."""
+    rng = np.random.default_rng(seed)
+    with tqdm(total=count * len(verbs), unit="kill", disable=None) as bar:
+        return {verb: list(outcomes(main, words, count, rng, place, bar)) for verb, words in verbs.items()}
 
 
 def logged(place: Path) -> None:
@@ -89,33 +95,38 @@ def logged(place: Path) -> None:
     Path("full.csv").unlink()
 
 
-def outcomes(main: Main, words: Sequence[str], count: int, rng: np.random.Generator, place: Path) -> list[str]:
-    """Return what each of so many kills of a verb leaves."""
+def outcomes(
+    main: Main, words: Sequence[str], count: int, rng: np.random.Generator, place: Path, bar: Any
+) -> Iterator[str]:
+    """Yield what each of so many kills of a verb leaves; where that is not whole, its folder is kept."""
     work, target = place / words[0], words[-1]
-    shutil.rmtree(work, ignore_errors=True)
     (work / "old").mkdir(parents=True)
     older = [str(place / "older.csv") if word == "log.csv" else word for word in words]
     newer = [str(place / "log.csv") if word == "log.csv" else word for word in words]
     old = undisturbed(main, older, work / "old", target)
     new = undisturbed(main, newer, fresh(work / "old", work / "new"), target)
-    inputs = sums(place)
-    ends = []
+    inputs, looked = sums(place), 0
     for number in range(count):
         folder = fresh(work / "old", work / "run")
-        kind = rng.choice(list(TIMES), p=list(TIMES.values()))
-        when = kill(main, newer, folder, target, str(kind), new, rng)
-        end = found(folder, target, old.result, new.result)
-        if sums(place) != inputs:
-            end = "an input changed"
-        elif end in ("the old result", "the new result") and number % 10 == 0 and left(folder):
-            undisturbed(main, newer, folder, target)  # the next run cleans up
-            end = f"{left(folder)} left after the next run" if left(folder) else end
-        ends.append(end)
-        if end not in ("the old result", "the new result"):
+        kind = str(rng.choice(list(TIMES), p=list(TIMES.values())))
+        when = kill(main, newer, folder, target, kind, new, rng)
+        end = found(folder, target, old.result, new.result) if sums(place) == inputs else "an input is changed"
+        if end in WHOLE and looked < CLEANED and (hidden := left(folder)):
+            looked += 1
+            end = cleaned(main, newer, folder, target, hidden) or end
+        if end not in WHOLE:
             kept = place / "failures" / f"{words[0]}-{number}"
             shutil.copytree(folder, kept)
             (kept / "failure.txt").write_text(f"{shlex.join(newer)}\n{kind}, {when:.4f} s\n{end}\n", encoding="utf-8")
-    return ends
+        bar.update()
+        yield end
+
+
+def cleaned(main: Main, words: Sequence[str], folder: Path, target: str, hidden: Sequence[str]) -> str:
+    """Return what the next run leaves of what a killed one left, or nothing."""
+    undisturbed(main, words, folder, target)
+    still = sorted(set(hidden) & set(left(folder)))
+    return f"the next run leaves {still[0]}" if still else ""
 
 
 def fresh(source: Path, target: Path) -> Path:
@@ -185,16 +196,14 @@ def state(folder: Path, target: str) -> tuple[Any, Any]:
     """Return what shows that something is written: names in the folder, and which files are the old result."""
     place = folder / target
     names = frozenset(os.listdir(folder)) | (frozenset(os.listdir(place)) if place.is_dir() else frozenset())
-    result = frozenset(filter(visible, os.listdir(place))) if place.is_dir() else inode(place)
-    return names, result
-
-
-def inode(path: Path) -> int | None:
-    """Return which file a path is at the moment."""
+    if place.is_dir():
+        with os.scandir(place) as entries:
+            return names, frozenset((entry.name, entry.inode()) for entry in entries if visible(entry.name))
     try:
-        return path.stat().st_ino
+        found = place.stat()
     except FileNotFoundError:
-        return None
+        return names, None
+    return names, (found.st_ino, found.st_mtime_ns)
 
 
 def visible(name: str) -> bool:

@@ -104,9 +104,10 @@ def told(error: BaseException) -> str:
 
 @contextmanager
 def captured(folder: Path) -> Iterator[dict[str, bytes]]:
-    """Send descriptors 1 and 2 to files; they are filled into what is yielded when the block ends."""
+    """Send descriptors 1 and 2, and Python's streams, to files; these fill what is yielded when the block ends."""
     streams: dict[str, bytes] = {}
     flush()
+    usual = sys.stdout, sys.stderr
     kept = {number: os.dup(number) for number in (1, 2)}
     names = {1: "out", 2: "err"}
     try:
@@ -114,9 +115,12 @@ def captured(folder: Path) -> Iterator[dict[str, bytes]]:
             file = os.open(folder / f".{name}{os.getpid()}", os.O_CREAT | os.O_TRUNC | os.O_RDWR | os.O_APPEND)
             os.dup2(file, number)
             os.close(file)
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", 1, encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
         yield streams
     finally:
         flush()
+        sys.stdout, sys.stderr = usual
         for number, name in names.items():
             os.dup2(kept[number], number)
             os.close(kept[number])
@@ -136,7 +140,7 @@ def flush() -> None:
 @contextmanager
 def piped(content: bytes | None) -> Iterator[None]:
     """Put a pipe with this content, or nothing, on descriptor 0."""
-    kept, writer = os.dup(0), None
+    kept, writer, usual = os.dup(0), None, sys.stdin
     if content is None:
         source = os.open(os.devnull, os.O_RDONLY)
     else:
@@ -144,11 +148,13 @@ def piped(content: bytes | None) -> Iterator[None]:
         writer = threading.Thread(target=fed, args=(sink, content), daemon=True)
     os.dup2(source, 0)
     os.close(source)
+    sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
     if writer is not None:
         writer.start()
     try:
         yield
     finally:
+        sys.stdin = usual
         os.dup2(kept, 0)  # closes the pipe's last reading end: a writer that waits ends with an error
         os.close(kept)
         if writer is not None:
