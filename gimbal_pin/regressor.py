@@ -15,6 +15,9 @@ SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
 DIAGONAL = ("Ixx", "Iyy", "Izz", "mx", "my", "mz")
 """The parameters of a body whose inertia is assumed diagonal, as in the thesis; concentric axes never show its mass."""
 
+TOGETHER = 64
+"""Samples whose columns are picked at once: few enough to stay in the cache, where they were just written."""
+
 
 def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
     """Return the scanned parameters' names, ``link.symbol``, base to tip, and their places in `Rig.phi`, (p,)."""
@@ -24,7 +27,9 @@ def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
     return names, np.array(places)
 
 
-def regressor(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
+def regressor(
+    rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None, places: Array | None = None
+) -> Array:
     """``Y`` with ``rnea(q, v, a) = Y phi``, every sample in full; call it chunk by chunk on long trajectories.
 
     Args:
@@ -33,20 +38,21 @@ def regressor(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None 
         v: Rates, rad/s, (N, n).
         a: Accelerations, rad/s², (N, n).
         platform: Motion of the base at the same N samples; None: it stands upright.
+        places: Entries of `Rig.phi` whose columns are wanted, (p,); None: all.
 
     Returns:
-        Torque per unit of each entry of `Rig.phi`, (N, n, 10 n).
+        Torque per unit of each entry of `Rig.phi`, (N, n, 10 n), or of those in `places`, (N, n, p).
     """
     model, states = posed(rig, q, v, a, platform)
-    data, base = model.createData(), model.nv - rig.n
-    out = np.empty((len(q), rig.n, 10 * rig.n))
-    compute = pin.computeJointTorqueRegressor
-    if not base:
-        for row, angles, rates, accelerations in zip(out, *states):
-            row[...] = compute(model, data, angles, rates, accelerations)
-        return out
-    for row, angles, rates, accelerations in zip(out, *states):
-        row[...] = compute(model, data, angles, rates, accelerations)[base:, 10:]
+    data, base, first = model.createData(), model.nv - rig.n, 10 if model.nv > rig.n else 0
+    chosen = np.arange(10 * rig.n) if places is None else places
+    out = np.empty((len(q), rig.n, len(chosen)))
+    compute, few = pin.computeJointTorqueRegressor, np.empty((TOGETHER, rig.n, 10 * rig.n))
+    for begin in range(0, len(q), TOGETHER):
+        for row, angles, rates, accelerations in zip(few, *(x[begin : begin + TOGETHER] for x in states)):
+            row[...] = compute(model, data, angles, rates, accelerations)[base:, first:]
+        part = out[begin : begin + TOGETHER]
+        np.take(few[: len(part)], chosen, axis=2, out=part, mode="clip")
     return out
 
 

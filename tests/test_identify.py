@@ -61,7 +61,7 @@ def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(tu
     smoothed = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
     channels = Channels(motion.t, motion.q, motion.v, motion.a, smoothed, np.full(turret.n, 0.02))
     rows = Rows(turret, reduce(turret), friction_effects(turret.joints), (), EXACT)
-    made = rows.block(channels, slice(300, -300, 50), 1000.0)
+    made = rows.block(channels, slice(350, -350, 50), 1000.0)
     assert made.share.min() < 0.5 < made.share.max()
     assert np.abs(made.A @ planted(turret) - made.b).max() < 1e-8
 

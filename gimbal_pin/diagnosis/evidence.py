@@ -41,10 +41,9 @@ from gimbal_pin.rows import (
     smoothed,
     standstill,
     stretches,
+    thinning,
 )
 
-FINE = 200.0
-"""Samples per second that are enough for smoothed channels, well above the band."""
 BLOCKS = 40
 """Blocks of time that errors are counted by."""
 SHORTEST = 0.7
@@ -305,7 +304,7 @@ def part(
     whole: Log | None = None,
 ) -> Part | None:
     """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
-    step = max(1, int(1 / (FINE * stretch.dt)))
+    step = thinning(filtering, stretch.dt)
     # The last few samples go where that makes the Fourier transforms quick.
     half = fft.prev_fast_len(max(stretch.length // (2 * step), 1), real=True)
     length = 2 * step * half

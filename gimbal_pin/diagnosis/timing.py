@@ -14,7 +14,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import ALIKE
 from gimbal_pin.diagnosis.contenders import possible
-from gimbal_pin.diagnosis.evidence import FINE, gather
+from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import LUCK, project
 from gimbal_pin.diagnosis.flips import least
 from gimbal_pin.diagnosis.lateness import Late, Timing
@@ -25,7 +25,7 @@ from gimbal_pin.diagnosis.state import Problem, State, reads, solved
 from gimbal_pin.diagnosis.verdict import FAINT, SHARE, material, torque_level
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Log
-from gimbal_pin.rows import Filtering
+from gimbal_pin.rows import FINE, Filtering
 
 WIDER = 2.5
 """A wider band over the one that was looked at."""

@@ -28,8 +28,8 @@ TOLD = 0.1
 PASSES, HALVINGS = 30, 8
 RIDGE = 1e-9
 """Least curvature in any direction, as a share of the largest: a joint without a row has none."""
-SETTLED = 1e-3
-"""Gain of log-likelihood at which the passes stop; a standard deviation of a power is worth half a unit of it."""
+NEAR, SETTLED = 0.5, 1e-3
+"""Gain of log-likelihood of a pass that is near the top, and at it; a standard deviation of a power is worth half."""
 NUGGET = 1e-6
 """White noise that is added to every mixture, in shares of its power: so it can be inverted."""
 SURE = 1.959964
@@ -205,18 +205,18 @@ def powers(parts: Sequence[Piece], n: int) -> Array:
     """Return the most likely power of every spectrum at each joint, (N m)², (n, q); zero where there is no residual.
 
     Fisher's scoring with powers that are not negative; a step that makes them less likely is halved. It may end beside
-    the top of another hill, so it starts from slow noise and from fast.
+    the top of another hill, so it starts from slow noise and from fast, and goes on where it is higher near the top.
     """
     size, rows = np.zeros(n), np.zeros(n)
     for p in parts:
         size[p.joint] += p.y @ p.y
         rows[p.joint] += len(p.y)
-    found = [climbed(parts, np.outer(size / np.maximum(rows, 1.0), start)) for start in STARTS]
-    return max(found, key=lambda power: told(parts, power).likelihood)
+    found = [climbed(parts, np.outer(size / np.maximum(rows, 1.0), start), NEAR) for start in STARTS]
+    return climbed(parts, max(found, key=lambda power: told(parts, power).likelihood), SETTLED)
 
 
-def climbed(parts: Sequence[Piece], now: Array) -> Array:
-    """Return the most likely powers that are reached from some, (n, q)."""
+def climbed(parts: Sequence[Piece], now: Array, settled: float) -> Array:
+    """Return the most likely powers that are reached from some, (n, q); a pass that gains less than `settled` ends."""
     here = told(parts, now)
     for _ in range(PASSES):
         step, total = scoring(here, now), np.maximum(now.sum(axis=1, keepdims=True), 1e-300)
@@ -230,7 +230,7 @@ def climbed(parts: Sequence[Piece], now: Array) -> Array:
             return now
         gained = there.likelihood - here.likelihood
         now, here = after, there
-        if gained < SETTLED:
+        if gained < settled:
             break
     return now
 

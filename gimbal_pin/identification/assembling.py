@@ -53,7 +53,7 @@ def assembled(
 def to_model(rows: Rows, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
-    Bodies that were fitted are taken as they are, else those of `Rows.phi`; `consistency.nearest` looks for physical ones.
+    Bodies that were fitted are taken as they are, else those of `Rows.phi`; `consistency.nearest` has physical ones.
     """
     rig, width = rows.rig, len(rows.reduction.independent)
     phi = rows.phi(estimate.theta[:width]) if estimate.phi is None else estimate.phi

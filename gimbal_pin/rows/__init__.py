@@ -1,12 +1,12 @@
 """From logs to regression rows: the same filter on every column and on the torque, chunk by chunk.
 
-log → uniform grid → smoothed q, v, a → columns at full rate → low-pass → one row every half period of the cutoff
+log → uniform grid → smoothed q, v, a → decimated → columns → low-pass → one row every half period of the cutoff
 """
 
 from gimbal_pin.rows.blocks import CHUNK, Block, Rows
 from gimbal_pin.rows.carrier import base_motion, carrying
 from gimbal_pin.rows.channels import Channels, Flags, Logged, impulse, smoothed
-from gimbal_pin.rows.filtering import Filtering, settling
+from gimbal_pin.rows.filtering import FINE, Filtering, settling, thinning
 from gimbal_pin.rows.grid import Stretch, stretches
 from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, memory, sliding, slow, standstill
 from gimbal_pin.rows.places import camera_body, columns_of, over_phi
@@ -14,6 +14,7 @@ from gimbal_pin.rows.regression import Regression, kept, standing_for
 
 __all__ = [
     "CHUNK",
+    "FINE",
     "MEMORY",
     "STANDSTILL",
     "TAPER",
@@ -42,4 +43,5 @@ __all__ = [
     "standing_for",
     "standstill",
     "stretches",
+    "thinning",
 ]

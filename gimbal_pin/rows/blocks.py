@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import gcd
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +17,13 @@ from gimbal_pin.regressor import columns, regressor, rnea, weight
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows.carrier import carrying
 from gimbal_pin.rows.channels import Channels, smoothed
-from gimbal_pin.rows.filtering import Filtering, settling
+from gimbal_pin.rows.filtering import Filtering, settling, thinning
 from gimbal_pin.rows.grid import Stretch, stretches
 from gimbal_pin.rows.masking import TAPER, mask, standstill
 from gimbal_pin.rows.places import columns_of, over_phi
 
 CHUNK = 4096
+"""Decimated samples whose columns are held at once."""
 
 
 class Block(NamedTuple):
@@ -109,9 +111,10 @@ class Rows:
             carrier: The link whose IMU says how the base moves, see `carrying`.
         """
         pad = int(np.ceil(settling(self.filtering) / stretch.dt))
-        step = max(1, round(1.0 / (2 * self.filtering.cutoff * stretch.dt)))
-        for begin in range(pad, stretch.length - pad, CHUNK):
-            end = min(begin + CHUNK, stretch.length - pad)
+        thin = thinning(self.filtering, stretch.dt)
+        step, chunk = thin * max(1, round(1.0 / (2 * self.filtering.cutoff * stretch.dt * thin))), thin * CHUNK
+        for begin in range(pad, stretch.length - pad, chunk):
+            end = min(begin + chunk, stretch.length - pad)
             first, last = begin - pad, end + pad
             channels = smoothed(stretch, self.filtering, first, last, carrier)
             keep = slice(pad + -begin % step, pad + end - begin, step)
@@ -123,28 +126,30 @@ class Rows:
 
         A joint's equation holds at every sample, so it may be multiplied by any mask before the filter: the samples
         near standstill, where the direction of dry friction is unknown, are masked out, and the equation stays exact.
+        What is smooth then is decimated before the bodies' columns are computed and all is filtered, see `thinning`.
         """
+        begin, end, step = keep.indices(len(channels.t))
+        thin = gcd(step, thinning(self.filtering, 1.0 / rate))
+        offset = begin % thin
+        few, rows = slice(offset, None, thin), slice(begin // thin, (end - 1 - offset) // thin + 1, step // thin)
         still = standstill(channels, self.filtering)
+        moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         smoother = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
-        jumping = signals.zero_phase(self.effect_columns(channels), smoother)
+        jumping = passed(self.effect_columns(channels), smoother, few)
+        channels, moving = channels.every(few), moving[few]
+        sections = signals.lowpass(self.filtering.cutoff, rate / thin)
         rigid = self.rigid_columns(channels)
         tau = channels.tau - self.unfitted(channels, rigid)
-        A = np.concatenate([rigid, jumping], axis=2)
-        moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
-        A *= moving[:, :, None]
-        sections = signals.lowpass(self.filtering.cutoff, rate)
-        present = np.any(A != 0.0, axis=0)
-        filtered = np.zeros((len(range(*keep.indices(len(A)))), *A.shape[1:]))
-        filtered[:, present] = signals.zero_phase(A[:, present], sections)[keep]
-        b, share = (signals.zero_phase(x, sections)[keep] for x in (tau * moving, moving))
+        A = passed(np.concatenate([rigid, jumping], axis=2), sections, rows, moving)
+        b, share = (signals.zero_phase(x, sections)[rows] for x in (tau * moving, moving))
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
-        return Block(channels.t[keep].copy(), filtered, b.copy(), channels.v[keep].copy(), np.clip(share, 0.0, 1.0))
+        return Block(channels.t[rows].copy(), A, b.copy(), channels.v[rows].copy(), np.clip(share, 0.0, 1.0))
 
     def rigid_columns(self, channels: Channels) -> Array:
         """Base columns of the regressor, (m, n, b)."""
         places = columns_of(self.rig, self.reduction)
-        return regressor(self.rig, channels.q, channels.v, channels.a, channels.platform)[:, :, places]
+        return regressor(self.rig, channels.q, channels.v, channels.a, channels.platform, places)
 
     def unfitted(self, channels: Channels, rigid: Array) -> Array | float:
         """``Y phi - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
@@ -172,3 +177,18 @@ class Rows:
                 out[:, j, column] = basis
                 column += 1
         return out
+
+
+def passed(columns: Array, sections: Array, keep: slice, mask: Array | None = None) -> Array:
+    """Run the sections forwards and backwards over columns, (m, n, k), and return the samples `keep`, (r, n, k).
+
+    Joint by joint, and only those columns that a joint feels: of a long chain's most feel hardly half.
+
+    `mask`: weight of each sample, (m, n).
+    """
+    out = np.zeros((len(range(*keep.indices(len(columns)))), *columns.shape[1:]))
+    for j in range(columns.shape[1]):
+        felt = np.flatnonzero(columns[:, j].any(axis=0))
+        own = columns[:, j, felt] if mask is None else columns[:, j, felt] * mask[:, [j]]
+        out[:, j, felt] = signals.zero_phase(own, sections)[keep]
+    return out
