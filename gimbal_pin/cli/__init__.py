@@ -7,8 +7,10 @@ import functools
 import inspect
 import io
 import re
+import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import tyro
@@ -22,7 +24,7 @@ from gimbal_pin.cli.demo import demo
 from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.identify import identify
-from gimbal_pin.cli.present import complain
+from gimbal_pin.cli.present import complain, say
 from gimbal_pin.cli.rigs import rigs
 from gimbal_pin.cli.simulate import simulate
 from gimbal_pin.cli.track import track
@@ -38,7 +40,8 @@ VERBS: Mapping[str, Callable[..., None]] = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that the arguments name, and leave with CONTRACT's exit code."""
     try:
-        parse(sys.argv[1:] if arguments is None else arguments)()
+        with ending_orderly():
+            parse(sys.argv[1:] if arguments is None else arguments)()
     except GimbalPinError as error:
         complain(str(error))
         raise SystemExit(error.exit_code) from None
@@ -48,20 +51,44 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(0) from None
 
 
+@contextlib.contextmanager
+def ending_orderly() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the program as an error does: temporary files go, servers end; status 128 + signal.
+
+    A signal that is ignored (``nohup``) stays so. Other threads than the first may not say what a signal does.
+    """
+
+    def leave(number: int, frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    first = threading.current_thread() is threading.main_thread()
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP) if first}
+    before = {number: handler for number, handler in before.items() if handler is signal.SIG_DFL}
+    for number in before:
+        signal.signal(number, leave)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def parse(arguments: Sequence[str]) -> Callable[[], None]:
     """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
     if not arguments or arguments[0] in ("-h", "--help"):
-        return functools.partial(print, overview())
+        return functools.partial(say, overview())
     name, *rest = arguments
     if name not in VERBS:
         raise UsageError(name, "no such verb", f"the verbs are {', '.join(VERBS)}")
-    said = io.StringIO()
+    told, wrong = io.StringIO(), io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(wrong):
             return tyro.cli(deferred(VERBS[name]), prog=f"gimbal-pin {name}", args=rest)
     except SystemExit as stop:
         if stop.code == 2:
-            complain(one_line(said.getvalue()))
+            complain(one_line(wrong.getvalue()))
+        else:
+            say(told.getvalue().rstrip())
         raise
 
 

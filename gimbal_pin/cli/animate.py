@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli.inputs import load_rig, mounted, play, shown_somewhere
-from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName, optional
+from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName, Yes, between, optional
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import noted, say
+from gimbal_pin.cli.work import affordable
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Array, Log
@@ -24,10 +25,18 @@ def animate(
     *,
     payload: Payload = None,
     map: Map = (),
-    speed: Annotated[float, arg(help="seconds of the log per second of playing")] = 1.0,
-    fps: Annotated[float | None, arg(help="frames per second; None: what suits the format")] = None,
+    speed: Annotated[
+        float, between("--speed", 0.001, 1000), arg(help="seconds of the log per second of playing")
+    ] = 1.0,
+    fps: Annotated[
+        float | None, between("--fps", 0.1, 240), optional(None, "frames per second", "what suits the format")
+    ] = None,
     ghost: Annotated[bool, arg(help="show the reference as a ghost")] = True,
-    at: Annotated[float | None, arg(help="time of a picture, s of the log")] = None,
+    at: Annotated[
+        float | None,
+        between("--at", -1e10, 1e10, "s"),  # stamps count from a boot, or from 1970
+        optional(None, "time of a picture, by the log", "where the reference is farthest"),
+    ] = None,
     residual: Annotated[
         Path | None,
         Reads(),
@@ -35,17 +44,21 @@ def animate(
             "MODEL", "turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on"
         ),
     ] = None,
+    yes: Yes = False,
     live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
     from gimbal_pin import view
     from gimbal_pin.io import read_log, split_payload
+    from gimbal_pin.view.output import ENCODERS, FPS
 
     shown_somewhere(output, live)
     loaded = load_rig(rig, payload or split_payload(log)[1] or mounted(residual))
     read = read_log(log, loaded, map, need_tau=residual is not None)
     colour = None if residual is None else warmth(residual, loaded, read)
     if output is not None:
+        frames = (read.t[-1] - read.t[0]) / speed * (fps or FPS.get(output.suffix.lower(), 1.0))
+        affordable(yes, frame=frames, rendered_frame=frames if output.suffix.lower() in ENCODERS else 0)
         noted(view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at))
         say(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
     if live:

@@ -9,9 +9,10 @@ from tyro.conf import arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_rig, run_of
-from gimbal_pin.cli.options import Folder, Json, Payload, Seed
+from gimbal_pin.cli.options import Folder, Json, Payload, Seed, Yes, between
 from gimbal_pin.cli.paths import Reads, rigs
 from gimbal_pin.cli.present import noted, present
+from gimbal_pin.cli.work import affordable
 
 
 def demo(
@@ -19,8 +20,9 @@ def demo(
     *,
     rig: Annotated[str, Reads(rigs), arg(help="bundled rig")] = "thesis",
     payload: Payload = None,
-    seconds: Annotated[float, arg(help="length of the simulated log, s")] = 22.0,
+    seconds: Annotated[float, between("--seconds", 1, 3600, "s"), arg(help="length of the simulated log")] = 22.0,
     seed: Seed = 0,
+    yes: Yes = False,
     json: Json = None,
 ) -> None:
     """Run auto on a simulated log of a rig whose true parameters differ from its URDF; needs nothing."""
@@ -29,6 +31,8 @@ def demo(
 
     from gimbal_pin.walk import demo as run
 
-    found = run(load_rig(rig, payload), output, rng=np.random.default_rng(seed), seconds=seconds, run=asked_for)
+    loaded = load_rig(rig, payload)
+    affordable(yes, diagnosed_second_of_a_joint=seconds * loaded.n)
+    found = run(loaded, output, rng=np.random.default_rng(seed), seconds=seconds, run=asked_for)
     noted(found.notes)
     present(text.auto(found), found.to_dict(), json)

@@ -8,7 +8,19 @@ from typing import Annotated
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_logs, run_of, typed
-from gimbal_pin.cli.options import Alignment, Holdout, Json, Logs, Map, MaybeFolder, Payload, RigName, Seed, optional
+from gimbal_pin.cli.options import (
+    BAND,
+    Alignment,
+    Holdout,
+    Json,
+    Logs,
+    Map,
+    MaybeFolder,
+    Payload,
+    RigName,
+    Seed,
+    optional,
+)
 from gimbal_pin.cli.present import noted, present
 
 
@@ -19,7 +31,7 @@ def diagnose(
     *,
     payload: Payload = None,
     map: Map = (),
-    cutoff: Annotated[float | None, optional("HZ", "highest frequency that is looked at", "12")] = None,
+    cutoff: Annotated[float | None, BAND, optional(None, "highest frequency that is looked at", "12")] = None,
     alignment: Alignment = None,
     holdout: Holdout = None,
     seed: Seed = 0,

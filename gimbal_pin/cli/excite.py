@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import UseAppendAction, arg
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import load_logs, load_rig, mounted, plant_of, positive
-from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed, optional
+from gimbal_pin.cli.inputs import load_logs, load_rig, mounted, plant_of
+from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed, Yes, between, optional
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
+from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,16 +25,18 @@ def excite(
     output: Output,
     *,
     payload: Payload = None,
-    seconds: Annotated[float, arg(help="length of the motion, which can be repeated, s")] = 10.0,
+    seconds: Annotated[
+        float, between("--seconds", 0.5, 3600, "s"), arg(help="length of the motion, which can be repeated")
+    ] = 10.0,
     harmonics: Annotated[
         int | None,
+        between("--harmonics", 2, 200, kind=int),
         arg(
-            metavar="COUNT",
             help="harmonics of the Fourier series",
             help_behavior_hint="(default: up to half a hertz, at least five)",
         ),
     ] = None,
-    starts: Annotated[int, arg(help="random starts of the optimisation")] = 5,
+    starts: Annotated[int, between("--starts", 1, 1000, kind=int), arg(help="random starts of the optimisation")] = 5,
     criterion: Literal["condition", "determinant"] = "condition",
     after: Annotated[
         tuple[str, ...],
@@ -46,11 +49,16 @@ def excite(
         arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="a cause to be shown as well, as simulate plants it; of any size"),
     ] = (),
     model: ModelFile = None,
-    margin: Annotated[float, arg(help="share of every limit that is left free")] = 0.05,
-    clearance: Annotated[float, arg(help="distance that parts keep which can hit each other, m")] = 0.005,
-    speed: Annotated[float, arg(help="rms rate that shows friction, share of the rate limit")] = 0.3,
-    rate: Annotated[float, arg(help="samples per second of the file, Hz")] = 1000.0,
+    margin: Annotated[float, between("--margin", 0, 0.95), arg(help="share of every limit that is left free")] = 0.05,
+    clearance: Annotated[
+        float, between("--clearance", 0, 1, "m"), arg(help="distance that parts keep which can hit each other")
+    ] = 0.005,
+    speed: Annotated[
+        float, between("--speed", 0, 0.95), arg(help="rms rate that shows friction, share of the rate limit")
+    ] = 0.3,
+    rate: Annotated[float, between("--rate", 1, 20000, "Hz"), arg(help="samples per second of the file")] = 1000.0,
     seed: Seed = 0,
+    yes: Yes = False,
     json: Json = None,
 ) -> None:
     """Design an excitation trajectory under the rig's limits."""
@@ -60,11 +68,12 @@ def excite(
     from gimbal_pin.excitation import sequential
     from gimbal_pin.io import write_motion
 
-    positive("--rate", rate)
     camera = payload or mounted(model)
     loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
     plant = plant_of(model, loaded)
     shown = to_show(plant, effect)
+    terms = (harmonics or 10) * plant.rig.n
+    affordable(yes, descent_per_squared_variable=starts * terms**2, sample_of_a_motion=seconds * rate)
     found = run(
         plant.rig,
         seconds=seconds,

@@ -13,7 +13,7 @@ from tyro.conf import arg
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
-from gimbal_pin.cli.options import optional
+from gimbal_pin.cli.options import between, optional
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import noted, present, say
 from gimbal_pin.errors import LogError, UsageError
@@ -32,12 +32,18 @@ class Following:
     follow: Annotated[
         bool, arg(help="learn from one growing CSV file, or from - (standard input), as it is written; Ctrl-C ends it")
     ] = False
-    forget: Annotated[float | None, optional("SECONDS", "with --follow: what is older counts less", "never")] = None
+    forget: Annotated[
+        float | None,
+        between("--forget", 0.1, 1e6, "s"),
+        optional(None, "with --follow: what is older counts less", "never"),
+    ] = None
     anew: Annotated[
         Literal["payload", "everything"], arg(help="with --follow: what is estimated anew when the payload has changed")
     ] = "payload"
     idle: Annotated[
-        float | None, optional("SECONDS", "with --follow: end when the file has not grown for so long", "never")
+        float | None,
+        between("--idle", 0, 1e6, "s"),
+        optional(None, "with --follow: end when the file has not grown for so long", "never"),
     ] = None
     plot: Annotated[
         Path | None, Writes(), optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
-from gimbal_pin.cli.inputs import carried, load_logs, positive
-from gimbal_pin.cli.options import Effects, PlatformSize, Written, optional
+from gimbal_pin.cli.inputs import carried, load_logs
+from gimbal_pin.cli.options import Effects, PlatformSize, Written, Yes, between, optional
 from gimbal_pin.cli.paths import Reads, logs, maps
 from gimbal_pin.cli.present import noted
+from gimbal_pin.cli.work import affordable
 from gimbal_pin.controllers import HOLDING, TUNED
 from gimbal_pin.errors import UsageError
 
@@ -78,9 +79,12 @@ class Holding:
             "repeatable",
         ),
     ] = ()
-    seeds: Annotated[int, arg(help="runs on a platform, each with its own motion and noise")] = 5
-    seconds: Annotated[float, arg(help="length of each of these runs, s")] = 30.0
-    jobs: Annotated[int, arg(help="processes that share these runs")] = 1
+    seeds: Annotated[
+        int, between("--seeds", 1, 10000, kind=int), arg(help="runs on a platform, each with its own motion and noise")
+    ] = 5
+    seconds: Annotated[float, between("--seconds", 0.1, 3600, "s"), arg(help="length of each of these runs")] = 30.0
+    yes: Yes = False
+    jobs: Annotated[int, between("--jobs", 1, 256, kind=int), arg(help="processes that share these runs")] = 1
 
     @property
     def moving(self) -> bool:
@@ -97,8 +101,6 @@ class Holding:
             raise UsageError("--fault", "goes with a platform that moves", f"give {MOTIONS}")
         if self.learn_map and self.learn is None:
             raise UsageError("--learn-map", "has no log to map", "name it with --learn LOG")
-        for option, value in (("--seconds", self.seconds), ("--seeds", self.seeds), ("--jobs", self.jobs)):
-            positive(option, value)
 
     def taught(self, rig: str, payload: str | None) -> Log | None:
         """Return the log that teaches, if one is named; say what is wrong with its platform's IMU."""
@@ -145,6 +147,8 @@ class Holding:
             delay=late,
             sweep=sweep,
         )
+        runs = len(asked.whom) * self.seeds * (1 + (asked.recorded is not None and asked.profile))
+        affordable(self.yes, self.jobs, second_on_a_platform=runs * self.seconds * rig.n)
         return verify(rig, asked)
 
 

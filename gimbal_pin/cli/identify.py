@@ -25,10 +25,13 @@ from gimbal_pin.cli.options import (
     Payload,
     RigName,
     Seed,
+    Yes,
+    between,
     optional,
 )
 from gimbal_pin.cli.paths import Reads, Writes
 from gimbal_pin.cli.present import present
+from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -63,17 +66,20 @@ def identify(
     bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
     trust: Annotated[
         float | None,
+        between("--trust", 0.001, 10),
         optional(
-            "SHARE",
+            None,
             "how far the URDF's bodies may be off: for the ridge estimator, and for what the log does not show",
             "0.3",
         ),
     ] = None,
     bootstrap: Annotated[
         int,
-        arg(metavar="COUNT", help="deviations by so many repetitions with blocks of residuals, not by their colour"),
+        between("--bootstrap", 0, 100000, kind=int),
+        arg(help="deviations by so many repetitions with blocks of residuals, not by their colour"),
     ] = 0,
     seed: Seed = 0,
+    yes: Yes = False,
     online: Annotated[Following, OmitArgPrefixes] = WHOLE,
     json: Json = None,
 ) -> None:
@@ -100,6 +106,7 @@ def identify(
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)
+    affordable(yes, row_of_a_repetition=bootstrap * sum(log.q.size for log in read))
     found = replace(identified(loaded, read, fit, bias, refit), trust=trusted)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)

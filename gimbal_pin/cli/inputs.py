@@ -75,12 +75,6 @@ def alone(what: str, given: Mapping[str, bool], mend: str) -> None:
             raise UsageError(option, f"does not go with {what}", mend)
 
 
-def positive(option: str, value: float) -> None:
-    """Raise `UsageError` unless the option's value is above zero."""
-    if not value > 0:
-        raise UsageError(option, f"is {value:g}", "give a positive number")
-
-
 def shown_somewhere(output: Path | None, live: bool) -> None:
     """Raise `UsageError` if a result would be neither written nor shown."""
     if output is None and not live:
@@ -119,7 +113,6 @@ def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None
 
     if cutoff is None and alignment is None:
         return None
-    positive("--cutoff", 1.0 if cutoff is None else cutoff)
     return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
 
 

@@ -7,16 +7,45 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from gimbal_pin.cli.paths import Reads, Writes, diagnosed, logs, maps, payloads, rigs, walked
+from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     from gimbal_pin.control.design import Wish
 
 
-def optional(metavar: str, help: str, default: str = "") -> Any:
+def optional(metavar: str | None, help: str, default: str = "") -> Any:
     """Describe an option that may be left out; `default` says what then is the case, where that is no plain value."""
     return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
+
+
+def between(option: str, low: float, high: float, unit: str = "", kind: type[int] | type[float] = float) -> Any:
+    """Read an option's number, which must lie between two bounds; ``--help`` shows them where the value stands.
+
+    Raises:
+        UsageError: It is something else, a NaN for one.
+    """
+    ends = [f"{end:.10g}" for end in (low, high)]
+
+    def read(words: list[str]) -> float:
+        try:
+            if low <= (value := kind(words[0])) <= high:
+                return value
+            said = words[0].strip()
+        except (ValueError, OverflowError):
+            said = f"'{words[0]}'"
+        number = "a whole number from" if kind is int else ""
+        raise UsageError(option, f"is {shortened(said, 40)}", f"give {number} {' to '.join(ends)} {unit}".rstrip())
+
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=f"{'..'.join(ends)} {unit}".rstrip(),
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, (int, float)),
+        str_from_instance=lambda value: [str(value)],
+    )
 
 
 RigName = Annotated[
@@ -42,7 +71,8 @@ Effects = Annotated[
         help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42; 'simulate RIG --effect help' lists all",
     ),
 ]
-PlatformSize = Annotated[float, arg(help="profile S times this")]
+# The largest is a shock of 10 g for profile S, of 1 m/s² rms.
+PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
 Output = Annotated[Path, Writes(), arg(aliases=["-o"], metavar="FILE", help="where to write")]
 MaybeOutput = Annotated[
     Path | None, Writes(), arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")
@@ -57,17 +87,29 @@ ModelFile = Annotated[
     Reads(),
     optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
-Seed = Annotated[int, arg(help="seed of everything random")]
+Yes = Annotated[bool, arg(help="begin even what takes over ten minutes, or over half of the memory")]
+Seed = Annotated[int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")]
+# A filter of 0.1 Hz remembers longer than most logs last; over 1 kHz no gimbal's mechanics answer.
+BAND = between("--cutoff", 0.1, 1000, "Hz")
 Cutoff = Annotated[
-    float | None, optional("HZ", "low-pass on every column and on the torque", "4; 12 where the base turns")
+    float | None, BAND, optional(None, "low-pass on every column and on the torque", "4; 12 where the base turns")
 ]
+# A torque that is off by more than a second is no matter of alignment.
 Alignment = Annotated[
-    float | None, optional("SECONDS", "the torque acts that much later than its stamp", "half a sample")
+    float | None,
+    between("--alignment", -1, 1, "s"),
+    optional(None, "the torque acts that much later than its stamp", "half a sample"),
 ]
 Holdout = Annotated[
     str | None, optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several")
 ]
 EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
+
+
+# 1 kHz is what controllers are sampled at: from a tenth of that on no loop of theirs is one.
+HERTZ = between("--bandwidth-hz", 0.1, 100, "Hz")
+DELAY_SAMPLES = between("--delay-samples", 0, 50, kind=int)
+"""As `tune` allows: a gimbal cannot be held with more."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +118,20 @@ class Gains:
 
     kind: Literal["computed-torque", "pid"] = "computed-torque"
     bandwidth_hz: Annotated[
-        float | None, arg(metavar="HZ", help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
+        float | None, HERTZ, arg(help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
     ] = None
     disk_margin: Annotated[
         float | None,
-        arg(metavar="MARGIN", help="disk margin (0 to 2) that every joint keeps over the model's uncertainty"),
+        between("--disk-margin", 0.01, 1.99),
+        arg(help="disk margin that every joint keeps over the model's uncertainty"),
     ] = None
-    damping: Annotated[float, arg(help="damping of the tracking error")] = 1.0
-    integral: Annotated[float, arg(help="speed of the integral action, in bandwidths; 0: none")] = 0.2
-    delay: Annotated[float, arg(help="time from measurement to torque, s, without the hold")] = 0.001
+    damping: Annotated[float, between("--damping", 0.05, 20), arg(help="damping of the tracking error")] = 1.0
+    integral: Annotated[
+        float, between("--integral", 0, 10), arg(help="speed of the integral action, in bandwidths; 0: none")
+    ] = 0.2
+    delay: Annotated[
+        float, between("--delay", 0, 0.05, "s"), arg(help="time from measurement to torque, without the hold")
+    ] = 0.001
     robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False
 
     @property

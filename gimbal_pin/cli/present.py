@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from gimbal_pin.errors import message, visible
+from gimbal_pin.errors import UsageError, message, visible
 
 
 def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
@@ -26,7 +27,15 @@ def say(text: str, to: TextIO | None = None) -> None:
     """Print lines at once: what a terminal would obey instead of showing, or cannot show, is written out."""
     stream = sys.stdout if to is None else to
     code = getattr(stream, "encoding", None) or "utf-8"
-    print(visible(text).encode(code, "backslashreplace").decode(code), file=stream, flush=True)
+    try:
+        print(visible(text).encode(code, "backslashreplace").decode(code), file=stream, flush=True)
+    except OSError as error:
+        sink = os.open(os.devnull, os.O_WRONLY)  # what is still in the buffer must not fail again when Python ends
+        os.dup2(sink, stream.fileno())
+        os.close(sink)
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise UsageError("standard output", f"cannot be written ({error.strerror})", "send it elsewhere") from error
 
 
 def complain(what: str) -> None:

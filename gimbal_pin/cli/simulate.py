@@ -10,9 +10,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin.cli.inputs import carried, load_rig, mounted, plant_of, play, read_controller, shown_somewhere
-from gimbal_pin.cli.options import Effects, Map, MaybeOutput, ModelFile, Payload, PlatformSize, RigName, Seed, optional
+from gimbal_pin.cli.options import (
+    DELAY_SAMPLES,
+    HERTZ,
+    Effects,
+    Map,
+    MaybeOutput,
+    ModelFile,
+    Payload,
+    PlatformSize,
+    RigName,
+    Seed,
+    Yes,
+    between,
+    optional,
+)
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import noted, say
+from gimbal_pin.cli.work import affordable
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Log, Motion
@@ -50,8 +65,12 @@ class Carrying:
 class Recording:
     """Options of what the log holds."""
 
-    torque_noise: Annotated[float, arg(help="noise on the reported torque, share of its rms")] = 0.01
-    encoder_bits: Annotated[float | None, arg(help="resolution of the encoders; None: the rig's own")] = None
+    torque_noise: Annotated[
+        float, between("--torque-noise", 0, 10), arg(help="noise on the reported torque, share of its rms")
+    ] = 0.01
+    encoder_bits: Annotated[
+        float | None, between("--encoder-bits", 1, 64), optional(None, "resolution of the encoders", "the rig's own")
+    ] = None
     rates: Annotated[bool, arg(help="record joint rates (dq_); without them they are differentiated angles")] = True
     imus: Annotated[bool, arg(help="record every IMU of the rig's YAML, not the platform's alone")] = False
 
@@ -69,14 +88,17 @@ def simulate(
     reference: Annotated[
         Path | None, Reads(logs), arg(help="trajectory file; None: a quickly designed excitation, repeated")
     ] = None,
-    seconds: Annotated[float, arg(help="length, s, where no trajectory is given")] = 60.0,
-    bandwidth_hz: Annotated[float, arg(help="bandwidth of the tracking error, Hz")] = 8.0,
-    delay_samples: Annotated[int, arg(help="samples between measurement and torque")] = 1,
+    seconds: Annotated[
+        float, between("--seconds", 0.1, 86400, "s"), arg(help="length where no trajectory is given")
+    ] = 60.0,
+    bandwidth_hz: Annotated[float, HERTZ, arg(help="bandwidth of the tracking error")] = 8.0,
+    delay_samples: Annotated[int, DELAY_SAMPLES, arg(help="samples between measurement and torque")] = 1,
     effect: Effects = (),
     carrying: Annotated[Carrying, OmitArgPrefixes] = STANDING,
     recording: Annotated[Recording, OmitArgPrefixes] = USUAL,
     live: Annotated[bool, arg(help="show it in a browser")] = False,
     seed: Seed = 0,
+    yes: Yes = False,
 ) -> None:
     """Simulate the closed loop and write what its sensors say as a log."""
     from gimbal_pin.effects.parse import every
@@ -88,9 +110,10 @@ def simulate(
     shown_somewhere(output, live)
     loaded = load_rig(rig, payload or mounted(model))
     known = plant_of(model, loaded)
-    law = law_of(controller, known, bandwidth_hz)
     motion = None if reference is None else read_motion(reference, loaded)
     asked = seconds if motion is None else float(motion.t[-1] - motion.t[0])
+    affordable(yes, simulated_second_of_a_joint=asked * loaded.n)
+    law = law_of(controller, known, bandwidth_hz)
     carrier = carrying.carrier(loaded, asked, law.dt, seed)
     log = run_of(known, law, effect, motion, asked, delay_samples, carrier, recording, seed)
     noted(log.events)

@@ -11,7 +11,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from gimbal_pin import text
 from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
-from gimbal_pin.cli.options import Json, ModelFile, Payload, RigName, Seed
+from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
@@ -39,6 +39,7 @@ def track(
     model: ModelFile = None,
     delay_samples: Annotated[
         int | None,
+        DELAY_SAMPLES,
         arg(
             help="samples between measurement and torque",
             help_behavior_hint="(default: what the controller was tuned for, else 1)",

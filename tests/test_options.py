@@ -1,0 +1,129 @@
+"""Numbers on the command line, work that is too much, and what a terminal is shown."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import signal
+from collections.abc import Iterator
+from inspect import get_annotations, signature
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tyro.constructors import PrimitiveConstructorSpec
+
+from gimbal_pin.cli import VERBS, ending_orderly
+from gimbal_pin.cli.paths import label
+from gimbal_pin.cli.present import say
+from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageError
+from gimbal_pin.io import files
+from tests.command_line import Run, refused
+
+HOSTILE = (
+    "nan",
+    "inf",
+    "-inf",
+    "-1e11",
+    "1e11",
+    "1e300",
+    "1" + "0" * 400,
+    "9" * 6000,
+    "1e-300",
+    "",
+    "x\x1b[31m",
+    "None",
+)
+
+
+def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[Any]]]]:
+    """Name, default and bounds of every option of a verb that is a number, nested ones too."""
+    for name, parameter in signature(of).parameters.items():
+        hint, default = get_annotations(of, eval_str=True)[name], parameter.default
+        kind, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
+        if hasattr(default, "__dataclass_fields__"):
+            yield from numbers(type(default))
+        elif {int, float} & {kind, *get_args(kind)}:
+            yield label(name, tuple(marks)), default, [m for m in marks if isinstance(m, PrimitiveConstructorSpec)]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_number_has_bounds_that_its_message_names(verb: str) -> None:
+    for name, default, bounds in numbers(VERBS[verb]):
+        (bound,) = bounds
+        low, _, rest = bound.metavar.partition("..")
+        high, *unit = rest.split()
+        for end in (low, high, *([] if default is None else [str(default)])):
+            assert float(low) <= bound.instance_from_str([end]) == float(end) <= float(high)
+        for value in HOSTILE:
+            with pytest.raises(UsageError) as error:
+                bound.instance_from_str([value])
+            said = str(error.value)
+            assert said.startswith(f"{name}: is ") and said.endswith(" ".join([f"{low} to {high}", *unit]))
+            assert len(said) < 120 and not UNSAFE.search(said)
+
+
+def test_a_number_is_refused_before_anything_is_read(run: Run) -> None:
+    refused(run("identify", "nowhere.urdf", "log.csv", "--cutoff", "nan"), 2, "--cutoff: is nan; give 0.1 to 1000 Hz")
+    refused(run("track", "nowhere.urdf", "--seeds", "2.5"), 2, "--seeds: is '2.5'; give a whole number from 1 to 10000")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "simulate turret --seconds 86400 -o x.csv",
+        "excite turret --harmonics 200 --starts 1000 -o x.csv",
+        "excite turret --seconds 3600 --rate 20000 -o x.csv",
+        "demo --seconds 3600 -o x",
+        "track turret --platform S --seeds 10000",
+    ],
+)
+def test_work_of_hours_is_asked_for_twice(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused(run(*call.split()), 2, "would take about", " GB; add --yes")
+    assert not list(tmp_path.iterdir())
+
+
+@given(parts=st.tuples(*[st.text() | st.text(min_size=200, max_size=2000)] * 3))
+def test_a_message_is_one_short_line_that_a_terminal_shows(parts: tuple[str, str, str]) -> None:
+    error = GimbalPinError(*parts)
+    said = str(error)
+    assert len(said) <= LONGEST and len(said.splitlines()) <= 1 and not UNSAFE.search(said)
+    assert (str(again := pickle.loads(pickle.dumps(error))), type(again)) == (said, GimbalPinError)
+    assert str(DataError(*parts, unseen=("a",) * 9)).count("; ") >= 1
+
+
+def test_each_part_of_a_long_message_survives() -> None:
+    said = str(GimbalPinError("place" + "p" * 500 + "end", "what" + "w" * 500 + "end", "a mend"))
+    assert said.startswith("placep") and "pend: whatw" in said and said.endswith("wend; a mend")
+
+
+@pytest.mark.parametrize(
+    ("code", "shown"), [("ascii", rb"\xe9 \x1b[2J \udcff \u202e"), ("utf-8", rb" \x1b[2J \udcff \u202e")]
+)
+def test_what_a_terminal_would_obey_is_written_out(code: str, shown: bytes) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=code)
+    say("é \x1b[2J \udcff \u202e\nnext", stream)
+    stream.seek(0)
+    assert stream.buffer.read() == shown + rb" \x1b[2J \udcff \u202e" + b"\nnext\n"
+    assert files.to_json(["\x9b\udcff"], None) == '["\\u009b\\udcff"]\n'
+
+
+def test_a_name_that_holds_escapes_is_told_without_them(run: Run, tmp_path: Path) -> None:
+    name = tmp_path / "a\x1b[31m\x9b\u202eb.csv"
+    name.write_text("t,q_\x1b[2Jpan\n0,1\n")
+    said = run("identify", "turret", name)
+    refused(said, 2, r"\x1b[31m\x9b\u202eb.csv")
+    assert not UNSAFE.search(said[2].rstrip("\n"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_orderly(number: int, tmp_path: Path) -> None:
+    before = signal.getsignal(number)
+    with pytest.raises(SystemExit) as stop, ending_orderly(), files.replacing(tmp_path / "x"):
+        os.kill(os.getpid(), number)
+    assert stop.value.code == 128 + number and not list(tmp_path.iterdir())
+    assert signal.getsignal(number) is before
