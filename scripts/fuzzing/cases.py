@@ -55,9 +55,8 @@ def call(rng: RNG, seeds: Seeds, line: str, damaged: Mapping[str, bytes], piped:
         name = one(rng, able)
         odd = one(rng, NAMES) + PurePath(name).suffix
         words, files[odd] = [odd if word == name else word for word in words], files.pop(name)
-    old = {}
-    if "-o" in words and rng.random() < 0.3:
-        target = words[words.index("-o") + 1]
+    old, target = {}, words[words.index("-o") + 1] if "-o" in words else ""
+    if PurePath(target).suffix and rng.random() < 0.3:
         old = {target: OLD[PurePath(target).suffix]}
     return Case(tuple(words), files, old, piped)
 

@@ -16,12 +16,14 @@ import yaml
 
 from fuzzing.running import Ran
 
-SECONDS, WAITING = 10.0, 30.0
+SECONDS, WAITING = 10.0, 60.0
 """Work of one call, s, and the same with what a busy machine makes it wait."""
 LONGEST = 300
 """Characters of a message."""
 OWN, NOTE = "gimbal-pin: ", "gimbal-pin: note: "
 CODES = (0, 2, 3)
+WARNING = re.compile(r"(?:.*/(?:gimbal_pin|site-packages)/)?(\S+):\d+: (\w+Warning: .*)")
+"""How Python writes a warning: file, line, kind and text."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,12 @@ def said(run: Ran) -> Iterator[Failure]:
     if lines[-1]:
         yield Failure("message", "no line end on standard error", repr(lines[-1][-300:]))
     complaints = 0
-    for line in (line for line in lines if line):
+    for line, above in zip(lines, ("", *lines)):
+        if not line or (WARNING.match(above) and line.startswith("  ")):  # the line of source below a warning
+            continue
+        if (warning := WARNING.match(line)) is not None:
+            yield Failure("foreign line", f"{warning[2]} in {warning[1]}", repr(line[:600]))
+            continue
         if not line.startswith(OWN):
             yield Failure("foreign line", shape(line), repr(line[:600]))
             continue
@@ -109,12 +116,20 @@ def written(run: Ran) -> Iterator[Failure]:
 
 
 def broken(name: str, content: bytes) -> str | None:
-    """Return why a file is not whole, or None; a suffix that is not known says nothing."""
-    check = WHOLE.get(name.rpartition(".")[2].lower())
-    try:
-        return None if check is None or check(content) else "is not whole"
-    except (ValueError, yaml.YAMLError, ET.ParseError) as error:
-        return " ".join(str(error).split())
+    """Return why a file is not whole, or None; a suffix that is not known says nothing.
+
+    One that is whole in another format is whole, too: ``--json out.csv`` is odd, and does what it says.
+    """
+    suffix = name.rpartition(".")[2].lower()
+    reasons = {}
+    for kind in (suffix, *WHOLE):
+        try:
+            if kind not in WHOLE or WHOLE[kind](content):
+                return None
+            reasons[kind] = "is not whole"
+        except (ValueError, csv.Error, yaml.YAMLError, ET.ParseError) as error:
+            reasons[kind] = " ".join(str(error).split())
+    return reasons[suffix]
 
 
 def table(content: bytes) -> bool:
@@ -124,9 +139,9 @@ def table(content: bytes) -> bool:
 
 
 def tree(content: bytes) -> bool:
-    """Whether it is YAML with something in it."""
+    """Whether it is YAML with a table or a list in it."""
     loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    return content.endswith(b"\n") and yaml.load(content, loader) is not None
+    return content.endswith(b"\n") and isinstance(yaml.load(content, loader), (dict, list))
 
 
 def ends(first: bytes, last: bytes) -> Callable[[bytes], bool]:
