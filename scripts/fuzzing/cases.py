@@ -260,8 +260,12 @@ def option(rng: RNG, seeds: Seeds) -> Case:
     """Odd values of any option of any verb."""
     verb = line(rng, *((weight, name) for name, (weight, _) in options.LINES.items()))
     case = call(rng, seeds, f"{verb} {options.LINES[verb][1]}", {})
-    case = replace(case, inputs={**{name: seeds[name] for name in options.THERE}, **case.inputs}, old={})
-    return replace(case, words=(*case.words, *options.drawn(rng, verb)))
+    more = options.drawn(rng, verb)
+    there = {name: seeds[name] for name in options.THERE if name not in case.inputs}
+    read = {name for name in there if any(name in word for word in options.read(more))}
+    inputs = {**case.inputs, **{name: there[name] for name in read}}
+    old = {name: content for name, content in there.items() if name not in read}  # may be written over
+    return replace(case, words=(*case.words, *more), inputs=inputs, old=old)
 
 
 READERS: Mapping[str, Callable[[RNG, Seeds], Case]] = {

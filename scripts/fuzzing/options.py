@@ -35,6 +35,8 @@ THERE = ("log.csv", "map.yaml", "model.yaml", "controller.yaml", "platform.csv",
 """Files that options may name."""
 LEFT_OUT = {"live", "yes", "force", "jobs"}
 """Options that open a port, allow what would be refused, or start processes."""
+OUTPUTS = ("--output", "--json", "--urdf", "--plot", "--report", "--animation")
+"""Options that are written to."""
 
 PATHS = (
     "", ".", "..", "no/such/file.csv", "/dev/null", "/dev/full", "/dev/zero", "/dev/stdin", "pan.yaml", "log.csv",
@@ -133,9 +135,16 @@ def drawn(rng: np.random.Generator, verb: str) -> list[str]:
     for _ in range(int(rng.choice([1, 1, 2, 3]))):
         option = one(rng, options(verb))
         words += flagged(rng, option) if option.kinds == (bool,) else option.typed(value(rng, option))
+    if "--follow" in words and not any(word.startswith("--idle") for word in words):
+        words += ["--idle", "0"]  # it would wait for more, as it should
     if rng.random() < 0.03:
         words.insert(int(rng.integers(len(words) + 1)), text(rng))
     return [word.replace("\0", "") for word in words]
+
+
+def read(words: list[str]) -> list[str]:
+    """Return the words but the values of what is written to."""
+    return [word for before, word in zip(["", *words], words) if before not in OUTPUTS and not word.startswith(OUTPUTS)]
 
 
 def flagged(rng: np.random.Generator, option: Option) -> list[str]:
