@@ -3,6 +3,9 @@
 Every case leaves its truth and its diagnosis in the folder; a run that was stopped goes on where it was. To hide takes
 longer than to diagnose: with ``--keep`` the logs stay too, and a case whose ``diagnosis.json`` is removed is diagnosed
 again. Prints the figures with Wilson bounds, one confusion matrix and the detection limits.
+
+The final draw: ``--clean 300 --single 160 --pair 100 --outside 60 --drive-clean 300 --drive-single 80``, and 0 of
+``--mixed``, ``--data``, ``--held-out`` and ``--corrupted``, which are drawn on demand like the other two of a drive's.
 """
 
 from __future__ import annotations
@@ -95,6 +98,10 @@ def main(
     data: int = 60,
     held_out: int = 30,
     corrupted: int = 30,
+    drive_clean: int = 0,
+    drive_single: int = 0,
+    drive_pair: int = 0,
+    drive_outside: int = 0,
     keep: bool = False,
     workers: int = os.cpu_count() or 1,
 ) -> None:
@@ -111,12 +118,17 @@ def main(
         data: Faults of the data.
         held_out: Effects that begin in the held-out part.
         corrupted: Clean logs with a spoilt segment.
+        drive_clean: Logs of a drive's sensors with nothing in them.
+        drive_single: The same with one effect of the library.
+        drive_pair: The same with two.
+        drive_outside: The same with an effect that the library does not have.
         keep: Keep the logs, to diagnose them again.
         workers: Processes.
     """
     sizes = {
         "clean": clean, "single": single, "pair": pair, "outside": outside, "mixed": mixed, "data": data,
-        "held-out": held_out, "corrupted": corrupted,
+        "held-out": held_out, "corrupted": corrupted, "drive-clean": drive_clean, "drive-single": drive_single,
+        "drive-pair": drive_pair, "drive-outside": drive_outside,
     }  # fmt: skip
     wanted = plans(seed, sizes)
     done = {name for name in wanted if any((folder / name / f).exists() for f in ("diagnosis.json", "diverged"))}

@@ -15,7 +15,7 @@ import pytest
 from gimbal_pin.cli import main
 from tests.blind import cases, draw, files
 from tests.blind.effects import CATALOGUE
-from tests.blind.judge import Judged, false_alarm, judge, near
+from tests.blind.judge import Judged, confident, false_alarm, judge, near
 
 SEED = 2026
 SECONDS = 15.0
@@ -48,7 +48,7 @@ def diagnosed(plan: draw.Plan, folder: Path) -> Judged:
 def test_what_is_hidden_is_not_misnamed(plan: Any, tmp_path: Path) -> None:
     """Nothing is named with confidence but what was hidden, or what comes near it; nothing where nothing was."""
     case = diagnosed(plan, tmp_path)
-    confident = [found for found in case.findings if found["status"] == "named"]
-    assert all(any(near(found, cause) for cause in case.causes) for found in confident)
+    named = filter(confident, case.findings)
+    assert all(any(near(found, cause) for cause in case.causes) for found in named)
     if plan.stratum == "clean":
         assert false_alarm(case) < 1.0

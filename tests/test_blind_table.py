@@ -143,6 +143,42 @@ def test_effects_below_the_noise_are_not_asked_for() -> None:
     assert row(rows, "named but wrong").count == 1
 
 
+def test_an_unconfirmed_finding_counts_as_named() -> None:
+    lied = diagnosis("named", finding("backlash", "tilt", "unconfirmed"))
+    assert named_wrong(judge(truth("single", cause("cogging")), lied))
+    told = diagnosis("named", finding("cogging", status="unconfirmed"), finding("cogging"))
+    rows = score([(truth("single", cause("cogging")), told)])
+    assert row(rows, "first name right, known").value == 1.0
+    assert row(rows, "findings that are unconfirmed").value == 0.5
+    assert row(rows, "findings that are unconfirmed").name.endswith("(1)")
+
+
+def test_a_torque_by_formula_may_be_told_by_either_name() -> None:
+    formula, told = truth("data", data="commanded-torque"), finding("controller-formula", None, "data")
+    rows = score([(formula, diagnosis("data", told))])
+    assert row(rows, "data faults told").value == 1.0
+    assert row(rows, "data faults: physics").value == 0.0
+
+
+def test_drives_logs_have_rows_of_their_own() -> None:
+    clean, single = truth("drive-clean"), truth("drive-single", cause("cogging"))
+    class_of_two = finding("torque-ripple", status="ambiguous") | {"class": ["torque-ripple", "cogging"]}
+    said = diagnosis("unknown", structured=True)
+    said["residual"] = {
+        joint: state | {"dispersion": 1.4, "discrepancy": 0.2} for joint, state in said["residual"].items()
+    }
+    rows = score([
+        (clean, said), (clean, diagnosis("nothing")), (clean, diagnosis("named", finding("delay"))),
+        (single, diagnosis("ambiguous", class_of_two)), (single, diagnosis("nothing")),
+        (truth("drive-single", cause("cogging", snr=2.0)), diagnosis("nothing")),
+    ])  # fmt: skip
+    assert row(rows, "drive-like, clean: unknown").value == pytest.approx(1.0 / 3.0)
+    assert row(rows, "drive-like, clean: any name").value == pytest.approx(1.0 / 3.0)
+    one = row(rows, "drive-like, one cause: right")
+    assert (one.value, one.count, one.grade) == (0.5, 2, "short")
+    assert row(rows, "false findings").count == row(rows, "first name right, known").count == 0
+
+
 def test_near_causes_are_near_only_from_outside() -> None:
     wind = cause("wind", outside=True, kin=["friction-drift"])
     assert near(finding("friction-drift"), wind) and not near(finding("friction-drift", "tilt"), wind)

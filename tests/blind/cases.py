@@ -6,20 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from . import drive_log, people
 from .calibrate import calibrate
 from .corruption import CORRUPTIONS, Columns, Damage
+from .drive_sensors import DriveSensors
 from .effects import CATALOGUE, Effect, PlatformMotion, diagonal
 from .ledger import settle
 from .logbook import ROW, clean_channels, imu, noisy_channels, perfect_columns, shaken, temperatures, write_columns
-from .plan import Hidden, Plan
+from .plan import DrivePlan, Hidden, Plan
 from .rig_draw import draw_rig, nominal
 from .rigs import Array, Rig
-from .scene import FINE_STEP, Scene, draw_scene
+from .scene import Scene, draw_scene
 from .sensors import Sensors, draw_sensors
 from .truth import Blur, Run, Truth, describe
 from .visibility import noise_floor
 from .world import World
 
+LONGEST_TRIAL_S = 60.0
+"""Effects are made as strong as wanted on no more than this of a run."""
 STREAMS = ("rig", "motion", "control", "sensors", "effects", "noise", "log", "damage", "nominal")
 
 
@@ -51,15 +55,17 @@ def _sensors(plan: Plan, rng: np.random.Generator) -> Sensors:
 
 def _joint(scene: Scene, hidden: Hidden) -> int:
     """The joint that the plan's place falls on; for friction by gravity's load, the one with the most of it."""
+    moving = [joint for joint in range(len(scene.rig.links)) if joint not in scene.still]
     if hidden.form in ("gravity", "bearing"):
-        return int(scene.gravity().argmax())
-    return min(int(hidden.place * len(scene.rig.links)), len(scene.rig.links) - 1)
+        return moving[int(scene.gravity()[moving].argmax())]
+    return moving[min(int(hidden.place * len(moving)), len(moving) - 1)]
 
 
 def _drawn(scene: Scene, hidden: Hidden, start: float, rng: np.random.Generator) -> Effect:
     """The effect, made as strong as wanted."""
     context = scene.context(_joint(scene, hidden), hidden.share)
-    return calibrate(scene, CATALOGUE[hidden.cause].draw(rng, context, hidden.form), hidden.share, start)
+    guess = CATALOGUE[hidden.cause].draw(rng, context, hidden.form)
+    return calibrate(scene.first(LONGEST_TRIAL_S), guess, hidden.share, start)
 
 
 def _given(plan: Plan, rig: Rig, world: World, rng: np.random.Generator) -> Rig:
@@ -71,14 +77,20 @@ def hide(plan: Plan) -> Case:
     """Simulate a plan. The same plan gives the same case, to the last bit.
 
     Raises: PlantDivergedError when the controller cannot hold the rig with this effect at any strength."""
-    streams = _streams(plan.seed)
-    rig = draw_rig(streams["rig"], plan.axes)
+    streams, drive = _streams(plan.seed), isinstance(plan, DrivePlan)
+    rig = people.draw_full_rig(plan, streams["rig"]) if drive else draw_rig(streams["rig"], plan.axes)
     if any(hidden.cause == "off-diagonal-inertia" for hidden in plan.hidden):
         rig = diagonal(rig)
-    scene = draw_scene(streams, rig, _sensors(plan, streams["sensors"]), plan)
+    if drive:
+        rig, scene = people.stage(plan, rig, streams)
+    else:
+        scene = draw_scene(streams, rig, _sensors(plan, streams["sensors"]), plan)
     effects = tuple(_drawn(scene, hidden, plan.start, streams["effects"]) for hidden in plan.hidden)
-    world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(FINE_STEP), plan.start * plan.seconds)
-    return _case(Run(plan, scene, effects, world, trace, settle(world, trace)), streams)
+    if drive:
+        effects = tuple(map(people.clear_of_alignment, effects))
+    world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(scene.step), plan.start * plan.seconds)
+    run = Run(plan, scene, effects, world, trace, settle(world, trace))
+    return _drive_case(run, rig, streams) if drive else _case(run, streams)
 
 
 def _drive_of(plan: Plan) -> list[Effect]:
@@ -105,6 +117,30 @@ def _case(run: Run, streams: dict[str, np.random.Generator]) -> Case:
         perfect=perfect_columns(scene.rig, trace.t, clean, extra),
         truth=describe(run, damage, blur),
         oracle=_oracle(run, clean.q, damage.columns[ROW]),
+    )
+
+
+def _drive_case(run: Run, full: Rig, streams: dict[str, np.random.Generator]) -> Case:
+    """A case as a drive's sensors show it; `full`: the URDF's rig, exact."""
+    plan, scene, world, trace = run.plan, run.scene, run.world, run.trace
+    sensors = scene.sensors
+    if not (isinstance(plan, DrivePlan) and isinstance(sensors, DriveSensors)):
+        raise TypeError("a drive's case needs a drive's plan and sensors")
+    shown = drive_log.show(sensors, scene, trace, round(scene.rate / plan.rate), streams["noise"])
+    rows, extra = shown.rows, _extra(run, streams["log"])
+    log = drive_log.written(sensors, scene, shown, extra, streams["log"])
+    noise, acceleration = drive_log.spectrum(sensors, scene, world, trace, shown)
+    encoder = world.encoder(trace.q)
+    clean = clean_channels(trace, encoder, sensors.has_rate)
+    perfect = perfect_columns(scene.rig, trace.t, clean, extra)
+    return Case(
+        plan=plan,
+        given=people.given(plan, full, streams["nominal"]),
+        encoder_bits=sensors.encoder_bits,
+        log={name: values for name, values in log.items() if name != ROW},
+        perfect={name: values[rows] for name, values in perfect.items()},
+        truth=describe(run, Damage(log), Blur(noise.floor(), acceleration, noise)),
+        oracle=_oracle(run, encoder, log[ROW]),
     )
 
 

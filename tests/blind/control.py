@@ -23,12 +23,27 @@ class Gains:
     trust: float
 
 
-def joint_inertia(rig: Rig, q: Array) -> Array:
-    """Diagonal of M(q), kg m², at one pose (n,)."""
+def mass_matrix(rig: Rig, q: Array) -> Array:
+    """M(q), kg m², at one pose (n, n)."""
     zero = np.zeros((1, len(q)))
     weight = inverse_dynamics(rig, q[None], zero, zero)[0]
     rows = [inverse_dynamics(rig, q[None], zero, unit[None])[0] - weight for unit in np.eye(len(q))]
-    return np.asarray(np.diag(np.array(rows)))
+    return np.array(rows)
+
+
+def joint_inertia(rig: Rig, q: Array) -> Array:
+    """Diagonal of M(q), kg m², at one pose (n,)."""
+    return np.asarray(np.diag(mass_matrix(rig, q)))
+
+
+def draw_soft_gains(rng: np.random.Generator, rig: Rig, reference: Reference) -> Gains:
+    """A loop of 1–2.5 Hz for chains whose axes act on each other: inertia as felt with the other joints free,
+    1 / (M⁻¹)ᵢᵢ, the least along the motion."""
+    poses = reference.q[:: max(1, len(reference.q) // 12)]
+    inertia = np.min([1.0 / np.diag(np.linalg.inv(mass_matrix(rig, q))) for q in poses], axis=0)
+    omega = 2.0 * np.pi * rng.uniform(1.0, 2.5, len(inertia))
+    damping = 2.0 * rng.uniform(0.6, 1.0, len(inertia))
+    return Gains(inertia * omega**2, damping * inertia * omega, float(rng.uniform(0.6, 1.0)))
 
 
 def draw_gains(rng: np.random.Generator, rig: Rig, reference: Reference, feed_forward: bool) -> Gains:

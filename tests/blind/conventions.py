@@ -31,5 +31,7 @@ READINGS: dict[tuple[str, str], Reading] = {
     ("joint-flexibility", "resonance_hz"): Reading("frequency"),
 }
 """(cause, the truth's parameter) → the diagnosis's; where nothing stands the names and meanings agree."""
+SAME_FAULT: dict[str, str] = {"controller-formula": "commanded-torque"}
+"""A fault by another name: a torque that is nothing but the command, and one that is the controller's formula."""
 COMPANY: dict[tuple[str, str], str] = {("cogging", "steep"): "torque-bias"}
 """(cause, form) → what the form brings along besides: cos(x + 0.45 sin x) has a mean of its own, -J₁(0.45)."""

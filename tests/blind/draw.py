@@ -7,28 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from .corruption import COMMANDED, CORRUPTIONS
+from .drive_draw import dressed, spread
 from .effects import CATALOGUE, OUTSIDE, PUBLISHED, TRUSTED, Effect
 from .excitation import EXCITATIONS
 from .mjcf import Base
 from .plan import LEVELS, SHARES, STRATA, Hidden, Plan
 
-T = TypeVar("T")
 RATES = (250.0, 400.0, 500.0, 800.0, 1000.0)
 CLEAN_BLOCK = 60
 DATA_FORMS = tuple((cause, form) for cause, forms in CORRUPTIONS.items() for form in forms)
 ALL_DATA = (*DATA_FORMS, *(("commanded-torque", form) for form in COMMANDED))
-
-
-def _spread(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]:
-    """Every value equally often (to one), in random order."""
-    offset = int(rng.integers(len(values)))
-    rows = rng.permutation(count)
-    return [values[int(row + offset) % len(values)] for row in rows]
 
 
 def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
@@ -37,8 +29,8 @@ def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
 
 def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
     """Plans with everything but something hidden."""
-    axes, levels = _spread(rng, (1, 2, 3, 3), count), _spread(rng, LEVELS, count)
-    excitations, rates = _spread(rng, EXCITATIONS, count), _spread(rng, RATES, count)
+    axes, levels = spread(rng, (1, 2, 3, 3), count), spread(rng, LEVELS, count)
+    excitations, rates = spread(rng, EXCITATIONS, count), spread(rng, RATES, count)
     seconds = rng.integers(20, 61, count)
     seeds = rng.integers(2**62, size=count)
     return [
@@ -50,7 +42,7 @@ def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
 
 def _hidden(rng: np.random.Generator, forms: Sequence[tuple[str, str]], block: int) -> list[Hidden]:
     """Each form once; over five successive blocks, each at every size."""
-    places = _spread(rng, tuple((np.arange(12) + 0.5) / 12.0), len(forms))
+    places = spread(rng, tuple((np.arange(12) + 0.5) / 12.0), len(forms))
     return [
         Hidden(cause, form, SHARES[(row + block) % len(SHARES)], float(place))
         for row, ((cause, form), place) in enumerate(zip(forms, places, strict=True))
@@ -64,9 +56,9 @@ def _with(plan: Plan, hidden: Sequence[Hidden]) -> Plan:
     return replace(plan, hidden=tuple(hidden), axes=max(plan.axes, needed), trusted=trusted)
 
 
-def _clean(rng: np.random.Generator, block: int) -> list[Plan]:
-    plans = _bare(rng, "clean", CLEAN_BLOCK)
-    trusted = _spread(rng, (False, False, False, True), CLEAN_BLOCK)
+def _clean(rng: np.random.Generator, stratum: str) -> list[Plan]:
+    plans = _bare(rng, stratum, CLEAN_BLOCK)
+    trusted = spread(rng, (False, False, False, True), CLEAN_BLOCK)
     return [replace(plan, trusted=yes) for plan, yes in zip(plans, trusted, strict=True)]
 
 
@@ -125,10 +117,18 @@ def _corrupted(rng: np.random.Generator, block: int) -> list[Plan]:
     return ready
 
 
+def _dressed(rng: np.random.Generator, plans: list[Plan]) -> list[Plan]:
+    """The same hidden in logs as people have them."""
+    needed = [max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1) for plan in plans]
+    fixed = [all(CATALOGUE[item.cause].base is Base.FIXED for item in plan.hidden) for plan in plans]
+    stiff = [any(CATALOGUE[item.cause].stiff for item in plan.hidden) for plan in plans]
+    return list(dressed(rng, plans, needed, [a and not b for a, b in zip(fixed, stiff, strict=True)]))
+
+
 def _block(seed: int, stratum: str, block: int) -> list[Plan]:
     rng = np.random.default_rng([seed, STRATA.index(stratum), block])
     makers = {
-        "clean": lambda: _clean(rng, block),
+        "clean": lambda: _clean(rng, stratum),
         "single": lambda: _singles(rng, block, "single", PUBLISHED),
         "outside": lambda: _singles(rng, block, "outside", OUTSIDE),
         "pair": lambda: _pairs(rng, block, "pair", PUBLISHED),
@@ -136,6 +136,10 @@ def _block(seed: int, stratum: str, block: int) -> list[Plan]:
         "data": lambda: _data(rng, block),
         "held-out": lambda: _held_out(rng, block),
         "corrupted": lambda: _corrupted(rng, block),
+        "drive-clean": lambda: _dressed(rng, _clean(rng, stratum)),
+        "drive-single": lambda: _dressed(rng, _singles(rng, block, stratum, PUBLISHED)),
+        "drive-pair": lambda: _dressed(rng, _pairs(rng, block, stratum, PUBLISHED)),
+        "drive-outside": lambda: _dressed(rng, _singles(rng, block, stratum, OUTSIDE)),
     }
     return makers[stratum]()
 

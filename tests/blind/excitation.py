@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .habits import Habit
 from .rigs import Array, Rig
 from .rnea import inverse_dynamics
 
@@ -23,6 +24,10 @@ class Reference:
     dq: Array
     ddq: Array
     dither: Array
+
+    def first(self, samples: int) -> Reference:
+        """Its first samples."""
+        return Reference(*(values[:samples] for values in (self.t, self.q, self.dq, self.ddq, self.dither)))
 
 
 def multisine(rng: np.random.Generator, t: Array) -> Array:
@@ -121,7 +126,7 @@ def _derivatives(q: Array, period: float) -> tuple[Array, Array]:
     return dq, np.gradient(dq, period, axis=0)
 
 
-def _load(rig: Rig, q: Array, period: float) -> Array:
+def load(rig: Rig, q: Array, period: float) -> Array:
     """How much of its limits each joint's motion takes: the larger of torque over limit and speed over limit, (n,)."""
     dq, ddq = _derivatives(q, period)
     few = slice(None, None, max(1, round(0.01 / period)))
@@ -137,18 +142,21 @@ def _dither(rng: np.random.Generator, t: Array, size: Array) -> Array:
     return np.asarray(size * wave.sum(axis=2) / 2.0**0.5)
 
 
-def draw_reference(rng: np.random.Generator, rig: Rig, kind: str, seconds: float, rate: float) -> Reference:
+def draw_reference(
+    rng: np.random.Generator, rig: Rig, kind: str, seconds: float, rate: float, habit: Habit | None = None
+) -> Reference:
     """The fastest motion of this kind that takes no more than a drawn share (40–70 %) of each joint's limits."""
+    habit = habit or Habit()
     t = np.arange(round(seconds * rate)) / rate
     seeds, wanted = rng.integers(2**31, size=len(rig.links)).tolist(), rng.uniform(0.4, 0.7, len(rig.links))
     slow, fast = np.full(len(rig.links), 0.1), np.full(len(rig.links), 3.0)
     for _ in range(9):
         paces = np.sqrt(slow * fast)
-        easy = _load(rig, _angles(rig, kind, t, paces, seeds), 1.0 / rate) < wanted
+        easy = load(rig, habit.motion(_angles(rig, kind, t, paces, seeds)), 1.0 / rate) < wanted
         slow, fast = np.where(easy, paces, slow), np.where(easy, fast, paces)
-    q = _angles(rig, kind, t, slow, seeds)
+    q = habit.motion(_angles(rig, kind, t, slow, seeds))
     dq, ddq = _derivatives(q, 1.0 / rate)
     shaken = rng.random() < 0.4
     torque = inverse_dynamics(rig, q[::10], dq[::10], ddq[::10]).std(axis=0) + rig.coulomb
     size = torque * float(rng.uniform(0.02, 0.08)) if shaken else np.zeros_like(torque)
-    return Reference(t, q, dq, ddq, _dither(rng, t, size))
+    return Reference(t, q, dq, ddq, habit.torque(_dither(rng, t, size)))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .conventions import COMPANY, PARTS, Reading
+from .conventions import COMPANY, PARTS, SAME_FAULT, Reading
 
 Json = Mapping[str, Any]
 VISIBLE = 3.0
@@ -45,7 +45,8 @@ def judge(truth: Json, diagnosis: Json) -> Judged:
     left = tuple(
         found
         for found in diagnosis["findings"]
-        if not faults & names_of(found) and (found["cause"], found["joint"]) not in besides
+        if not faults & {SAME_FAULT.get(name, name) for name in names_of(found)}
+        and (found["cause"], found["joint"]) not in besides
     )
     return Judged(truth, diagnosis, left)
 
@@ -53,6 +54,11 @@ def judge(truth: Json, diagnosis: Json) -> Judged:
 def names_of(finding: Json) -> set[str]:
     """Every cause that a finding holds possible."""
     return {finding["cause"], *finding.get("class", ())}
+
+
+def confident(finding: Json) -> bool:
+    """Whether a finding is told as a fact: "unconfirmed" is a mark on what is named."""
+    return finding["status"] in ("named", "unconfirmed")
 
 
 def same_joint(finding: Json, cause: Json) -> bool:
@@ -87,9 +93,9 @@ def first_right(case: Judged) -> bool:
 
 
 def named_wrong(case: Judged) -> bool:
-    """Whether anything is *named* that was not hidden."""
-    confident = (found for found in case.findings if found["status"] == "named")
-    return any(not any(tells(found, cause) for cause in case.causes) for found in confident)
+    """Whether anything is named, confirmed or not, that was not hidden."""
+    named = filter(confident, case.findings)
+    return any(not any(tells(found, cause) for cause in case.causes) for found in named)
 
 
 def false_alarm(case: Judged) -> float:

@@ -18,7 +18,7 @@ ROW = "#"
 """A column for the truth, which never reaches a file."""
 
 
-def _columns(rig: Rig, t: Array, shown: Channels) -> Columns:
+def columns_of(rig: Rig, t: Array, shown: Channels) -> Columns:
     columns = {"t": t}
     for prefix, values in (("q", shown.q), ("dq", shown.v), ("tau", shown.tau)):
         if values is not None:
@@ -76,13 +76,13 @@ def write_columns(scene: Scene, shown: Channels, extra: Columns, reference: bool
     """The log as it is written: stamped, with rows lost, with the reference if asked for (else in every other
     log), and with each row's sample in column ROW."""
     rig, t = scene.rig, scene.reference.t
-    columns = _columns(rig, stamps(rng, scene.sensors, t), shown) | extra
+    columns = columns_of(rig, stamps(rng, scene.sensors, t), shown) | extra
     if reference or rng.random() < 0.5:
         columns |= {f"q_ref_{joint}": scene.reference.q[:, i] for i, joint in enumerate(rig.joints)}
-    rows = kept_rows(rng, scene.sensors, len(t))
+    rows = kept_rows(rng, scene.sensors.lost, len(t))
     return {name: values[rows] for name, values in columns.items()} | {ROW: rows.astype(float)}
 
 
 def perfect_columns(rig: Rig, t: Array, shown: Channels, extra: Columns) -> Columns:
     """The same log from perfect sensors."""
-    return _columns(rig, t, shown) | extra
+    return columns_of(rig, t, shown) | extra

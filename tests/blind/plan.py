@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-STRATA = ("clean", "single", "pair", "outside", "mixed", "data", "held-out", "corrupted")
+DRIVE_STRATA = ("drive-clean", "drive-single", "drive-pair", "drive-outside")
+STRATA = ("clean", "single", "pair", "outside", "mixed", "data", "held-out", "corrupted", *DRIVE_STRATA)
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 LEVELS = ("clean", "dirty")
+VARIANTS = ("plain", "short", "long", "turning", "many-joints")
 
 
 @dataclass(frozen=True)
@@ -41,3 +43,19 @@ class Plan:
     def formula(self) -> bool:
         """Whether the logged torque is nothing but the controller's formula of the other channels."""
         return self.data is not None and self.data[0] == "commanded-torque"
+
+
+@dataclass(frozen=True)
+class DrivePlan(Plan):
+    """One case as people log it, through a drive's sensors. `arm`: a serial arm, no gimbal; `repeats`: how often one
+    motion is made (1: no repeats); `turns`: what a continuous joint travels in the log, revolutions (0: none does);
+    `idle`: one joint is "held" still, or "unlogged" (bolted at the URDF's zero), or ""; `camera_off`: by what share the
+    camera is off its URDF's mass; `aligned`: channels not shifted against each other."""
+
+    variant: str = "plain"
+    arm: bool = False
+    repeats: int = 1
+    turns: float = 0.0
+    idle: str = ""
+    camera_off: float = 0.0
+    aligned: bool = False

@@ -31,7 +31,7 @@ LINK_NAMES: tuple[tuple[str, ...], ...] = (
 WINDINGS = ((12, 14), (24, 22), (24, 28), (36, 42), (18, 16))
 
 
-def _tilted(rng: np.random.Generator, degrees: float) -> Array:
+def tilted(rng: np.random.Generator, degrees: float) -> Array:
     axis = rng.normal(size=3)
     return rotation_about(axis / np.linalg.norm(axis), np.radians(degrees) * rng.uniform(-1.0, 1.0))
 
@@ -39,7 +39,7 @@ def _tilted(rng: np.random.Generator, degrees: float) -> Array:
 def _box(rng: np.random.Generator, mass: float, edge: float, offset: float) -> Inertia:
     """A box of about `edge` m, turned a little, its centre `offset` m away in some direction."""
     squares = (edge * rng.uniform(0.6, 1.4, 3)) ** 2
-    turn = _tilted(rng, 25.0)
+    turn = tilted(rng, 25.0)
     tensor = turn @ np.diag(mass / 12.0 * (squares.sum() - squares)) @ turn.T
     direction = rng.normal(size=3)
     return Inertia(mass, offset * direction / np.linalg.norm(direction), tensor)
@@ -71,7 +71,7 @@ def _links(rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: 
     world, links = EYE, []
     for i, kind in enumerate(kinds):
         direction = AXES[kind] * rng.choice([-1.0, 1.0])
-        frame = _frame_of(direction, rng) if own_frames else EYE
+        frame = frame_of(direction, rng) if own_frames else EYE
         inertia = _box(rng, mass * rng.uniform(0.2, 0.5), edge * rng.uniform(1.0, 1.6), edge * rng.uniform(0.02, 0.12))
         position = Z * edge if i == 0 else reach * rng.uniform(-1.0, 1.0, 3)
         span = _travel(rng, kind)
@@ -84,7 +84,7 @@ def _links(rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: 
     return links
 
 
-def _frame_of(direction: Array, rng: np.random.Generator) -> Array:
+def frame_of(direction: Array, rng: np.random.Generator) -> Array:
     """A rotation whose third column is `direction`."""
     helper = X if abs(direction[0]) < 0.5 else Y
     first = np.cross(helper, direction)
@@ -102,7 +102,7 @@ def draw_rig(rng: np.random.Generator, axes: int) -> Rig:
     links = _links(rng, kinds, mass, edge, 0.0 if concentric else edge * rng.uniform(0.1, 0.35))
     arm = rng.uniform(0.6, 1.2) * edge if kinds[-1] == "swing" else rng.uniform(0.002, 0.012)
     names = next(row for row in LINK_NAMES if row[1] == links[0].name)
-    payload = Payload(names[-1], f"{names[-1]}_mount", _tilted(rng, 10.0), np.zeros(3), _box(rng, mass, edge, arm))
+    payload = Payload(names[-1], f"{names[-1]}_mount", tilted(rng, 10.0), np.zeros(3), _box(rng, mass, edge, arm))
     rig = Rig(
         name=f"{'_'.join(kinds)}_{tau_max:.1f}".replace(".", "p"),
         base=names[0],
@@ -112,10 +112,10 @@ def draw_rig(rng: np.random.Generator, axes: int) -> Rig:
         armature=(0.0,) * axes,
         velocity_limit=float(rng.uniform(4.0, 9.0)),
     )
-    return _strong_enough(rng, rig)
+    return strong_enough(rng, rig)
 
 
-def _strong_enough(rng: np.random.Generator, rig: Rig) -> Rig:
+def strong_enough(rng: np.random.Generator, rig: Rig) -> Rig:
     """Motors of at least 3.5 times the gravity that they meet; a rig that cannot move shows nothing."""
     spans = np.array([link.upper for link in rig.links])
     q = spans * rng.uniform(-1.0, 1.0, (200, len(spans)))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .control import Gains, closed_loop, draw_gains, feed_forward, joint_inertia
+from .drive_sensors import DriveSensors
 from .effects import Context, Effect
 from .excitation import Reference, draw_reference
 from .plan import Plan
@@ -15,7 +16,7 @@ from .plant import Trace, simulate
 from .rig_draw import nominal
 from .rigs import Array, Rig
 from .rnea import inverse_dynamics
-from .sensors import Measurement, Sensors
+from .sensors import Sensors
 from .world import World
 
 FINE_STEP, TRIAL_STEP, STIFF_TRIAL_STEP = 0.25e-3, 1e-3, 0.5e-3
@@ -23,15 +24,18 @@ FINE_STEP, TRIAL_STEP, STIFF_TRIAL_STEP = 0.25e-3, 1e-3, 0.5e-3
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything but the effect. `rate`: samples a second; `noise_seed`: the sensors' noise, the same in every run."""
+    """Everything but the effect. `rate`: the controller's samples a second; `noise_seed`: the sensors' noise, the same
+    in every run; `still`: joints that are held; `step`: longest step of the final run, s."""
 
     rig: Rig
     reference: Reference
     gains: Gains
     forward: Array
-    sensors: Sensors
+    sensors: Sensors | DriveSensors
     rate: float
     noise_seed: int
+    still: tuple[int, ...] = ()
+    step: float = FINE_STEP
 
     @property
     def seconds(self) -> float:
@@ -46,10 +50,14 @@ class Scene:
         """Simulate the closed loop with these effects, which begin at `start` (s)."""
         world = World(self.rig, effects, 1.0 / (self.rate * substeps), self.seconds, start)
         samples = len(self.reference.t)
-        seen = Measurement(world, self.sensors, samples, np.random.default_rng(self.noise_seed))
+        seen = self.sensors.reader(world, samples, np.random.default_rng(self.noise_seed))
         controller = closed_loop(world, self.reference, self.gains, self.forward, seen)
         begin = self.reference.q[0].tolist(), self.reference.dq[0].tolist()
         return world, simulate(world, controller, begin, samples, substeps)
+
+    def first(self, seconds: float) -> Scene:
+        """The same scene, not longer than this (s): effects are made as strong as wanted on it."""
+        return replace(self, reference=self.reference.first(round(seconds * self.rate)))
 
     def context(self, joint: int, share: float) -> Context:
         """What an effect's first guess is made from, by the reference alone."""

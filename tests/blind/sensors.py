@@ -44,6 +44,10 @@ class Sensors:
         """Data causes that are true of these sensors whatever else is hidden."""
         return ["clock"] if self.jitter > 0.0 or self.lost > 0.0 else []
 
+    def reader(self, world: World, samples: int, rng: np.random.Generator) -> Measurement:
+        """What the controller sees."""
+        return Measurement(world, self, samples, rng)
+
 
 def draw_sensors(rng: np.random.Generator, level: str, rate: float) -> Sensors:
     """ "clean": white noise and 16 bits; "dirty": coarse encoders, coloured noise, bias, jitter, lost rows."""
@@ -124,9 +128,9 @@ def stamps(rng: np.random.Generator, sensors: Sensors, t: Array) -> Array:
     return np.asarray(t + error - error[0])
 
 
-def kept_rows(rng: np.random.Generator, sensors: Sensors, samples: int) -> NDArray[np.intp]:
-    """Indices of the rows that were not lost (some alone, some two or three in a row)."""
+def kept_rows(rng: np.random.Generator, lost: float, samples: int) -> NDArray[np.intp]:
+    """Indices of the rows that were not lost: of a share `lost` some are alone, some two or three in a row."""
     keep = np.ones(samples, dtype=bool)
-    for start in rng.integers(2, samples - 8, int(sensors.lost * samples / 2.0)):
+    for start in rng.integers(2, samples - 8, int(lost * samples / 2.0)):
         keep[start : start + int(rng.integers(1, 4))] = False
     return np.flatnonzero(keep)

@@ -7,20 +7,23 @@ from dataclasses import dataclass
 from math import sqrt
 from statistics import median
 
-from .conventions import READINGS, Reading
+from .conventions import READINGS, SAME_FAULT, Reading
 from .judge import (
     Json,
     Judged,
+    confident,
     covered,
     false_alarm,
     first_right,
     gain_recovered,
     judge,
     named_wrong,
+    names_of,
     near,
     tells,
     visible,
 )
+from .plan import DRIVE_STRATA
 
 Readings = Mapping[tuple[str, str], Reading]
 Z95 = 1.959964
@@ -149,9 +152,47 @@ def further(cases: Sequence[Judged]) -> list[Figure]:
     ]
 
 
+def on_drives(cases: Sequence[Judged]) -> list[Figure]:
+    """The published rows of logs from a drive's sensors."""
+    clean, singles = _of(cases, "drive-clean"), _seen(_of(cases, "drive-single"))
+    unknown = (case.verdict == "unknown" for case in clean)
+    return [
+        _share("drive-like, clean: unknown", unknown, (0.0, 0.1), (0.0, 0.02)),
+        _share("drive-like, clean: any name", (bool(case.findings) for case in clean), (0.0, 0.01), (0.0, 0.001)),
+        _share("drive-like, one cause: right or in the class", map(first_right, singles), (0.85, 1.0), (0.95, 1.0)),
+    ]
+
+
+def further_on_drives(drive: Sequence[Judged], cases: Sequence[Judged], readings: Readings) -> list[Figure]:
+    """What else is counted of a drive's logs, and of all cases how many findings are unconfirmed."""
+    marks = [found["status"] == "unconfirmed" for case in cases for found in case.findings]
+    hidden = _of(drive, "drive-single", "drive-pair")
+    pairs, outside = _seen(_of(drive, "drive-pair")), _seen(_of(drive, "drive-outside"))
+    singles = _seen(_of(drive, "drive-single"))
+    clean = _of(drive, "drive-clean")
+    return [
+        _share(f"findings that are unconfirmed, named all the same ({sum(marks)})", marks),
+        _share("drive-like, clean: data", (case.verdict == "data" for case in clean)),
+        _share("drive-like, clean: refused", (case.verdict == "refused" for case in clean)),
+        _share("drive-like, one cause: named but wrong", map(named_wrong, _of(drive, "drive-single"))),
+        *[
+            _share(f"drive-like, one cause, {kind} forms: right", map(first_right, some))
+            for kind, some in (
+                ("known", [case for case in singles if not case.causes[0]["foreign"]]),
+                ("foreign", [case for case in singles if case.causes[0]["foreign"]]),
+            )
+        ],
+        _share("drive-like: truth in the class when ambiguous", _ambiguous(hidden)),
+        _share("drive-like: interval coverage at 95 %", (hit for case in drive for hit in covered(case, readings))),
+        _share("drive-like, two effects, both found", map(all_found, pairs)),
+        _share("drive-like, outside: unknown", (case.verdict == "unknown" for case in outside)),
+        _share("drive-like, outside: named with confidence", map(named_wrong, outside)),
+    ]
+
+
 def _modest(case: Judged) -> bool:
-    confident = [found for found in case.findings if found["status"] == "named"]
-    return all(any(near(found, cause) for cause in case.causes) for found in confident) and bool(
+    named = filter(confident, case.findings)
+    return all(any(near(found, cause) for cause in case.causes) for found in named) and bool(
         case.verdict == "unknown" or case.findings
     )
 
@@ -166,13 +207,15 @@ def _structured(case: Judged) -> bool:
 
 def _fault_told(case: Judged) -> bool:
     planted = case.truth["data"]["cause"]
-    return any(planted == found["cause"] or planted in found.get("class", ()) for found in case.diagnosis["findings"])
+    told = {name for found in case.diagnosis["findings"] for name in names_of(found)}
+    return planted in told | {SAME_FAULT.get(name, name) for name in told}
 
 
 def score(pairs: Iterable[tuple[Json, Json]], readings: Readings = READINGS) -> list[Figure]:
     """(truth, diagnosis) pairs → the published figures, then the further ones."""
     cases = [judge(truth, diagnosis) for truth, diagnosis in pairs]
-    return figures(cases, readings) + further(cases)
+    old, drive = ([case for case in cases if (case.stratum in DRIVE_STRATA) is yes] for yes in (False, True))
+    return figures(old, readings) + on_drives(drive) + further(old) + further_on_drives(drive, cases, readings)
 
 
 def _percent(value: float) -> str:

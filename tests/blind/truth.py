@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from .calibrate import share_of, trial
+from .coloured import Spectrum, seen
 from .corruption import Damage
 from .effects import OUTSIDE, TRUSTED, Effect
 from .ledger import Ledger
@@ -36,10 +37,12 @@ class Run:
 
 @dataclass(frozen=True)
 class Blur:
-    """What sensor noise does to each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration."""
+    """What sensor noise does to each joint, (n,): torque balance (N m rms, smoothed) and share of the acceleration;
+    `noise`: its spectrum, where it is not white."""
 
     floor: Array
     acceleration: Array
+    noise: Spectrum | None = None
 
 
 def describe(run: Run, damage: Damage, blur: Blur) -> Truth:
@@ -80,6 +83,9 @@ def _cause(run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger]
     scene, rig = run.scene, run.scene.rig
     world, ledger = alone if alone is not None else trial(scene, effect)
     smoothed, left = projected(world.reference, ledger, scene.rate, effect.cause in TRUSTED)
+    clear = left / np.maximum(blur.floor, 1e-12)
+    if blur.noise is not None:
+        clear = seen(world.reference, ledger, blur.noise, scene.rate, effect.cause in TRUSTED)
     rows = slice(int(run.plan.start * len(ledger.command)), None)
     joint, foreign = None if effect.joint is None else rig.joints[effect.joint], effect.form in effect.foreign
     return {
@@ -88,7 +94,7 @@ def _cause(run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger]
         "comparable": not foreign, "target_share": hidden.share,
         "share": share_of(effect, ledger, scene.rate, rows), "active_from": run.plan.start * run.plan.seconds,
         "raw_rms": _by_joint(rig, rms(ledger.effect[rows])), "smoothed_rms": _by_joint(rig, smoothed),
-        "projected_rms": _by_joint(rig, left), "snr": _by_joint(rig, left / np.maximum(blur.floor, 1e-12)),
+        "projected_rms": _by_joint(rig, left), "snr": _by_joint(rig, clear),
     }  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def projected(rig: Rig, ledger: Ledger, rate: float, trusted: bool) -> tuple[Arr
     return rms(effect), rms(effect - (used @ fit).reshape(-1, n))
 
 
-def _residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:
+def residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:
     """Smoothed torque less the true rigid and viscous model on these channels, and the smoothed acceleration."""
     full = shown.v if shown.v is not None else np.gradient(shown.q, 1.0 / rate, axis=0)
     q, v, tau = (smooth(blocks(x, rate), rate) for x in (shown.q, full, shown.tau))
@@ -87,5 +87,5 @@ def _residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:
 def noise_floor(rig: Rig, noisy: Channels, clean: Channels, rate: float) -> tuple[Array, Array]:
     """What sensor noise alone leaves of the true model's torque balance (N m rms, (n,)), and its share of the
     acceleration."""
-    (left, a), (true_left, true_a) = _residual(rig, noisy, rate), _residual(rig, clean, rate)
+    (left, a), (true_left, true_a) = residual(rig, noisy, rate), residual(rig, clean, rate)
     return rms(left - true_left), rms(a - true_a) / np.maximum(rms(true_a), 1e-12)

@@ -1,0 +1,95 @@
+"""The stage of a log as people have it: which rig, moved how, with which joints left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .arm_draw import draw_arm, locked
+from .control import draw_soft_gains, feed_forward
+from .drive_sensors import control_rate, draw_drive_sensors
+from .effects import Effect
+from .excitation import Reference, draw_reference, load
+from .habits import Habit, repeated, turning_path
+from .plan import DrivePlan
+from .rig_draw import draw_rig, nominal
+from .rigs import Inertia, Rig
+from .scene import FINE_STEP, Scene
+
+Streams = dict[str, np.random.Generator]
+LONG_S, LONG_STEP = 120.0, 1e-3
+MANY, MANY_STEP = 5, 0.5e-3
+"""Steps (s) of runs that would take too long: of more than LONG_S, of MANY joints or more."""
+ALIGNABLE, CLEAR_OF_IT = ("delay", "actuator-lag"), 8e-3
+"""Effects that a shift of channels takes up, and from which time (s) on it does not."""
+ENOUGH = 0.9
+"""Share of its limits beyond which a joint that turns is slowed down."""
+
+
+def draw_full_rig(plan: DrivePlan, rng: np.random.Generator) -> Rig:
+    """The rig as it stands in its URDF, with every joint, exact."""
+    return (draw_arm if plan.arm else draw_rig)(rng, plan.axes)
+
+
+def _endless(rig: Rig, joint: int, speed: float) -> Rig:
+    """The rig with a joint that turns on and on, and motors for it."""
+    links = list(rig.links)
+    links[joint] = replace(links[joint], continuous=True)
+    return replace(rig, links=tuple(links), velocity_limit=max(rig.velocity_limit, 2.5 * speed))
+
+
+def _turning_reference(
+    plan: DrivePlan, rig: Rig, joint: int, rate: float, held: tuple[int, ...], seed: int
+) -> Reference:
+    """As many turns as are wanted, or half of them, and so on, until the motors can do it."""
+    turns, t = plan.turns, np.arange(round(plan.seconds * rate)) / rate
+    for _ in range(6):
+        rng = np.random.default_rng(seed)
+        habit = Habit(held=held, turning=joint, path=turning_path(rng, t, turns))
+        reference = draw_reference(rng, rig, plan.excitation, plan.seconds, rate, habit)
+        if (load(rig, reference.q, 1.0 / rate) < ENOUGH).all():
+            break
+        turns *= 0.5
+    return reference
+
+
+def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
+    """The rig of the URDF and the scene: the same rig, or the one that is left where a joint is bolted."""
+    rng, rate = streams["motion"], control_rate(plan.rate)
+    idle, turning = (int(x) for x in rng.permutation(plan.axes)[[0, -1]])
+    if plan.turns:
+        full = _endless(full, turning, 2.0 * np.pi * plan.turns / plan.seconds)
+    rig = locked(full, idle) if plan.idle == "unlogged" else full
+    held = (idle,) if plan.idle == "held" else ()
+    every = round(rate / plan.rate)
+    samples = round(plan.seconds * plan.rate) // plan.repeats * plan.repeats * every
+    if plan.turns:
+        place = turning - int(plan.idle == "unlogged" and idle < turning)
+        reference = _turning_reference(plan, rig, place, rate, held, int(rng.integers(2**31)))
+    else:
+        habit = replace(repeated(samples, plan.repeats, rate), held=held) if plan.repeats > 1 else Habit(held=held)
+        reference = draw_reference(rng, rig, plan.excitation, samples / rate, rate, habit)
+    gains = draw_soft_gains(streams["control"], rig, reference)
+    forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
+    sensors = draw_drive_sensors(streams["sensors"], plan.rate, plan.aligned)
+    step = LONG_STEP if plan.seconds > LONG_S else MANY_STEP if plan.axes >= MANY else FINE_STEP
+    seed = int(streams["noise"].integers(2**31))
+    return full, Scene(rig, reference, gains, forward, sensors, rate, seed, held, step)
+
+
+def given(plan: DrivePlan, full: Rig, rng: np.random.Generator) -> Rig:
+    """The URDF's rig: exact where it is to be trusted, else off by 0–20 %, and its camera by more."""
+    if plan.trusted:
+        return full
+    rig = nominal(rng, full, float(rng.uniform(0.0, 0.2)))
+    body, share = rig.payload.inertia, 1.0 + plan.camera_off
+    return rig.with_payload(Inertia(share * body.mass, body.com, share * body.tensor))
+
+
+def clear_of_alignment(effect: Effect) -> Effect:
+    """A delay or lag that is too long to be taken for a shift between channels."""
+    if effect.cause not in ALIGNABLE:
+        return effect
+    value = float(getattr(effect, effect.grows))
+    return effect.scaled(CLEAR_OF_IT / value) if value < CLEAR_OF_IT else effect
