@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -260,11 +261,15 @@ def test_the_old_strata_draw_what_they_drew() -> None:
     assert sum(float(np.abs(values).sum()) for values in log.values()) == pytest.approx(561.0799554710202, rel=1e-6)
 
 
-def test_an_unlogged_joint_stands_in_the_urdf_alone(tmp_path: Path) -> None:
-    case = small_case()
-    told = yaml.safe_load(write(case, tmp_path).rig.read_text(encoding="utf-8"))
+@pytest.mark.parametrize(("idle", "kinds"), [("unlogged", ["revolute"] * 2), ("bolted", ["fixed", "revolute"])])
+def test_an_unlogged_joint_stands_in_the_urdf_alone(idle: str, kinds: list[str], tmp_path: Path) -> None:
+    case = small_case(idle)
+    files = write(case, tmp_path)
+    told = yaml.safe_load(files.rig.read_text(encoding="utf-8"))
     (joint,) = case.truth["joints"]  # type: ignore[misc]
-    assert len(told["motors"]) == 2 and joint in told["motors"]
+    assert len(told["motors"]) == kinds.count("revolute") and joint in told["motors"]
+    root = ElementTree.parse(files.urdf).getroot()
+    assert sorted(x.get("type") or "" for x in root.iter("joint")) == sorted(["fixed", *kinds])
     assert {name for name in case.log if name.startswith("tau_")} == {f"tau_{joint}"}
     cause = case.truth["causes"][0]  # type: ignore[index]
     assert cause["snr"][joint] > 0.0 and case.truth["stratum"] == "drive-single"
@@ -279,7 +284,7 @@ def test_drives_logs_are_of_every_kind() -> None:
     assert {plan.variant for plan in drives} == set(VARIANTS)
     assert {plan.axes for plan in drives} == set(range(1, 8))
     assert {plan.repeats for plan in drives} == {1, 4, 5}
-    assert {plan.idle for plan in drives} == {"", "held", "unlogged"}
+    assert {plan.idle for plan in drives} == {"", "held", "unlogged", "bolted"}
     assert min(p.seconds for p in drives) == 5.0 and max(p.seconds for p in drives) > 480.0
     assert min(p.turns for p in drives if p.turns) < 3.0 and max(p.turns for p in drives) > 50.0
 

@@ -168,12 +168,13 @@ def test_drives_logs_have_rows_of_their_own() -> None:
         joint: state | {"dispersion": 1.4, "discrepancy": 0.2} for joint, state in said["residual"].items()
     }
     rows = score([
-        (clean, said), (clean, diagnosis("nothing")), (clean, diagnosis("named", finding("delay"))),
+        (clean, said), (clean, diagnosis("nothing")), (clean, diagnosis("refused")), (clean, diagnosis("named", finding("delay"))),
         (single, diagnosis("ambiguous", class_of_two)), (single, diagnosis("nothing")),
         (truth("drive-single", cause("cogging", snr=2.0)), diagnosis("nothing")),
     ])  # fmt: skip
     assert row(rows, "drive-like, clean: unknown").value == pytest.approx(1.0 / 3.0)
     assert row(rows, "drive-like, clean: any name").value == pytest.approx(1.0 / 3.0)
+    assert row(rows, "drive-like: refused").value == pytest.approx(1.0 / 7.0)
     one = row(rows, "drive-like, one cause: right")
     assert (one.value, one.count, one.grade) == (0.5, 2, "short")
     assert row(rows, "false findings").count == row(rows, "first name right, known").count == 0

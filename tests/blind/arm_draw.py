@@ -17,6 +17,8 @@ PATTERNS: dict[int, tuple[str, ...]] = {
 """Joints from base to tip: Z turns about the link before it, P bends across it."""
 TRAVEL = {"Z": (-2.8, 2.8), "P": (-0.5, 2.0)}
 MOUNTS = (EYE, EYE, rotation_about(X, np.pi), rotation_about(Y, 0.5 * np.pi))
+ROLLING = 0.2
+"""Motor of a joint that turns about the link before it, against one that bends across."""
 NAMES = ("joint{}", "arm_joint_{}", "j{}", "axis_{}_joint")
 
 
@@ -70,7 +72,8 @@ def draw_arm(rng: np.random.Generator, axes: int) -> Rig:
     outward = np.cumsum(masses[::-1])[::-1] + camera
     beyond = np.cumsum(lengths[::-1])[::-1]
     tip = Payload("camera", "camera_mount", tilted(rng, 10.0), links[-1].inertia.com * 2.0, box)
-    motors = tuple(_motor(rng, float(x)) for x in 4.0 * outward * beyond * rng.uniform(0.7, 1.2, axes))
+    work = np.array([ROLLING if kind == "Z" and i else 1.0 for i, kind in enumerate(pattern)])
+    motors = tuple(_motor(rng, float(x)) for x in 4.0 * work * outward * beyond * rng.uniform(0.7, 1.2, axes))
     speed = float(rng.uniform(2.0, 4.5))
     rig = Rig(f"arm_{pattern}", "base", tuple(links), motors, tip, (0.0,) * axes, speed)
     return strong_enough(rng, rig)

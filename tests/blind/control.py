@@ -36,12 +36,13 @@ def joint_inertia(rig: Rig, q: Array) -> Array:
     return np.asarray(np.diag(mass_matrix(rig, q)))
 
 
-def draw_soft_gains(rng: np.random.Generator, rig: Rig, reference: Reference) -> Gains:
-    """A loop of 1–2.5 Hz for chains whose axes act on each other: inertia as felt with the other joints free,
-    1 / (M⁻¹)ᵢᵢ, the least along the motion."""
+def draw_soft_gains(rng: np.random.Generator, rig: Rig, reference: Reference, held: tuple[int, ...]) -> Gains:
+    """A loop of 1.5–3.5 Hz for chains whose axes act on each other: inertia as felt with the other joints free,
+    1 / (M⁻¹)ᵢᵢ, the least along the motion. Joints that are held are held twice as fast."""
     poses = reference.q[:: max(1, len(reference.q) // 12)]
     inertia = np.min([1.0 / np.diag(np.linalg.inv(mass_matrix(rig, q))) for q in poses], axis=0)
-    omega = 2.0 * np.pi * rng.uniform(1.0, 2.5, len(inertia))
+    omega = 2.0 * np.pi * rng.uniform(1.5, 3.5, len(inertia))
+    omega[list(held)] *= 2.0
     damping = 2.0 * rng.uniform(0.6, 1.0, len(inertia))
     return Gains(inertia * omega**2, damping * inertia * omega, float(rng.uniform(0.6, 1.0)))
 

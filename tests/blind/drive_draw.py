@@ -21,7 +21,7 @@ RATES: dict[str, tuple[float, ...]] = {
     "turning": (200.0, 400.0, 500.0, 1000.0),
     "long": (100.0, 200.0, 250.0),
 }
-DRIVE_SHARES = dict(zip(SHARES, (0.04, 0.08, 0.15, 0.25, 0.4), strict=True))
+DRIVE_SHARES = dict(zip(SHARES, (0.06, 0.12, 0.2, 0.3, 0.45), strict=True))
 """Sizes of effects beside a noise of 1–5 %, for the sizes of the other strata."""
 LONG_MOTIONS = ("multisine", "chirp", "staircase")
 SETTLED = ("cable-spring", "rubbing-stop", "hysteretic-cable", "friction-spots")
@@ -51,7 +51,7 @@ def _axes(rng: np.random.Generator, variant: str, arm: bool, plan: Plan) -> int:
 
 def _dress(rng: np.random.Generator, plan: Plan, variant: str, needed: int) -> DrivePlan:
     arm = variant == "many-joints" or (variant in ("plain", "short") and rng.random() < 0.4)
-    idle = "" if plan.trusted or rng.random() < 0.7 else str(rng.choice(["held", "unlogged"]))
+    idle = "" if plan.trusted or rng.random() < 0.7 else str(rng.choice(["held", "unlogged", "bolted"]))
     axes = max(_axes(rng, variant, arm, plan), needed + bool(idle))
     seconds = float(rng.integers(*SECONDS[variant]))
     again = variant in ("plain", "many-joints", "long") and seconds >= 20.0 and rng.random() < 0.5

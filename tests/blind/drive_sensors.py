@@ -20,9 +20,9 @@ LOWEST_CONTROL_RATE = 400.0
 class DriveSensors:
     """Angles: bits per turn, noise before quantisation (rad). Rates (may be absent): by an "observer" (tracking loop)
     or a "difference", of a bandwidth (Hz) and in steps (rad/s). Torque: noise as a share of its rms, low-pass (Hz),
-    steps as shares of the motor's limit, a fresh value every so many rows. Angles and torque come so much late (s); together
-    with the low-pass, torque is `alignment` (s) later than angles. Clock: rms error of the stamps (s). Rows: lost, and
-    repeated, as shares of all."""
+    steps as shares of the motor's limit, a fresh value every so many rows. Angles and torque come so much late (s);
+    together with the low-pass, torque is `alignment` (s) later than angles. Clock: rms error of the stamps (s). Rows:
+    lost, and repeated, as shares of all."""
 
     level: str
     encoder_bits: int

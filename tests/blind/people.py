@@ -14,7 +14,7 @@ from .excitation import Reference, draw_reference, load
 from .habits import Habit, repeated, turning_path
 from .plan import DrivePlan
 from .rig_draw import draw_rig, nominal
-from .rigs import Inertia, Rig
+from .rigs import Array, Inertia, Rig
 from .scene import FINE_STEP, Scene
 
 Streams = dict[str, np.random.Generator]
@@ -23,6 +23,8 @@ MANY, MANY_STEP = 5, 0.5e-3
 """Steps (s) of runs that would take too long: of more than LONG_S, of MANY joints or more."""
 ALIGNABLE, CLEAR_OF_IT = ("delay", "actuator-lag"), 8e-3
 """Effects that a shift of channels takes up, and from which time (s) on it does not."""
+CREEP = 0.03
+"""Speed (rad/s) at which a controller's friction torque has nearly all of its size."""
 ENOUGH = 0.9
 """Share of its limits beyond which a joint that turns is slowed down."""
 
@@ -54,24 +56,35 @@ def _turning_reference(
     return reference
 
 
+def _friction_forward(plan: DrivePlan, rig: Rig, reference: Reference, rng: np.random.Generator) -> Array:
+    """What the controller adds against friction, N m (N, n): always on arms, whose loops are soft, else at times."""
+    share = float(rng.uniform(0.6, 0.95)) if plan.arm or rng.random() < 0.4 else 0.0
+    return np.asarray(share * (rig.coulomb * np.tanh(reference.dq / CREEP) + rig.viscous * reference.dq))
+
+
 def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
     """The rig of the URDF and the scene: the same rig, or the one that is left where a joint is bolted."""
     rng, rate = streams["motion"], control_rate(plan.rate)
     idle, turning = (int(x) for x in rng.permutation(plan.axes)[[0, -1]])
     if plan.turns:
         full = _endless(full, turning, 2.0 * np.pi * plan.turns / plan.seconds)
-    rig = locked(full, idle) if plan.idle == "unlogged" else full
+    gone = plan.idle in ("unlogged", "bolted")
+    rig = locked(full, idle) if gone else full
+    if plan.idle == "bolted":
+        links = (replace(link, fixed=i == idle) for i, link in enumerate(full.links))
+        full = replace(full, links=tuple(links))
     held = (idle,) if plan.idle == "held" else ()
     every = round(rate / plan.rate)
     samples = round(plan.seconds * plan.rate) // plan.repeats * plan.repeats * every
     if plan.turns:
-        place = turning - int(plan.idle == "unlogged" and idle < turning)
+        place = turning - int(gone and idle < turning)
         reference = _turning_reference(plan, rig, place, rate, held, int(rng.integers(2**31)))
     else:
         habit = replace(repeated(samples, plan.repeats, rate), held=held) if plan.repeats > 1 else Habit(held=held)
         reference = draw_reference(rng, rig, plan.excitation, samples / rate, rate, habit)
-    gains = draw_soft_gains(streams["control"], rig, reference)
+    gains = draw_soft_gains(streams["control"], rig, reference, held)
     forward = feed_forward(nominal(streams["control"], rig, 0.15), reference, gains)
+    forward += _friction_forward(plan, rig, reference, streams["control"])
     sensors = draw_drive_sensors(streams["sensors"], plan.rate, plan.aligned)
     step = LONG_STEP if plan.seconds > LONG_S else MANY_STEP if plan.axes >= MANY else FINE_STEP
     seed = int(streams["noise"].integers(2**31))

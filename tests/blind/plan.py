@@ -49,8 +49,8 @@ class Plan:
 class DrivePlan(Plan):
     """One case as people log it, through a drive's sensors. `arm`: a serial arm, no gimbal; `repeats`: how often one
     motion is made (1: no repeats); `turns`: what a continuous joint travels in the log, revolutions (0: none does);
-    `idle`: one joint is "held" still, or "unlogged" (bolted at the URDF's zero), or ""; `camera_off`: by what share the
-    camera is off its URDF's mass; `aligned`: channels not shifted against each other."""
+    `idle`: one joint is "held" still, "unlogged" (and stands at the URDF's zero), "bolted" (the same, and "fixed" in
+    the URDF), or ""; `camera_off`: by what share the camera is off its URDF's mass; `aligned`: channels not shifted."""
 
     variant: str = "plain"
     arm: bool = False

@@ -43,7 +43,8 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Link:
-    """A body and the revolute joint that carries it; the joint frame stands at `position`, turned by `rotation`."""
+    """A body and the revolute joint that carries it; the joint frame stands at `position`, turned by `rotation`. A
+    `fixed` one is so in the URDF only: the plant has such a joint no more."""
 
     name: str
     joint: str
@@ -54,6 +55,7 @@ class Link:
     lower: float
     upper: float
     continuous: bool = False
+    fixed: bool = False
 
 
 @dataclass(frozen=True)

@@ -153,8 +153,9 @@ def further(cases: Sequence[Judged]) -> list[Figure]:
 
 
 def on_drives(cases: Sequence[Judged]) -> list[Figure]:
-    """The published rows of logs from a drive's sensors."""
-    clean, singles = _of(cases, "drive-clean"), _seen(_of(cases, "drive-single"))
+    """The published rows of logs from a drive's sensors; to refuse a clean one is neither right nor wrong."""
+    clean = [case for case in _of(cases, "drive-clean") if case.verdict != "refused"]
+    singles = _seen(_of(cases, "drive-single"))
     unknown = (case.verdict == "unknown" for case in clean)
     return [
         _share("drive-like, clean: unknown", unknown, (0.0, 0.1), (0.0, 0.02)),
@@ -173,7 +174,7 @@ def further_on_drives(drive: Sequence[Judged], cases: Sequence[Judged], readings
     return [
         _share(f"findings that are unconfirmed, named all the same ({sum(marks)})", marks),
         _share("drive-like, clean: data", (case.verdict == "data" for case in clean)),
-        _share("drive-like, clean: refused", (case.verdict == "refused" for case in clean)),
+        _share("drive-like: refused", (case.verdict == "refused" for case in drive)),
         _share("drive-like, one cause: named but wrong", map(named_wrong, _of(drive, "drive-single"))),
         *[
             _share(f"drive-like, one cause, {kind} forms: right", map(first_right, some))

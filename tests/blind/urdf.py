@@ -34,7 +34,7 @@ def _link(name: str, inertia: Inertia) -> str:
 
 
 def _joint(link: Link, parent: str, motor: Motor, speed: float) -> str:
-    kind = "continuous" if link.continuous else "revolute"
+    kind = "fixed" if link.fixed else "continuous" if link.continuous else "revolute"
     travel = "" if link.continuous else f'lower="{link.lower:.6g}" upper="{link.upper:.6g}" '
     return (
         f'  <joint name="{link.joint}" type="{kind}">\n    <parent link="{parent}"/>\n    <child link="{link.name}"/>\n'
@@ -61,13 +61,14 @@ def urdf_text(rig: Rig) -> str:
 def yaml_text(rig: Rig, encoder_bits: int, trusted: bool) -> str:
     """The YAML beside the URDF: motors and limits, and whether the URDF's inertias are to be trusted."""
     lines = ["urdf: rig.urdf", *(["inertia: trusted"] if trusted else []), "motors:"]
-    for joint, motor in zip(rig.joints, rig.motors, strict=True):
+    moving = [(link, motor) for link, motor in zip(rig.links, rig.motors, strict=True) if not link.fixed]
+    for link, motor in moving:
         lines.append(
-            f"  {joint}: {{torque_constant: {motor.torque_constant:.6g}, tau_max: {motor.tau_max:.6g}, "
+            f"  {link.joint}: {{torque_constant: {motor.torque_constant:.6g}, tau_max: {motor.tau_max:.6g}, "
             f"slots: {motor.slots}, poles: {motor.poles}, encoder_bits: {encoder_bits}}}"
         )
     lines.append("limits:")
-    for link, motor in zip(rig.links, rig.motors, strict=True):
+    for link, motor in moving:
         travel = "" if link.continuous else f"lower: {link.lower:.6g}, upper: {link.upper:.6g}, "
         lines.append(f"  {link.joint}: {{{travel}velocity: {rig.velocity_limit:.6g}, effort: {motor.tau_max:.6g}}}")
     return "\n".join(lines) + "\n"
