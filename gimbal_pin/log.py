@@ -14,6 +14,9 @@ from gimbal_pin.errors import LogError
 
 Array = NDArray[np.floating[Any]]
 
+PAUSE = 10.0
+"""Time between two samples from which nobody was recording, s: no clock loses so many samples and then goes on."""
+
 
 def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
     """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length).
@@ -96,7 +99,7 @@ class Imu:
         """What it reports, by name."""
         return {name: x for name in ("gyro", "accel", "quat") if (x := getattr(self, name)) is not None}
 
-    def part(self, rows: slice) -> Imu:
+    def part(self, rows: slice | NDArray[np.integer[Any]]) -> Imu:
         """Return the samples in `rows`."""
         return Imu(**{name: x[rows] for name, x in self.channels.items()})
 
@@ -162,7 +165,7 @@ class Log:
         """Median sampling interval, s."""
         return float(np.median(np.diff(self.t)))
 
-    def part(self, rows: slice) -> Log:
+    def part(self, rows: slice | NDArray[np.integer[Any]]) -> Log:
         """Return the samples in `rows` as a log of its own."""
         names = ("t", "q", "v", "tau", "q_ref", "temperature")
         cut = {name: x[rows] for name in names if (x := getattr(self, name)) is not None}

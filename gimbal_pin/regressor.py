@@ -52,7 +52,7 @@ def regressor(
         for row, angles, rates, accelerations in zip(few, *(x[begin : begin + TOGETHER] for x in states)):
             row[...] = compute(model, data, angles, rates, accelerations)[base:, first:]
         part = out[begin : begin + TOGETHER]
-        np.take(few[: len(part)], chosen, axis=2, out=part, mode="clip")
+        part[...] = few[: len(part)][:, :, chosen]
     return out
 
 

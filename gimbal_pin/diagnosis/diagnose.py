@@ -29,7 +29,7 @@ from gimbal_pin.identification import moved, split, within
 from gimbal_pin.log import Log
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
+from gimbal_pin.rows import Filtering, chosen
 from gimbal_pin.threads import one_thread
 from gimbal_pin.wiring import check_columns
 
@@ -52,6 +52,25 @@ def diagnose(
     filtering: Filtering = BAND,
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
+
+    Of a long log some stretches are looked at, see `rows.chosen`; a note says which.
+
+    Args and errors: as `examined`.
+    """
+    shown = [chosen(log) for log in logs]
+    found = examined(rig, [one.log for one in shown], causes, rng, holdout, filtering)
+    return replace(found, notes=(*(one.note for one in shown if one.note), *found.notes))
+
+
+def examined(
+    rig: Rig,
+    logs: Sequence[Log],
+    causes: Mapping[str, type[Cause]],
+    rng: np.random.Generator,
+    holdout: str | None,
+    filtering: Filtering,
+) -> Diagnosis:
+    """Diagnose logs of some minutes at most.
 
     Everything is chosen and fitted on the training part; the held-out part is touched once, for the gain.
 

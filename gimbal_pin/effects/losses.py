@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from gimbal_pin.log import Array
+from gimbal_pin.log import PAUSE, Array
 
 STEP = 0.02
 """Time over which losses are averaged, s: of what warms over seconds nothing is lost."""
@@ -33,7 +33,10 @@ class Losses(NamedTuple):
             tau: Torque of the motor, N m, (L,).
             at: Times of the samples, s, (N,), on the same clock.
         """
-        energy = np.concatenate([[0.0], np.cumsum(tau[:-1] ** 2 * np.diff(t))])
+        power, spans = tau[:-1] ** 2, np.diff(t)
+        # What a motor did in a pause nobody knows: the mean of what it did else, not what it did last.
+        power[spans > PAUSE] = power.mean()
+        energy = np.concatenate([[0.0], np.cumsum(power * spans)])
         grid = np.arange(t[0], t[-1] + STEP, STEP)
         return Losses(np.diff(np.interp(grid, t, energy)) / STEP, at - t[0])
 

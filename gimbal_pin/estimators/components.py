@@ -70,8 +70,8 @@ class Weighed(NamedTuple):
         volume: log|V| + log|XᵀV⁻¹X|.
     """
 
-    inverses: list[Array]
-    W: list[Array]
+    inverses: Sequence[Array]
+    W: Sequence[Array]
     inverse: Array
     fit: Array
     volume: float
@@ -126,7 +126,7 @@ def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longe
                 size = np.outer(share[part], share[part])
                 edges = np.diag(share[part] * (1.0 - share[part]))
                 kernels = np.array([*(covariance[np.ix_(part, part)] * size for covariance in covariances), edges])
-                out.append(Piece(j, felt, z[np.ix_(part, [j], felt)][:, 0], error[part, j], kernels))
+                out.append(Piece(j, felt, z[part, j][:, felt], error[part, j], kernels))
     return [piece for piece in out if piece.y.any()]
 
 

@@ -6,6 +6,7 @@ log → uniform grid → smoothed q, v, a → decimated → columns → low-pass
 from gimbal_pin.rows.blocks import CHUNK, Block, Rows
 from gimbal_pin.rows.carrier import base_motion, carrying
 from gimbal_pin.rows.channels import Channels, Flags, Logged, impulse, smoothed
+from gimbal_pin.rows.choosing import Chosen, chosen
 from gimbal_pin.rows.filtering import FINE, Filtering, settling, thinning
 from gimbal_pin.rows.grid import Stretch, stretches
 from gimbal_pin.rows.masking import MEMORY, STANDSTILL, TAPER, dilated, mask, memory, sliding, slow, standstill
@@ -20,6 +21,7 @@ __all__ = [
     "TAPER",
     "Block",
     "Channels",
+    "Chosen",
     "Filtering",
     "Flags",
     "Logged",
@@ -29,6 +31,7 @@ __all__ = [
     "base_motion",
     "camera_body",
     "carrying",
+    "chosen",
     "columns_of",
     "dilated",
     "impulse",

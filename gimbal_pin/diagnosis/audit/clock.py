@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis.audit.base import Examined, Fault
 from gimbal_pin.diagnosis.audit.harm import harm
 from gimbal_pin.diagnosis.audit.samples import channels, left_out, noted, taken
 from gimbal_pin.digits import digits
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log import PAUSE, Array, Log
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering, Flags, stretches
@@ -60,10 +60,11 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if len(log) < 2 * WINDOW:
         return None
     seen, old = ticks(log.t), repeated(log)
+    lost = np.where(seen.missing * log.dt < PAUSE, seen.missing, 0.0)
     figures = (
         Parameter("jitter", seen.jitter, "periods"),
-        Parameter("lost", float(seen.missing.sum() / (len(log) + seen.missing.sum())), "1"),
-        Parameter("longest_gap", float(seen.missing.max() * log.dt), "s"),
+        Parameter("lost", float(lost.sum() / (len(log) + lost.sum())), "1"),
+        Parameter("longest_gap", float(lost.max() * log.dt), "s"),
         Parameter("stale", worst_share(old), "1"),
     )
     hole = max(HOLE, HOLE_SAMPLES * log.dt)
@@ -154,7 +155,8 @@ def scattered(log: Log, filtering: Filtering) -> bool:
     """Whether gaps leave less than `USABLE` of the time in stretches without any."""
     spans = [s.dt * s.length for s in stretches(log, filtering.cutoff)]
     covered = sum(span for span in spans if span > 1.0 / filtering.cutoff)
-    return bool(covered < USABLE * (log.t[-1] - log.t[0]))
+    intervals = np.diff(log.t)
+    return bool(covered < USABLE * np.sum(intervals[intervals < PAUSE]))
 
 
 def told(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
