@@ -59,3 +59,19 @@ def energy(rig: Rig, q: Array, v: Array) -> float:
     data = rig.model.createData()
     kinetic = pin.computeKineticEnergy(rig.model, data, q, v)
     return float(kinetic + pin.computePotentialEnergy(rig.model, data, q))
+
+
+def chain(n: int) -> Rig:
+    """A chain of n revolute joints about z, y and x in turn, every body lighter than the one that carries it."""
+    parts = ['<robot name="chain"><link name="base"/>']
+    for k in range(n):
+        mass, parent = 3.0 * 0.85**k, f"link{k - 1}" if k else "base"
+        Ixx, Iyy, Izz = (mass * x for x in (0.004, 0.005, 0.003))
+        parts.append(
+            f'<link name="link{k}"><inertial><origin xyz="0.02 -0.01 0.05" rpy="0.1 0.2 0.3"/><mass value="{mass}"/>'
+            f'<inertia ixx="{Ixx}" iyy="{Iyy}" izz="{Izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
+            f'<origin xyz="0 0.01 0.1"/><axis xyz="{("0 0 1", "0 1 0", "1 0 0")[k % 3]}"/>'
+            '<limit lower="-3" upper="3" effort="200" velocity="8"/><dynamics friction="0.05" damping="0.02"/></joint>'
+        )
+    return spelled("".join([*parts, "</robot>"]))

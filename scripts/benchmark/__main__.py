@@ -12,7 +12,7 @@ from typing import Annotated
 
 import tyro
 
-from benchmark import diagnosing, excitation, memory, online, regression, simulation
+from benchmark import diagnosing, excitation, memory, online, regression, simulation, size
 from benchmark.figure import Figure, line, summary
 from gimbal_pin.io.files import write_json
 
@@ -25,7 +25,7 @@ def main(json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> 
     """
     print(f"{machine()}\n{'':72}{'measured':>12}{'required':>22}", flush=True)
     figures: list[Figure] = []
-    for part in (regression, memory, simulation, online, diagnosing, excitation):
+    for part in (regression, memory, size, simulation, online, diagnosing, excitation):
         for figure in part.measure():
             print(line(figure), flush=True)
             figures.append(figure)

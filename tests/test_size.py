@@ -1,0 +1,98 @@
+"""Long logs and long chains: what is left out of them does not show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gimbal_pin.estimators import weighted
+from gimbal_pin.estimators.components import fisher, pieces
+from gimbal_pin.identification import given_beta, identify
+from gimbal_pin.log import PAUSE, Log
+from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rows import Block, Filtering, Rows, blocks, chosen
+from tests.bench_logs import prescribed
+from tests.rigs import chain
+
+
+def counted(samples: int, dt: float, start: float = 0.0) -> Log:
+    """A log whose angles count its rows."""
+    t = start + dt * np.arange(samples)
+    return Log("counted", ("a",), t, np.arange(samples, dtype=float)[:, None])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 9), st.floats(2.0, 30.0), st.floats(2.1, 9.0), st.floats(-1e3, 1e3))
+def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float, shift: float) -> None:
+    """In order, apart, as long as asked, evenly over the log with both ends, wherever its clock starts."""
+    dt = 0.005
+    log, moved = (counted(round(times * used / dt) + count, dt, start) for start in (0.0, shift))
+    rows = chosen(log, used, count).log.q[:, 0]
+    assert np.array_equal(rows, chosen(moved, used, count).log.q[:, 0])
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1.0) + 1)
+    assert len(parts) == count and {len(part) for part in parts} == {round(used / count / dt)}
+    assert rows[0] == 0 and rows[-1] == len(log) - 1 and np.all(np.diff(rows) > 0)
+    left_out = [after[0] - before[-1] for before, after in pairwise(parts)]
+    assert max(left_out) - min(left_out) <= 1
+
+
+@given(st.integers(0, 1000))
+def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
+    log = counted(samples, 0.01)
+    assert chosen(log).log is log and not chosen(log).note
+
+
+def test_what_is_left_out_of_a_long_log_is_a_pause() -> None:
+    found = chosen(counted(130_000, 0.005))
+    steps = np.diff(found.log.t)
+    assert np.all((steps < 0.006) | (steps > PAUSE)) and "12 stretches of 25 s out of 10.8 min" in found.note
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parameters of a noisy log move by less than a twentieth of their deviations."""
+    rig = Rig.load(name)
+    log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.02)
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(log.q.shape)
+    rows = Rows(rig, reduce(rig), friction_effects(rig.joints), (replace(log, q=log.q + noise),), Filtering())
+    thin = list(rows)
+    monkeypatch.setattr(blocks, "thinning", lambda *_: 1)
+    full = list(rows)
+    assert np.array_equal(*(np.concatenate([block.t for block in some]) for some in (thin, full)))
+    few, all_ = weighted(thin), weighted(full)
+    assert 0 < np.max(np.abs(few.theta - all_.theta) / all_.std) < 0.05
+
+
+def test_a_chain_of_twenty_joints_gives_its_parameters_back() -> None:
+    rig = chain(20)
+    log = prescribed(nominal(rig), seconds=8.0, dt=0.004)
+    found = identify(rig, [log], holdout="none", filtering=Filtering(alignment=0.0)).estimate
+    planted = np.append(given_beta(rig, reduce(rig)), rig.friction.ravel())
+    assert np.abs(found.theta - planted).max() < 1e-4 * np.abs(planted).max()
+
+
+def test_information_of_powers_is_that_of_all_joints_together() -> None:
+    """``½ tr PKPK'`` with P formed as it stands."""
+    rng, n, m = np.random.default_rng(0), 2, 30
+    A = rng.standard_normal((m, n, 4))
+    A[:, 1, 2:] = 0.0
+    share = rng.uniform(0.5, 1.0, (m, n))
+    parts = pieces([Block(np.arange(m) / 8, A, rng.standard_normal((m, n)), A[:, :, 0], share)], [A], np.zeros(4), 15)
+    power = rng.uniform(0.5, 2.0, (n, 5))
+    ends = np.cumsum([0, *(len(p.y) for p in parts)])
+    X, V, K = np.zeros((ends[-1], 4)), np.zeros((ends[-1],) * 2), np.zeros((n * 5, ends[-1], ends[-1]))
+    for p, (first, last) in zip(parts, pairwise(ends)):
+        X[first:last, p.felt] = p.X
+        V[first:last, first:last] = np.tensordot(power[p.joint], p.kernels, 1)
+        K[5 * p.joint : 5 * p.joint + 5, first:last, first:last] = p.kernels
+    inverse = np.linalg.inv(V)
+    P = inverse - inverse @ X @ np.linalg.inv(X.T @ inverse @ X) @ X.T @ inverse
+    expected = np.array([[np.trace(P @ a @ P @ b) / 2 for b in K] for a in K])
+    np.testing.assert_allclose(fisher(parts, power), expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
