@@ -108,10 +108,10 @@ def nearest(
         DataError: The estimate is so far from all bodies that numbers end before one is reached.
     """
     # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
-    std = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
-    whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
+    std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    correlation = covariance / std / std[:, None] + 1e-9 * np.eye(len(std))
     try:
+        whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
         return fitted(start, whiten @ mixing, whiten @ beta, weights)
     except np.linalg.LinAlgError as error:
         mend = "look at the units of t, q and tau, and map them (--map)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,85 @@ Array = NDArray[np.floating[Any]]
 
 PAUSE = 10.0
 """Time between two samples from which nobody was recording, s: no clock loses so many samples and then goes on."""
+
+
+class Reach(NamedTuple):
+    """What a channel can be on any machine, in its unit."""
+
+    lower: float
+    upper: float
+    unit: str
+
+
+REACH: Mapping[str, Reach] = MappingProxyType(
+    {
+        # Three thousand years; since 1970 it is 1.8e9 s, and 1.8e12 ms.
+        "t": Reach(-1e11, 1e11, "s"),
+        # Three hours at 1e4 rad/s, 95 000 turns a minute.
+        "q": Reach(-1e8, 1e8, "rad"),
+        # The fastest electric drives make a million turns a minute, 1.05e5 rad/s (Zwyssig et al., IEEE TIE 56, 2009).
+        "v": Reach(-2e5, 2e5, "rad/s"),
+        # From standstill to that within a tenth of a millisecond.
+        "a": Reach(-2e9, 2e9, "rad/s²"),
+        # The shaft of a wind turbine of 15 MW at 7.6 turns a minute passes on 1.9e7 N m.
+        "tau": Reach(-1e8, 1e8, "N m"),
+        "q_ref": Reach(-1e8, 1e8, "rad"),
+        # No magnet holds and no winding insulates anywhere near the melting point of copper, 1085 °C.
+        "temperature": Reach(-273.15, 1085.0, "°C"),
+        # The fastest of rate tables turn at some 200 rad/s.
+        "gyro": Reach(-1e4, 1e4, "rad/s"),
+        # Shock sensors end at 1e5 g.
+        "accel": Reach(-1e6, 1e6, "m/s²"),
+        # Parts of a unit quaternion, rounded.
+        "quat": Reach(-1.1, 1.1, "1"),
+    }
+)
+"""Channel → what it can be; beyond that is another unit or a fault. Their squares' squares are numbers still."""
+SOONEST = 1e-9
+"""Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
+LONGEST = 1e6
+"""A log of more than this, s, eleven days, is several, or not in seconds."""
+
+
+def implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None:
+    """Return row, column, what and mend of the first value that a channel has on no machine; None where there is none.
+
+    Args:
+        channel: One of `REACH`.
+        values: Its values, (N,) or (N, k); nan is none that a machine has.
+    """
+    lower, upper, unit = REACH[channel]
+    if not values.size or (values.min() >= lower and values.max() <= upper):
+        return None
+    rows = values.reshape(len(values), -1)
+    row, column = divmod(int(np.argmin((rows >= lower) & (rows <= upper))), rows.shape[1])
+    of = "" if unit == "1" else f" {unit}"
+    what = f"is {float(rows[row, column])!r}{of}, and on any machine within {lower:g} to {upper:g}"
+    return (
+        row,
+        column,
+        what,
+        "repair the value, or map the column with the factor of its unit: --map TARGET=COLUMN*FACTOR",
+    )
+
+
+def untimely(t: Array) -> tuple[int, str, str] | None:
+    """Return row, what and mend of the first sample that cannot follow the one before, by their times, s, (N,)."""
+    steps = np.diff(t)
+    if not steps.size:
+        return None
+    if (steps < SOONEST).any():
+        row = int(np.argmax(steps < SOONEST)) + 1
+        before, now = float(t[row - 1]), float(t[row])
+        if now < before:
+            return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
+        what = f"time {now!r} s {'repeats' if now == before else 'is less than a nanosecond after'} the row before"
+        return row, what, "delete one of the two rows, or write more digits"
+    if t[-1] - t[0] > LONGEST:
+        row = int(np.argmax(steps)) + 1
+        what = f"time steps from {t[row - 1]:.6g} to {t[row]:.6g} s in a log of {t[-1] - t[0]:.3g} s"
+        return row, what, "split the file there, or map t if it is not in s: --map t=COLUMN*FACTOR"
+    return None
 
 
 def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
@@ -30,6 +109,18 @@ def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
         )
     copy.flags.writeable = False
     return copy
+
+
+def channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
+    """Return `frozen`; `LogError` at the first value that this kind of channel has on no machine.
+
+    What nobody can write to was looked at when it was made: parts of a log are made by the thousand.
+    """
+    kept = frozen(array, shape, name)
+    if kept is not array and (wrong := implausible(kind, kept)) is not None:
+        row, column, what, mend = wrong
+        raise LogError(f"{name}, sample {row}, column {column}", what, mend)
+    return kept
 
 
 def immutable(array: object) -> bool:
@@ -92,7 +183,7 @@ class Imu:
         """Freeze the arrays and check their shapes."""
         for name, width in (("gyro", 3), ("accel", 3), ("quat", 4)):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, frozen(value, (None, width), name))
+                object.__setattr__(self, name, channel(value, (None, width), name, name))
 
     @property
     def channels(self) -> dict[str, Array]:
@@ -135,19 +226,15 @@ class Log:
     events: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the arrays, check their shapes and that time increases."""
+        """Freeze the arrays, check their shapes, their values, and that time increases."""
         shape = (len(np.atleast_1d(self.t)), len(self.joints))
-        object.__setattr__(self, "t", frozen(self.t, shape[:1], f"{self.name}: t"))
-        object.__setattr__(self, "q", frozen(self.q, shape, f"{self.name}: q"))
-        for name in ("v", "tau", "q_ref", "temperature"):
+        for name in ("t", "q", "v", "tau", "q_ref", "temperature"):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, frozen(value, shape, f"{self.name}: {name}"))
+                kept = channel(value, shape[:1] if name == "t" else shape, name, f"{self.name}: {name}")
+                object.__setattr__(self, name, kept)
         object.__setattr__(self, "imus", MappingProxyType(dict(self.imus)))
-        if len(self.t) > 1 and not np.all(np.diff(self.t) > 0):
-            row = int(np.argmin(np.diff(self.t) > 0)) + 1
-            raise LogError(
-                self.name, f"time does not increase at sample {row}", "sort the rows or split the file there"
-            )
+        if (late := untimely(self.t)) is not None:
+            raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
 
     def __len__(self) -> int:
         """Number of samples."""

@@ -20,7 +20,7 @@ from gimbal_pin import io, reading
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.io import base, csv, files, units
 from gimbal_pin.io.mapping import Source, parse_entry, parse_expression, read_mapping
-from gimbal_pin.log import Imu, Log, Motion
+from gimbal_pin.log import REACH, Imu, Log, Motion, untimely
 from gimbal_pin.rig import Rig
 from tests.rigs import spelled
 
@@ -79,7 +79,9 @@ def held(values: np.ndarray | None) -> np.ndarray:
     return values
 
 
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+TIMES = (
+    st.lists(st.floats(-5e5, 5e5), min_size=1, max_size=5).map(sorted).filter(lambda t: untimely(np.array(t)) is None)
+)
 
 
 def maybe(strategy: st.SearchStrategy) -> st.SearchStrategy:
@@ -87,24 +89,26 @@ def maybe(strategy: st.SearchStrategy) -> st.SearchStrategy:
     return st.none() | strategy
 
 
+def block(channel: str, rows: int, width: int) -> st.SearchStrategy:
+    """Return a strategy for any values that a channel can have."""
+    lower, upper, _ = REACH[channel]
+    return hnp.arrays(np.float64, (rows, width), elements=st.floats(lower, upper))
+
+
 @st.composite
 def logs(draw: st.DrawFn) -> Log:
-    """Draw a log of the rig with any subset of channels and any finite numbers."""
-    times = draw(st.lists(numbers, min_size=1, max_size=5, unique=True).map(sorted))
-    t = np.array(times)
-    rows = len(t)
-
-    def block(width: int) -> st.SearchStrategy:
-        return hnp.arrays(np.float64, (rows, width), elements=numbers)
+    """Draw a log of the rig with any subset of channels and any numbers that a machine may have."""
+    t = np.array(draw(TIMES))
 
     imus = {}
     for link in draw(st.sets(st.sampled_from(["base", "arm", "head"]))):
-        imu = Imu(draw(maybe(block(3))), draw(maybe(block(3))), draw(maybe(block(4))))
+        imu = Imu(
+            *(draw(maybe(block(name, len(t), width))) for name, width in (("gyro", 3), ("accel", 3), ("quat", 4)))
+        )
         if any(part is not None for part in (imu.gyro, imu.accel, imu.quat)):
             imus[link] = imu
-    joint = [draw(maybe(block(2))) for _ in range(4)]
-    v, tau, q_ref, temperature = joint
-    return Log("drawn", ("yaw", "tilt"), t, draw(block(2)), v, tau, q_ref, temperature, imus)
+    joint = [draw(maybe(block(name, len(t), 2))) for name in ("v", "tau", "q_ref", "temperature")]
+    return Log("drawn", ("yaw", "tilt"), t, draw(block("q", len(t), 2)), *joint, imus)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt", PARQUET])
@@ -121,7 +125,7 @@ def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path)
 @settings(max_examples=30)
 @given(log=logs(), data=st.data())
 def test_motion_reads_back_exactly(suffix: str, log: Log, data: st.DataObject, rig: Rig, tmp_path: Path) -> None:
-    v, a = (data.draw(hnp.arrays(np.float64, log.q.shape, elements=numbers)) for _ in range(2))
+    v, a = (data.draw(block(name, *log.q.shape)) for name in ("v", "a"))
     motion = Motion(log.t, log.q, v, a)
     io.write_motion(motion, rig.joints, tmp_path / f"m{suffix}")
     back = io.read_motion(tmp_path / f"m{suffix}", rig)

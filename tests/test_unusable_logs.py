@@ -12,6 +12,8 @@ from typing import cast
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.diagnosis.swung import swing, swung
@@ -23,7 +25,7 @@ from gimbal_pin.errors import LogError
 from gimbal_pin.estimators import weighted
 from gimbal_pin.identification import identify
 from gimbal_pin.io import write_log
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log import REACH, Array, Imu, Log
 from gimbal_pin.model import friction_effects, nominal
 from gimbal_pin.online import Online
 from gimbal_pin.reduction import reduce
@@ -156,6 +158,86 @@ def test_no_sign_is_turned_that_the_given_rig_agrees_with() -> None:
     assert [trial.words for trial in tried(turned) if "sign" in trial.words] == [
         "tau_roll has the wrong sign (or the angle has)"
     ]
+
+
+MEASURED = ("q", "v", "tau")
+ROW = 1000
+
+
+def spoilt(log: Log, channel: str, value: float, rows: slice) -> str:
+    """A log's CSV with another value in some rows of the second joint's channel: such a log cannot be made."""
+    columns = ["t", *(f"{prefix}_{joint}" for prefix in ("q", "dq", "tau") for joint in log.joints)]
+    table = np.column_stack([log.t, *(getattr(log, name) for name in MEASURED)])
+    table[rows, 2 + 2 * MEASURED.index(channel)] = value
+    return "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in table.tolist()), ""])
+
+
+@settings(max_examples=10)
+@given(
+    channel=st.sampled_from(MEASURED),
+    exponent=st.floats(-323, 308),
+    sign=st.sampled_from([-1, 1]),
+    rows=st.sampled_from([slice(ROW, ROW + 1), slice(0, 1), slice(0, None)]),
+)
+def test_a_value_of_any_size_is_answered_or_refused_in_one_line(
+    run: Run, tmp_path: Path, channel: str, exponent: float, sign: int, rows: slice
+) -> None:
+    """Beyond what any machine has it is named by its line and column; what is not must be borne by the numbers."""
+    file, value = tmp_path / "x.csv", sign * 10.0**exponent
+    file.write_text(spoilt(recorded(Rig.load("turret"), 1, 8.0), channel, value, rows))
+    code, _, err = run("identify", "turret", file)
+    told = [line for line in err.splitlines() if "note:" not in line]
+    assert code in (0, 2, 3) and len(told) == (code != 0) and all(len(line) <= 300 for line in told)
+    if not REACH[channel].lower <= value <= REACH[channel].upper:
+        prefix = {"q": "q", "v": "dq", "tau": "tau"}[channel]
+        assert code == 2 and f"x.csv:{rows.start + 2} column '{prefix}_tilt': is {value!r}" in told[0]
+
+
+WIDTHS = {"gyro": 3, "accel": 3, "quat": 4, **dict.fromkeys(("q", "v", "tau", "q_ref", "temperature"), 2)}
+
+
+@pytest.mark.parametrize("channel", WIDTHS)
+@settings(max_examples=10)
+@given(times=st.floats(1.0, 1e100, exclude_min=True), row=st.integers(0, 4), column=st.integers(0, 1))
+def test_a_log_that_is_made_holds_nothing_that_no_machine_has(
+    channel: str, times: float, row: int, column: int
+) -> None:
+    """The greatest value of all is held; one beyond it, and nan, are refused, whatever they were read from."""
+    reach = REACH[channel]
+
+    def made(value: float) -> Log | Imu:
+        values = np.zeros((5, WIDTHS[channel]))
+        values[row, column] = value
+        if channel in ("gyro", "accel", "quat"):
+            return Imu(**{channel: values})
+        return Log("made", ("pan", "tilt"), np.arange(5.0), **{"q": np.zeros((5, 2)), channel: values})
+
+    assert made(reach.upper) and made(reach.lower)
+    for value in (times * reach.upper, times * reach.lower, np.inf, np.nan):
+        with pytest.raises(LogError, match=f"sample {row}, column {column}: .*on any machine"):
+            made(value)
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "tune"])
+@pytest.mark.parametrize(
+    ("seconds", "share", "words"),
+    [(8.0, 0.0, "torques are zero"), (8.0, 1e-300, "torques are zero"), (DT, 1.0, "record")],
+)
+def test_no_torque_and_one_row_are_told_once(
+    run: Run, verb: str, seconds: float, share: float, words: str, tmp_path: Path
+) -> None:
+    log = recorded(Rig.load("turret"), 1, seconds)
+    write_log(replace(log, tau=share * np.asarray(log.tau)), tmp_path / "x.csv")
+    refused(run(verb, "turret", tmp_path / "x.csv"), 3, "x.csv", words)
+
+
+def test_what_was_learned_before_a_value_that_no_machine_has_is_kept(run: Run, tmp_path: Path) -> None:
+    log = recorded(Rig.load("turret"), 1)
+    (tmp_path / "x.csv").write_text(spoilt(log, "tau", 1e300, slice(len(log) - ROW, None)))
+    model = tmp_path / "model.yaml"
+    code, _, err = run("identify", "turret", tmp_path / "x.csv", "--follow", "--idle", "0", "-o", model)
+    assert code == 0 and not err and model.is_file()
+    refused(run("identify", "turret", tmp_path / "x.csv"), 2, f"x.csv:{len(log) - ROW + 2} column 'tau_tilt'")
 
 
 def test_diagnosis_names_a_column_before_any_cause(run: Run, tmp_path: Path) -> None:

@@ -13,14 +13,32 @@ from gimbal_pin.rows import Block, Filtering, Rows, settling
 
 SLOW = 0.2
 """Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
+FAINT = 1e-12
+"""A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
 DROWNED = 0.1
 """Share of a joint's samples under which it is told that the others were masked out."""
 
 
 def within(log: Log, filters: Filtering) -> None:
-    """Raise `UsageError` if the cutoff leaves nothing to remove, `LogError` if samples lie too far apart."""
+    """Raise what tells that no filter of these can be run over a log.
+
+    Raises:
+        DataError: It has no torque.
+        LogError: They lie too far apart.
+        UsageError: The cutoff leaves nothing to remove.
+    """
+    if log.tau is not None:
+        check_driven(log.name, float(np.abs(log.tau).max()))
     if len(log) > 1:
         check_sampling(log.name, log.dt, filters.cutoff)
+
+
+def check_driven(name: str, torque: float) -> None:
+    """Raise `DataError` if the largest torque of all, N m, is none."""
+    if torque < FAINT:
+        raise DataError(
+            name, "its torques are zero at every joint", "log what the drives report or were commanded, in N m"
+        )
 
 
 def check_sampling(name: str, dt: float, cutoff: float) -> None:
@@ -37,7 +55,7 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
     """Raise `DataError` if there are fewer rows than three per parameter."""
     have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
     if have < want:
-        seconds = max((log.t[-1] - log.t[0] for log in rows.logs), default=0.0)
+        seconds = max((float(np.ptp(log.t)) for log in rows.logs if len(log)), default=0.0)
         name = rows.logs[0].name if rows.logs else "no log"
         what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
         need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * settling(rows.filtering)
@@ -67,4 +85,4 @@ def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) ->
     reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
-    return tuple(name for name, hidden in zip(names, blind) if hidden)
+    return tuple(name for name, hidden in zip(names, blind) if hidden or torque.max() < FAINT)

@@ -11,7 +11,7 @@ import numpy as np
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.io.mapping import Source
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log import REACH, Array, Log, implausible, untimely
 
 JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
 """Attribute of `Log` → prefix of its columns, in the CONTRACT's order."""
@@ -101,7 +101,7 @@ def read_groups(table: Table, groups: Mapping[str, Group], sources: Mapping[str,
     """Return key → (N, k) array of each group that the table holds, scaled to SI; ``t`` among them increases.
 
     Raises:
-        LogError: A column is missing or there twice, a value is no number, or time does not increase.
+        LogError: A column is missing or there twice, a value is no number or no machine's, or time does not increase.
     """
     known = {**{column: Source(column) for column in table.columns}, **sources}
     present = {c: known[c] for group in groups.values() for c in group.columns if c in known}
@@ -111,9 +111,20 @@ def read_groups(table: Table, groups: Mapping[str, Group], sources: Mapping[str,
     for key, group in groups.items():
         if group.columns[0] in present:
             named = [present[column] for column in group.columns]
-            arrays[key] = np.column_stack([raw[source.column] * source.factor for source in named])
-    check_time(arrays["t"][:, 0], table, present["t"].column)
+            with np.errstate(over="ignore"):  # what overflows is told beneath
+                arrays[key] = np.column_stack([raw[source.column] * source.factor for source in named])
+            check_values(key, arrays[key], table, named)
+    if (late := untimely(arrays["t"][:, 0])) is not None:
+        raise LogError(table.place(late[0], present["t"].column), *late[1:])
     return arrays
+
+
+def check_values(key: str, values: Array, table: Table, sources: Sequence[Source]) -> None:
+    """Raise `LogError` at the first value, (N, k), that this channel has on no machine."""
+    channel = key if key in REACH else key.split("_")[0]
+    if (wrong := implausible(channel, values)) is not None:
+        row, column, what, mend = wrong
+        raise LogError(table.place(row, sources[column].column), what, mend)
 
 
 def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
@@ -140,18 +151,6 @@ def check_source(table: Table, source: Source) -> None:
         raise LogError(table.name, what, "map from a column that is there")
     if count > 1:
         raise LogError(table.name, f"has {count} columns '{source.column}'", "rename all but one in the header")
-
-
-def check_time(t: Array, table: Table, column: str) -> None:
-    """Raise `LogError` at the first sample whose time is not later than the one before."""
-    late = np.diff(t) <= 0
-    if late.any():
-        row = int(np.argmax(late)) + 1
-        before, now = float(t[row - 1]), float(t[row])
-        parts = (f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there")
-        if now == before:
-            parts = (f"time {now!r} s repeats the row before", "delete one of the two rows, or write more digits")
-        raise LogError(table.place(row, column), *parts)
 
 
 def listed(names: Sequence[str]) -> str:

@@ -122,8 +122,8 @@ class Known:
     @cached_property
     def spread(self) -> Array:
         """The covariance, positive definite: that of coloured residuals need not be one to rounding and beyond."""
-        unit = np.sqrt(np.diag(self.estimate.covariance))
-        values, vectors = np.linalg.eigh(self.estimate.covariance / np.outer(unit, unit))
+        unit = np.sqrt(np.maximum(np.diag(self.estimate.covariance), np.finfo(float).tiny))
+        values, vectors = np.linalg.eigh(self.estimate.covariance / unit / unit[:, None])
         return np.asarray((vectors * np.maximum(values, LEAST)) @ vectors.T * np.outer(unit, unit))
 
 

@@ -15,9 +15,11 @@ from gimbal_pin.diagnosis.audit import (
     stuck_channel,
 )
 from gimbal_pin.diagnosis.audit.base import Check, Fault
+from gimbal_pin.errors import DataError
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
+from gimbal_pin.rows.grid import SHORTEST
 
 IN_ORDER = (clock, stuck_channel, outliers, filtered_velocity, commanded_torque, acceleration_noise)
 """A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes."""
@@ -65,7 +67,13 @@ def audit(rig: Rig, log: Log, *, filtering: Filtering | None = None) -> Audit:
         rig: The rig.
         log: One trajectory with torque.
         filtering: The filter of the fit that faults are judged by; None: the default.
+
+    Raises:
+        DataError: It has too few samples for any check.
     """
+    if len(log) < SHORTEST:
+        what = f"has {len(log)} sample{'s' * (len(log) > 1)}, which show no motion"
+        raise DataError(log.name, what, "record at least 10 s of motion")
     faults = []
     for check in CHECKS.values():
         examined = check(rig, log, filtering or Filtering())
