@@ -50,7 +50,7 @@ def regressor(
     compute, few = pin.computeJointTorqueRegressor, np.empty((TOGETHER, rig.n, 10 * rig.n))
     for begin in range(0, len(q), TOGETHER):
         for row, angles, rates, accelerations in zip(few, *(x[begin : begin + TOGETHER] for x in states)):
-            row[...] = compute(model, data, angles, rates, accelerations)[base:, first:]
+            row[...] = np.reshape(compute(model, data, angles, rates, accelerations), (model.nv, -1))[base:, first:]
         part = out[begin : begin + TOGETHER]
         part[...] = few[: len(part)][:, :, chosen]
     return out
