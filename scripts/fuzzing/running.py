@@ -23,6 +23,8 @@ from fuzzing.case import Case
 
 MEMORY = 4 << 30
 """Address space a call may take beyond what is loaded, B: half of what CI's machine has."""
+DIES_WITH_PARENT = 1
+"""`PR_SET_PDEATHSIG` of Linux's prctl: a signal when the parent ends, however that was."""
 FILE = 256 << 20
 """Largest file, B: forty times the largest page that a valid input leads to."""
 
@@ -171,7 +173,8 @@ def fed(sink: int, content: bytes) -> None:
 
 
 def bounded() -> None:
-    """Bound memory and files of this process, so that a case that asks for all of them harms nobody."""
+    """Bound memory and files of this process, so that a case that asks for all of them harms nobody, and its life."""
+    ctypes.CDLL(None).prctl(DIES_WITH_PARENT, signal.SIGKILL)
     with open("/proc/self/statm", encoding="ascii") as file:
         loaded = int(file.read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (loaded + MEMORY, loaded + MEMORY))
