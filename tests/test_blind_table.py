@@ -168,7 +168,8 @@ def test_drives_logs_have_rows_of_their_own() -> None:
         joint: state | {"dispersion": 1.4, "discrepancy": 0.2} for joint, state in said["residual"].items()
     }
     rows = score([
-        (clean, said), (clean, diagnosis("nothing")), (clean, diagnosis("refused")), (clean, diagnosis("named", finding("delay"))),
+        (clean, said), (clean, diagnosis("nothing")), (clean, diagnosis("refused")),
+        (clean, diagnosis("named", finding("delay"))),
         (single, diagnosis("ambiguous", class_of_two)), (single, diagnosis("nothing")),
         (truth("drive-single", cause("cogging", snr=2.0)), diagnosis("nothing")),
     ])  # fmt: skip
