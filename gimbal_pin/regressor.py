@@ -15,7 +15,7 @@ SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
 DIAGONAL = ("Ixx", "Iyy", "Izz", "mx", "my", "mz")
 """The parameters of a body whose inertia is assumed diagonal, as in the thesis; concentric axes never show its mass."""
 
-TOGETHER = 64
+TOGETHER = 128
 """Samples whose columns are picked at once: few enough to stay in the cache, where they were just written."""
 
 
@@ -44,15 +44,20 @@ def regressor(
         Torque per unit of each entry of `Rig.phi`, (N, n, 10 n), or of those in `places`, (N, n, p).
     """
     model, states = posed(rig, q, v, a, platform)
-    data, base, first = model.createData(), model.nv - rig.n, 10 if model.nv > rig.n else 0
+    data, base = model.createData(), model.nv - rig.n
     chosen = np.arange(10 * rig.n) if places is None else places
     out = np.empty((len(q), rig.n, len(chosen)))
     compute, few = pin.computeJointTorqueRegressor, np.empty((TOGETHER, rig.n, 10 * rig.n))
     for begin in range(0, len(q), TOGETHER):
-        for row, angles, rates, accelerations in zip(few, *(x[begin : begin + TOGETHER] for x in states)):
-            row[...] = np.reshape(compute(model, data, angles, rates, accelerations), (model.nv, -1))[base:, first:]
+        samples = zip(few, *(x[begin : begin + TOGETHER] for x in states))
+        if base:
+            for row, angles, rates, accelerations in samples:
+                row[...] = compute(model, data, angles, rates, accelerations)[base:, 10:]
+        else:
+            for row, angles, rates, accelerations in samples:
+                row[...] = compute(model, data, angles, rates, accelerations)
         part = out[begin : begin + TOGETHER]
-        part[...] = few[: len(part)][:, :, chosen]
+        part[...] = few[: len(part)].take(chosen, axis=2)
     return out
 
 

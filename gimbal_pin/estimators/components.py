@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.special import stdtrit
+from tqdm import tqdm
 
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
@@ -218,7 +219,7 @@ def powers(parts: Sequence[Piece], n: int) -> Array:
 def climbed(parts: Sequence[Piece], now: Array, settled: float) -> Array:
     """Return the most likely powers that are reached from some, (n, q); a pass that gains less than `settled` ends."""
     here = told(parts, now)
-    for _ in range(PASSES):
+    for _ in tqdm(range(PASSES), "noise of short logs", unit="pass", disable=None, leave=False, delay=2):
         step, total = scoring(here, now), np.maximum(now.sum(axis=1, keepdims=True), 1e-300)
         for _ in range(HALVINGS):
             after = np.maximum(now + step, LEAST * total)

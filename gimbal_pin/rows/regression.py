@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import overload
 
+from tqdm import tqdm
+
 from gimbal_pin.errors import UsageError
 from gimbal_pin.rows.blocks import Block, Rows
 
@@ -47,4 +49,4 @@ def standing_for(blocks: Sequence[Block]) -> Rows:
 
 def kept(rows: Rows) -> Regression:
     """Compute every block once and keep them: after decimation even a million samples are some 20 MB."""
-    return Regression(rows, tuple(rows))
+    return Regression(rows, tuple(tqdm(rows, "rows", unit="block", disable=None, leave=False, delay=2)))
