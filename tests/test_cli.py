@@ -267,7 +267,7 @@ def test_data_that_cannot_answer(run: Run, log_file: Path, tmp_path: Path) -> No
     write_log(log.part(slice(0, 10)), tmp_path / "short.csv")
     refused(run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"), 3, "head_mount.Iyy", "more;")
     still = prescribed(nominal(rig), seconds=15.0)
-    frozen = type(still)("still", still.joints, still.t, np.zeros_like(still.q), None, np.zeros_like(still.q))
+    frozen = type(still)("still", still.joints, still.t, np.zeros_like(still.q), None, np.ones_like(still.q))
     write_log(frozen, tmp_path / "still.csv")
     refused(run("identify", "turret", tmp_path / "still.csv"), 3, "head_mount.Iyy", " more; ")
     assert not (tmp_path / "m.yaml").exists()

@@ -73,8 +73,8 @@ def untraced(blocks: Sequence[Block]) -> tuple[str, str]:
     kept = min(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0).tolist())
     if kept >= DROWNED:
         return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
-    what = f"all but {100 * kept:.2g} % of a joint's samples are near standstill, or no faster than their rate's noise"
-    mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_) from a gyro"
+    what = f"no faster than their rate's noise, or still, are all but {100 * kept:.2g} % of a joint's samples"
+    mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_)"
     return f"{what}; the rest leaves no trace of", mend
 
 

@@ -19,7 +19,6 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
-from gimbal_pin.rows.grid import SHORTEST
 
 IN_ORDER = (clock, stuck_channel, outliers, filtered_velocity, commanded_torque, acceleration_noise)
 """A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes."""
@@ -69,11 +68,10 @@ def audit(rig: Rig, log: Log, *, filtering: Filtering | None = None) -> Audit:
         filtering: The filter of the fit that faults are judged by; None: the default.
 
     Raises:
-        DataError: It has too few samples for any check.
+        DataError: It has one sample.
     """
-    if len(log) < SHORTEST:
-        what = f"has {len(log)} sample{'s' * (len(log) > 1)}, which show no motion"
-        raise DataError(log.name, what, "record at least 10 s of motion")
+    if len(log) < 2:
+        raise DataError(log.name, "has one sample, which shows no motion", "record at least 10 s of motion")
     faults = []
     for check in CHECKS.values():
         examined = check(rig, log, filtering or Filtering())
