@@ -90,6 +90,13 @@ def test_devices_and_what_is_forced_are_no_clash(run: Run, folder: Path, options
     assert "would write over" not in said[2]
 
 
+@pytest.mark.parametrize(
+    "call", ["check {}", "check turret --json {}", "identify turret {}", "identify turret x -o {}"]
+)
+def test_a_path_that_the_system_refuses_is_told(run: Run, call: str) -> None:
+    refused(run(*call.format("a" * 5000 + ".csv").split()), 2, "aaa")
+
+
 def every_option(of: Any) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
     """Name, type and annotations of every option of a verb, nested ones too."""
     defaults = {name: given.default for name, given in signature(of).parameters.items()}

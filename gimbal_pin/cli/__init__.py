@@ -49,6 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(130) from None
     except BrokenPipeError:
         raise SystemExit(0) from None
+    except OSError as error:  # a path that the system refuses to look up: its name is too long, or links in a circle
+        if error.filename is None:
+            raise
+        complain(f"{error.filename}: cannot be used ({error.strerror}); give another path")
+        raise SystemExit(2) from None
 
 
 @contextlib.contextmanager

@@ -84,7 +84,7 @@ class Holding:
     ] = 5
     seconds: Annotated[float, between("--seconds", 0.1, 3600, "s"), arg(help="length of each of these runs")] = 30.0
     yes: Yes = False
-    jobs: Annotated[int, between("--jobs", 1, 256, kind=int), arg(help="processes that share these runs")] = 1
+    jobs: Annotated[int, between("--jobs", 1, 64, kind=int), arg(help="processes that share these runs")] = 1
 
     @property
     def moving(self) -> bool:

@@ -135,7 +135,7 @@ def identity(path: str | Path) -> object:
     """Return what two names of one file share: its inode, or where it will be; None for a device, pipe or folder."""
     try:
         found = os.stat(path)
-    except OSError:
+    except (FileNotFoundError, NotADirectoryError):
         return os.path.realpath(path)
     return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
 
