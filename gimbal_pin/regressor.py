@@ -45,7 +45,7 @@ def regressor(
     """
     model, states = posed(rig, q, v, a, platform)
     data, base = model.createData(), model.nv - rig.n
-    chosen = np.arange(10 * rig.n) if places is None else places
+    chosen = np.arange(10 * rig.n) if places is None else places.astype(np.intp)
     out = np.empty((len(q), rig.n, len(chosen)))
     compute, few = pin.computeJointTorqueRegressor, np.empty((TOGETHER, rig.n, 10 * rig.n))
     for begin in range(0, len(q), TOGETHER):

@@ -180,9 +180,7 @@ HOSTILE = {
         for name in ("a,b", "a;b", "a&quot;b", "a&#9;b", "a&#10;b", "a&#x9b;b", " a", "a ", "&#xa0;", 101 * "a")
     },
     "a link that no column can name": in_one("<robot", '<robot id="1"').replace('"l1"', '"l,1"'),
-    "an angle that is a reference": chain(2, "revolute")
-    .replace('"j1"', '"a"')
-    .replace('"j2"', '"ref_a"'),
+    "an angle that is a reference": chain(2, "revolute").replace('"j1"', '"a"').replace('"j2"', '"ref_a"'),
 }
 
 

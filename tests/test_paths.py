@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Iterator
 from inspect import get_annotations, signature
 from pathlib import Path
@@ -157,7 +158,8 @@ def test_a_run_that_fails_leaves_the_older_one_whole(tmp_path: Path) -> None:
 def test_a_folder_that_says_whose_it_is_is_never_a_mixture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed_at: int
 ) -> None:
-    """Cut off before the n-th file of three and run.json takes its place."""
+    """Cut off before the n-th file of three and run.json takes its place, in a folder that has others' files, too."""
+    (tmp_path / "foreign").write_text("mine")
     written(tmp_path, a="1", b="1", c="1")
     calls, put = [0], files.put
 
@@ -185,3 +187,17 @@ def test_what_a_killed_run_left_goes_and_what_another_writes_stays(tmp_path: Pat
         files.atomic_write(tmp_path / "b", "other")
         first.write_text("whole")
     assert content(tmp_path) == {tmp_path / "a": b"whole", tmp_path / "b": b"other"}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux lets two folders change places")
+def test_a_folder_of_an_earlier_run_is_replaced_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No file takes another's place, so that a kill finds the one folder or the other; nothing is left beside it."""
+    folder = tmp_path / "out"
+    written(folder, a="1", b="1")
+    folder.chmod(0o750)
+    put, touched = files.put, list[Path]()
+    monkeypatch.setattr(files, "put", lambda one, other, special=False: (touched.append(other), put(one, other))[1])
+    written(folder, a="2", c="2")
+    assert not [path for path in touched if path.parent == folder]
+    assert one_run(folder) and {path.name for path in folder.iterdir()} == {"a", "c", files.RUN}
+    assert list(tmp_path.iterdir()) == [folder] and folder.stat().st_mode & 0o777 == 0o750

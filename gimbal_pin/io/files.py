@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import hashlib
 import json
@@ -52,14 +53,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
 def staging(folder: Path, path: str | Path) -> Iterator[Path]:
     """Yield a new hidden folder in `folder` to write files into, gone after the block: those of killed runs go first.
 
-    A run holds a lock on its own, which the system releases with the process: what can be locked is nobody's any more.
     `path`: what an error names.
     """
     with told(path):
-        for left in folder.glob(f"{STAGED}*"):
-            if not left.is_symlink() and (lock := locked(left)) is not None:
-                shutil.rmtree(left, ignore_errors=True)
-                os.close(lock)
+        clear(folder)
         made = Path(tempfile.mkdtemp(prefix=STAGED, dir=folder))
     lock = locked(made)
     try:
@@ -67,6 +64,17 @@ def staging(folder: Path, path: str | Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(made, ignore_errors=True)
         if lock is not None:
+            os.close(lock)
+
+
+def clear(folder: Path) -> None:
+    """Remove what killed runs have left in a folder.
+
+    A run holds a lock on its own, which the system releases with the process: what can be locked is nobody's any more.
+    """
+    for left in folder.glob(f"{STAGED}*"):
+        if not left.is_symlink() and (lock := locked(left)) is not None:
+            shutil.rmtree(left, ignore_errors=True)
             os.close(lock)
 
 
@@ -88,9 +96,11 @@ def write_run(
 ) -> tuple[str, ...]:
     """Write the files of one run into a folder, all of them or none, and beside them `RUN`, which lists them.
 
-    Each is written whole before the first takes its place. `RUN` goes before that and comes back last: a folder whose
-    `RUN` agrees with its files holds one run's. Files that an earlier `RUN` lists and this run has not are removed,
-    unless they have changed since; files of others are left alone.
+    Each is written whole before the first takes its place. A folder that holds an earlier run's files alone changes
+    places with the new one at once: whenever a run is killed, the folder is the old or the new one. Where it holds
+    others' files, too, which are left alone, or cannot be replaced, `RUN` goes first, then each file takes its place
+    and `RUN` comes back last: a folder whose `RUN` agrees with its files holds one run's. Files that an earlier `RUN`
+    lists and this run has not are removed, unless they have changed since.
 
     Args:
         path: The folder; made if it is not there.
@@ -103,17 +113,22 @@ def write_run(
     Raises:
         UsageError: The folder or one of the files in it cannot be written.
     """
-    folder = output_folder(path)
+    folder = output_folder(path).resolve()
     for name in (*writers, RUN):
         with told(folder / name):
             check_target(folder / name, str(folder / name))
-    with staging(folder, path) as staged:
+    with told(path):
+        clear(folder)
+        fixed = os.path.ismount(folder) or folder.samefile(os.curdir) or not os.access(folder.parent, os.W_OK)
+    with staging(folder if fixed else folder.parent, path) as staged:
         for name, write in writers.items():
             write(staged / name)
         files = {name: digest(staged / name) for name in writers}
         about = {"schema": 1, **run, "version": __version__, "time": datetime.now(timezone.utc).isoformat()}
         write_json({**about, "files": files}, staged / RUN)
         with told(path):
+            if not fixed and holds_a_run(folder) and exchanged(staged, folder):
+                return ()
             older = {name: found for name, found in listed(folder).items() if name not in writers}
             changed = [name for name, found in older.items() if digest(folder / name) not in (found, "")]
             for name in (RUN, *(older.keys() - set(changed))):
@@ -122,6 +137,25 @@ def write_run(
                 put(staged / name, folder / name)
             put(staged / RUN, folder / RUN)
     return tuple(f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed)
+
+
+def holds_a_run(folder: Path) -> bool:
+    """Tell whether a folder holds nothing, or nothing but files that its `RUN` lists as they are."""
+    files = listed(folder)
+    return all(name == RUN or digest(folder / name) == files.get(name) for name in os.listdir(folder))
+
+
+def exchanged(one: Path, other: Path) -> bool:
+    """Let two folders change places at once, each with the other's rights; False where the system cannot (Linux can).
+
+    ``renameat2(2)`` with ``RENAME_EXCHANGE``, which Python does not offer.
+    """
+    rename = getattr(ctypes.CDLL(None), "renameat2", None)
+    if rename is None:
+        return False
+    shutil.copymode(other, one)
+    here, at_once = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
+    return bool(rename(here, os.fsencode(one), here, os.fsencode(other), at_once) == 0)
 
 
 def listed(folder: Path) -> Mapping[str, str]:
