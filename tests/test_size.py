@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.estimators import weighted
@@ -44,6 +44,7 @@ def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float
 
 
 @given(st.integers(0, 1000))
+@example(1)
 def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
     log = counted(samples, 0.01)
     assert chosen(log).log is log and not chosen(log).note

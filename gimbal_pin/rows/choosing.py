@@ -30,7 +30,7 @@ def chosen(log: Log, used: float = USED, count: int = COUNT) -> Chosen:
     They are one log with pauses, so that filters end there and no time is lost. A log of less than `LONG` times that
     is returned as it is.
     """
-    rows = round(used / count / min(log.dt, 1.0 / FINE)) if len(log) > 1 else 0
+    rows = round(used / count / min(log.dt if len(log) > 1 else np.inf, 1.0 / FINE))
     if len(log) <= LONG * count * rows:
         return Chosen(log)
     starts = np.linspace(0, len(log) - rows, count).round().astype(int)
