@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
@@ -16,6 +17,8 @@ from gimbal_pin.effects.plain import cause_from, term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log import Array
 from gimbal_pin.platform import Platform
+from gimbal_pin.records import placed, record
+from gimbal_pin.reduction import samples
 from gimbal_pin.regressor import rnea, weight
 from gimbal_pin.rig import Rig
 
@@ -23,6 +26,10 @@ ITERATIONS = 50
 """Most passes for terms that depend on the total torque; three do where they are linear in it."""
 SETTLED = 1e-10
 """Change of the torque at which they stop, N m."""
+
+
+POSES = 64
+"""At which the inertia of a model from a file is looked at, spread evenly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,26 +226,56 @@ def plain_model(model: Model) -> dict[str, Any]:
     }
 
 
-def model_from(data: Mapping[str, Any], rig: Rig) -> Model:
-    """Return the model that `plain_model` wrote, on a rig as its URDF states it.
+@dataclass(frozen=True)
+class Filed:
+    """What `plain_model` writes of a model: inertial parameters, and its terms, drive and changes as plain data."""
+
+    phi: tuple[float, ...]
+    terms: tuple[Any, ...]
+    drive: tuple[Any, ...] = ()
+    changes: tuple[Any, ...] = ()
+
+
+def model_from(data: Any, rig: Rig, place: str = "model") -> Model:
+    """Return the model that `plain_model` wrote, on a rig as its URDF states it; `place` is the file.
 
     Raises:
-        ModelError: A cause that is unknown, or of the wrong kind for its place.
-        KeyError, TypeError, ValueError: Something else is missing or holds the wrong kind of value.
+        ModelError: Something is missing, is of the wrong kind, or no rig can have it.
     """
-    rig = rig.with_phi(np.array(data["phi"], dtype=float))
-    causes = [cause_from(entry) for key in ("drive", "changes") for entry in data.get(key, ())]
-    drive = tuple(cause for cause in causes if isinstance(cause, Signal))
-    changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
-    if len(drive) + len(changes) < len(causes):
-        mend = "write it with 'gimbal-pin diagnose'"
-        raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
-    for change in changes:
-        phi, rig = rig.phi, change.apply(rig)
-        rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
-    for signal in drive:
-        rig.joint_index(signal.joint)
-    return Model(rig, tuple(term_from(entry) for entry in data["terms"]), drive=drive, changes=changes)
+    filed = record(Filed, data, place, ModelError, others=True)
+    with placed(place, ModelError):
+        causes = [cause_from(entry) for entry in (*filed.drive, *filed.changes)]
+        terms = tuple(map(term_from, filed.terms))
+        drive = tuple(cause for cause in causes if isinstance(cause, Signal))
+        changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
+        if len(drive) + len(changes) < len(causes):
+            mend = "write it with 'gimbal-pin diagnose'"
+            raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
+        for cause in (*drive, *(term.effect for term in terms)):
+            rig.joint_index(cause.place)
+        rig = with_bodies(rig, np.array(filed.phi))
+        for change in changes:
+            phi, rig = rig.phi, change.apply(rig)
+            rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
+        return Model(rig, terms, drive=drive, changes=changes)
+
+
+def with_bodies(rig: Rig, phi: Array) -> Rig:
+    """Return the rig with inertial parameters from a file, (10 n,).
+
+    Bodies need not be physical one by one, as only sums of them show; but no rig moves without inertia.
+
+    Raises:
+        ModelError: They are of another number of joints, or the inertia is not positive definite at some pose.
+    """
+    if len(phi) != 10 * rig.n:
+        raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
+    out = rig.with_phi(phi)
+    data = out.model.createData()
+    upper = [pin.crba(out.model, data, q) for q in samples(rig, POSES)[0]]
+    if not np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0:
+        raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
+    return out
 
 
 def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:

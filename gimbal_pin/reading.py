@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ DEPTH = 32
 """Deepest nesting of a YAML file; what the package writes has 6."""
 LONGEST = 64
 """Most characters of what is no text; 17 digits tell every double."""
+DECIMAL = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
+"""A decimal number that every reader takes for the same double; with a third digit in the exponent some overflow."""
 PREFIX = "tag:yaml.org,2002:"
 TEXTUAL = f"{PREFIX}str"
 COLLECTIONS = (None, "!", f"{PREFIX}seq", f"{PREFIX}map")
@@ -185,3 +188,8 @@ def scalar(event: yaml.ScalarEvent) -> Any:
 def unfit(what: str, mark: Any) -> yaml.MarkedYAMLError:
     """Return the error of something that the package's YAML has not, at the mark of an event of either parser."""
     return yaml.MarkedYAMLError(problem=what, problem_mark=mark)
+
+
+def decimal(text: str) -> float | None:
+    """Return the number that a text spells, or None."""
+    return float(text) if len(text) <= LONGEST and DECIMAL.fullmatch(text) else None

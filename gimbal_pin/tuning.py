@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from gimbal_pin.control.lyapunov import lyapunov
 from gimbal_pin.control.reasons import about_inertia, about_layer, about_loops, about_model, doubts, grouped
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.model import Model, model_from, plain_model
+from gimbal_pin.records import LARGEST, bounded, placed, record
 from gimbal_pin.rig import Rig
 from gimbal_pin.threads import one_thread
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Law = ComputedTorque | JointPid
-SLOWEST = 50
-"""Largest delay, in samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +165,6 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
-    if not 0 <= delay <= SLOWEST * dt:
-        mend = f"give 0 to {SLOWEST * dt:g}: a gimbal cannot be held with more"
-        raise UsageError("delay", f"is {delay:g} s", mend)
     wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk_margin, robust)
     nominal, believed = seen_inertia(model, kind)
     over = drawn(model, kind, np.random.default_rng(0))
@@ -204,32 +200,75 @@ def law_of(
     return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
 
 
-def controller_from(data: Mapping[str, Any], rig: Rig) -> Law:
-    """Return the control law that `Tuning.to_dict` wrote, on a rig with the same joints.
+@dataclass(frozen=True)
+class Row:
+    """What `Tuning.to_dict` writes of a joint, as far as its law needs it; see there."""
+
+    kp: float = bounded(MISSING, 1e-9, LARGEST)
+    ki: float = bounded(MISSING, 0.0, LARGEST)
+    kd: float = bounded(MISSING, 1e-9, LARGEST)
+    inertia: float = bounded(MISSING, 1e-12, LARGEST)
+    braking: float | None = bounded(MISSING, 1e-9, LARGEST)
+    bandwidth_hz: float | None = bounded(None, 1e-9, LARGEST)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """The same of Lyapunov redesign."""
+
+    gain: float
+    alpha: float
+    phi: float = bounded(MISSING, 0.0, LARGEST)
+    inverse: float = bounded(MISSING, 0.0, LARGEST)
+    cross_model: float = bounded(MISSING, 0.0, LARGEST)
+    cross_pid: float = bounded(MISSING, 0.0, LARGEST)
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Filed:
+    """The same of all."""
+
+    controller: str
+    joints: Mapping[str, Any]
+    wish: Wish
+    robust: Layer | None
+    model: Any
+
+
+def controller_from(data: Any, rig: Rig, place: str = "controller") -> Law:
+    """Return the control law that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
 
     Raises:
-        ModelError: A key is missing or holds the wrong kind of value, or the joints are not the rig's.
+        ModelError: A key is missing or holds the wrong kind of value, the joints are not the rig's, or a loop that
+            they close is unstable even with an exact model.
     """
-    try:
-        rows, wish = data["joints"], Wish(**data["wish"])
-        if set(rows) != set(rig.joints):
-            what = f"is for the joints {', '.join(rows)}"
-            raise ModelError("controller", what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
-        gains = tuple(Pid(*(float(rows[joint][key]) for key in Pid._fields)) for joint in rig.joints)
-        inertia = tuple(float(rows[joint]["inertia"]) for joint in rig.joints)
-        brakes = tuple(inf if rows[joint]["braking"] is None else float(rows[joint]["braking"]) for joint in rig.joints)
-        model = model_from(data["model"], rig)
-        return law_of(wish, model, gains, inertia, brakes, redesign(data["robust"], gains))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ModelError("controller", f"cannot be read ({error!r})", "write it with 'gimbal-pin tune'") from error
+    with placed(place, ModelError):
+        filed = record(Filed, data, place, ModelError, others=True)
+        if set(filed.joints) != set(rig.joints):
+            what = f"is for the joints {', '.join(filed.joints)}"
+            raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
+        if filed.controller != filed.wish.kind:
+            what = f"is '{filed.controller}', and the wish is for {filed.wish.kind}"
+            raise ModelError(f"{place}: controller", what, "write it with 'gimbal-pin tune'")
+        filed.wish.per_joint(rig)
+        rows = [record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
+        gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
+        for joint, pid in zip(rig.joints, gains):
+            if not pid.kp * pid.kd > pid.ki:  # Routh, of s³ + kd s² + kp s + ki
+                raise ModelError(f"{place}: joints.{joint}", "has unstable gains", "give kp kd above ki")
+        inertia = tuple(row.inertia for row in rows)
+        brakes = tuple(inf if row.braking is None else row.braking for row in rows)
+        model = model_from(filed.model, rig, f"{place}: model")
+        return law_of(filed.wish, model, gains, inertia, brakes, redesign(filed.robust, gains))
 
 
-def redesign(data: Mapping[str, Any] | None, gains: tuple[Pid, ...]) -> Robust | None:
+def redesign(layer: Layer | None, gains: tuple[Pid, ...]) -> Robust | None:
     """Return the Lyapunov redesign of a controller file."""
-    if data is None:
+    if layer is None:
         return None
-    rest = {key: value for key, value in data.items() if key != "gain"}
-    return Robust(lyapunov(gains), Bounds(**rest), float(data["gain"]))
+    rest = {key: x for key, x in vars(layer).items() if key != "gain"}
+    return Robust(lyapunov(gains), Bounds(**rest), layer.gain)
 
 
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:

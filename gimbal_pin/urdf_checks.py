@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import numpy as np
 from lxml import etree
 
 from gimbal_pin.errors import RigError
+from gimbal_pin.reading import LONGEST, decimal
 
 if TYPE_CHECKING:
     import yourdfpy
@@ -51,10 +51,6 @@ REQUIRED: Mapping[str, Sequence[str]] = {
     **{tag: list(NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
 }
 """Attributes that must be there: readers differ in what they take a missing one for, and some drop the whole tag."""
-NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
-"""A decimal number that every reader takes for the same double; with a third digit in the exponent some overflow."""
-LONGEST = 64
-"""Most characters of one; 17 digits tell every double."""
 
 
 def names(robot: etree._Element, tag: str) -> list[str]:
@@ -127,10 +123,8 @@ def check_numbers(robot: etree._Element, place: str) -> None:
 
 def numeric(text: str, count: int, largest: float) -> bool:
     """Tell whether `text` is `count` decimal numbers of at most a size, parted by blanks."""
-    words = text.split()
-    return len(words) == count and all(
-        len(word) <= LONGEST and NUMBER.fullmatch(word) is not None and abs(float(word)) <= largest for word in words
-    )
+    values = [decimal(word) for word in text.split()]
+    return len(values) == count and all(x is not None and abs(x) <= largest for x in values)
 
 
 def check_joint(joint: yourdfpy.Joint, place: str) -> None:

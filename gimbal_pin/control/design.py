@@ -30,6 +30,11 @@ LAYERED = 0.4
 BRAKES = 0.7
 """Share of a motor's spare torque that an approach from far away counts on: the rest corrects."""
 
+FASTEST, SLOWEST = 1e-6, 1.0
+"""Sampling intervals, s: a megahertz is beyond any drive's current loop; what moves in a second no loop holds."""
+LATEST = 50
+"""Largest delay, in samples."""
+
 
 @dataclass(frozen=True)
 class Wish:
@@ -67,11 +72,14 @@ class Wish:
             raise UsageError("kind", f"is '{self.kind}'", f"use {' or '.join(KINDS)}")
         if self.robust and self.kind == "pid":
             raise UsageError("robust", "needs a model that it could be wrong about", "use kind='computed-torque'")
-        for name in ("damping", "dt"):
-            positive(name, getattr(self, name))
-        for name in ("delay", "integral"):
-            if not (isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise UsageError(name, f"is {getattr(self, name)}", "give a number that is not negative")
+        positive("damping", self.damping)
+        if not FASTEST <= self.dt <= SLOWEST:
+            raise UsageError("dt", f"is {self.dt:g} s", f"give {FASTEST:g} to {SLOWEST:g}")
+        if not 0 <= self.delay <= LATEST * self.dt:
+            mend = f"give 0 to {LATEST * self.dt:g}: a gimbal cannot be held with more"
+            raise UsageError("delay", f"is {self.delay:g} s", mend)
+        if not (isfinite(self.integral) and self.integral >= 0):
+            raise UsageError("integral", f"is {self.integral}", "give a number that is not negative")
         if not 0 < self.disk < 2:
             raise UsageError("disk_margin", f"is {self.disk:g}", "a disk margin lies between 0 and 2")
 

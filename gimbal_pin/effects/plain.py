@@ -7,32 +7,34 @@ from typing import Any
 
 from gimbal_pin.effects import ALWAYS, CAUSES, Cause, Effect, Term
 from gimbal_pin.errors import ModelError
+from gimbal_pin.records import placed, record, value
 
 
-def cause_from(data: Mapping[str, Any]) -> Cause:
+def cause_from(data: Any) -> Cause:
     """Return the cause that `Cause.to_dict` wrote.
 
     Raises:
-        ModelError: An unknown cause, or a field that it does not have or that is missing.
+        ModelError: An unknown cause, a field that it does not have or that is missing, or a value that it cannot have.
     """
-    kinds = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
-    name = data.get("effect")
-    if name not in kinds:
-        raise ModelError("effect", f"'{name}' is unknown", f"the known ones are {', '.join(sorted(kinds))}")
-    held = {key: tuple(x) if isinstance(x, list) else x for key, x in data.items() if key not in ("effect", "values")}
-    try:
-        return kinds[name](**held)
-    except TypeError as error:
-        raise ModelError(f"effect {name}", f"cannot be read ({error})", "write it with to_dict") from error
+    every: Mapping[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
+    name = data.get("effect") if isinstance(data, dict) else data
+    if not isinstance(name, str) or name not in every:
+        raise ModelError("effect", f"{name!r} is unknown", f"the known ones are {', '.join(sorted(every))}")
+    with placed(f"effect {name}", ModelError):
+        held = {key: x for key, x in data.items() if key not in ("effect", "values")}
+        return record(every[name], held, f"effect {name}", ModelError)
 
 
-def term_from(data: Mapping[str, Any]) -> Term:
+def term_from(data: Any) -> Term:
     """Return the term that `Term.to_dict` wrote.
 
     Raises:
         ModelError: It is no torque effect, or has another number of values than coefficients.
     """
-    effect, values = cause_from(data), data.get("values")
-    if not isinstance(effect, Effect) or not isinstance(values, list) or len(values) != len(effect.coefficients):
-        raise ModelError(f"effect {effect.name}", "is no term with one value per coefficient", "write it with to_dict")
-    return Term(effect, tuple(float(value) for value in values))
+    effect, place = cause_from(data), f"effect {data['effect']}"
+    if not isinstance(effect, Effect):
+        raise ModelError(place, "is no term: it acts on no torque", "write it with to_dict")
+    values = value(tuple[float, ...], data.get("values"), f"{place}: values", ModelError)
+    if len(values) != len(effect.coefficients):
+        raise ModelError(place, "is no term with one value per coefficient", "write it with to_dict")
+    return Term(effect, values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from gimbal_pin.identification import Identified
 from gimbal_pin.io.files import write_yaml
 from gimbal_pin.model import Estimated, Model, model_from, plain_model
 from gimbal_pin.reading import read_yaml
+from gimbal_pin.records import record, value
 from gimbal_pin.rig import Rig
 
 KIND = "gimbal_pin model"
@@ -72,22 +73,47 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     if data.get("joints") != list(rig.joints):
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
-    try:
-        data = data.get("payloads", {}).get(rig.payload, data)
-        return replace(model_from(data, rig), estimated=known(data) if "covariance" in data else None)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelError(str(path), f"cannot be read ({error!r})", "write it with 'gimbal-pin identify'") from error
+    own = value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError).get(rig.payload, data)
+    model = model_from(own, rig, str(path))
+    return model if "covariance" not in own else replace(model, estimated=known(own, str(path)))
 
 
-def known(data: dict[str, Any]) -> Estimated:
-    """Return the parameters' uncertainty from a model file."""
-    rows = data["base_parameters"]
-    return Estimated(
-        names=tuple(row["name"] for row in rows),
-        units=tuple(row["unit"] for row in rows),
-        theta=np.array([row["value"] for row in rows], dtype=float),
-        covariance=np.array(data["covariance"], dtype=float),
-    )
+@dataclass(frozen=True)
+class Row:
+    """A parameter of a model file."""
+
+    name: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Known:
+    """The part of a model file that says how sure its parameters are."""
+
+    base_parameters: tuple[Any, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+
+def known(data: Any, place: str) -> Estimated:
+    """Return the parameters' uncertainty from a model file; `ModelError` if that is none.
+
+    The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.
+    """
+    filed = record(Known, data, place, ModelError, others=True)
+    places = [f"{place}: base_parameters[{k}]" for k in range(len(filed.base_parameters))]
+    rows = [record(Row, row, where, ModelError, others=True) for row, where in zip(filed.base_parameters, places)]
+    count = len(rows)
+    if len(filed.covariance) != count or any(len(row) != count for row in filed.covariance):
+        mend = f"give {count} by {count} numbers, one row for each of base_parameters"
+        raise ModelError(f"{place}: covariance", "has another shape than its parameters", mend)
+    covariance = np.array(filed.covariance).reshape(count, count)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    correlation = covariance / np.outer(*[np.where(std > 0, std, 1.0)] * 2)
+    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or np.linalg.eigvalsh(correlation)[:1] < -1e-6:
+        raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
+    names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
+    return Estimated(names, units, np.array([row.value for row in rows]), covariance)
 
 
 def is_model(path: str | Path) -> bool:
