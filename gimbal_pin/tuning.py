@@ -204,9 +204,9 @@ def law_of(
 class Row:
     """What `Tuning.to_dict` writes of a joint, as far as its law needs it; see there."""
 
-    kp: float = bounded(MISSING, 1e-9, LARGEST)
-    ki: float = bounded(MISSING, 0.0, LARGEST)
-    kd: float = bounded(MISSING, 1e-9, LARGEST)
+    kp: float = bounded(MISSING, 1e-6, 1e10)  # from a millihertz to 16 kHz
+    ki: float = bounded(MISSING, 0.0, 1e16)
+    kd: float = bounded(MISSING, 1e-6, 1e6)
     inertia: float = bounded(MISSING, 1e-12, LARGEST)
     braking: float | None = bounded(MISSING, 1e-9, LARGEST)
     bandwidth_hz: float | None = bounded(None, 1e-9, LARGEST)
@@ -255,8 +255,10 @@ def controller_from(data: Any, rig: Rig, place: str = "controller") -> Law:
         rows = [record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
         gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
         for joint, pid in zip(rig.joints, gains):
-            if not pid.kp * pid.kd > pid.ki:  # Routh, of s³ + kd s² + kp s + ki
-                raise ModelError(f"{place}: joints.{joint}", "has unstable gains", "give kp kd above ki")
+            # Routh's bound of s³ + kd s² + kp s + ki, and a damping ratio, each with a margin that Lyapunov's needs.
+            if not (pid.ki <= 0.99 * pid.kp * pid.kd and pid.kd**2 >= 1e-6 * pid.kp):
+                mend = "give kp kd well above ki, and kd well above a thousandth of √kp"
+                raise ModelError(f"{place}: joints.{joint}", "has unstable gains", mend)
         inertia = tuple(row.inertia for row in rows)
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
         model = model_from(filed.model, rig, f"{place}: model")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +18,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from gimbal_pin.errors import GimbalPinError, RigError, UsageError
+from gimbal_pin.control.design import KINDS
+from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
+from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
+from gimbal_pin.io.files import plain
+from gimbal_pin.io.model import read_model, write_extended
+from gimbal_pin.model import Estimated, Model, nominal
 from gimbal_pin.reading import read_bytes, read_yaml
+from gimbal_pin.reduction import reduce
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
 from gimbal_pin.rig import bundled as data_folder
+from gimbal_pin.simulation import Reference
+from gimbal_pin.tuning import controller_from, tune
+from tests.command_line import Run, refused
 from tests.rigs import spelled
 
 BUNDLED = sorted(data_folder().rglob("*.urdf"))
@@ -272,3 +285,172 @@ def test_a_mutated_urdf_is_a_rig_or_refused_and_nobody_prints(
     rig = soon(lambda: Rig.load(tmp_path / "x.urdf"), RigError)
     assert isinstance(rig, RigError) or np.isfinite(rnea(rig, *np.ones((3, 1, rig.n)))).all()
     assert capfd.readouterr() == ("", "")
+
+
+# --- models and controllers -----------------------------------------------------------------------------------------
+
+
+@cache
+def model() -> Model:
+    """A model with all that its file can hold."""
+    plain = nominal(Rig.load("turret"))
+    terms = (
+        *plain.terms,
+        Term(Cogging("pan", (12.0, 24.0)), (0.1, 0.2, 0.0, 0.1)),
+        Term(Stribeck("tilt", 0.1), (0.05,)),
+    )
+    names = (*reduce(plain.rig).base_names, *(f"term {k}" for k in range(sum(len(term.values) for term in terms))))
+    k = len(names)
+    known = Estimated(names, ("1",) * k, np.zeros(k), 1e-8 * (np.eye(k) + 0.1))
+    drive, changes = (Delay("pan", 0.002), DeadZone("tilt", 0.01)), (BaseTilt(0.01, 0.02),)
+    return Model(plain.rig, terms, known, drive, changes)
+
+
+@cache
+def files() -> dict[str, Any]:
+    """A model's, a computed-torque controller's and a PID's content."""
+    with TemporaryDirectory() as folder:
+        write_extended(model(), Path(folder) / "model.yaml")
+        content = read_yaml(Path(folder) / "model.yaml")
+    laws = {kind: plain(tune(model(), kind=kind, robust=kind != "pid").to_dict()) for kind in KINDS}
+    assert laws["computed-torque"]["robust"] is not None
+    return {"model": content, **laws}
+
+
+def read_back(kind: str, content: Any, folder: Path) -> None:
+    """Read a file, and ask the model or law in it for a torque."""
+    rig, path = model().rig, folder / "x.yaml"
+    path.write_text(json.dumps(content).replace("NaN", ".nan").replace("Infinity", ".inf"))  # JSON is YAML, and quick
+    q, v = np.array([[0.3, -0.2], [0.0, 0.1]]), np.array([[0.1, 0.0], [-1.0, 2.0]])
+    if kind == "model":
+        found = read_model(path, rig)
+        assert np.isfinite(found.inverse(q, v, v)).all()
+        return
+    law = controller_from(read_yaml(path), rig, str(path))
+    tau, _ = law.torque(0.0, q[0], v[0], Reference(q[1], v[1], v[0]), law.start())
+    assert np.isfinite(tau).all()
+
+
+@pytest.mark.parametrize("kind", ["model", *KINDS])
+def test_what_was_written_is_read(tmp_path: Path, kind: str) -> None:
+    read_back(kind, files()[kind], tmp_path)
+
+
+def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Keys that lead to everything in a file but the inner of its covariance, which is most of it."""
+    inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, entry in inner:
+        yield (*path, key)
+        if path != ("covariance",) or key == 0:
+            yield from places(entry, (*path, key))
+
+
+WRONG = (
+    None,
+    True,
+    "x",
+    "",
+    "pan",
+    "1e-3",
+    -1,
+    0,
+    1e-300,
+    1e16,
+    1e300,
+    float("nan"),
+    float("inf"),
+    [],
+    [[]],
+    {},
+    {"a": 1},
+)
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(["model", *KINDS]), st.data())
+def test_a_mutated_model_or_controller_is_read_or_refused(tmp_path: Path, kind: str, data: st.DataObject) -> None:
+    content = deepcopy(files()[kind])
+    path = data.draw(st.sampled_from(list(places(content))))
+    owner = content
+    for key in path[:-1]:
+        owner = owner[key]
+    how = data.draw(st.sampled_from(["wrong", "wrong", "gone", "twice"]))
+    if how == "gone":
+        del owner[path[-1]]
+    elif how == "twice" and isinstance(owner, list):
+        owner.append(owner[path[-1]])
+    else:
+        owner[path[-1]] = data.draw(st.sampled_from(WRONG))
+    refusal = soon(lambda: read_back(kind, content, tmp_path), ModelError)
+    assert refusal is None or refusal.place.startswith(str(tmp_path / "x.yaml"))
+
+
+BAD_MODELS: Mapping[str, tuple[Callable[[Any], object], str]] = {
+    "changes as a table": (lambda m: m.update(changes={"a": 1}), "changes"),
+    "an unknown cause": (lambda m: m["drive"][0].update(effect="magic"), "'magic' is unknown"),
+    "a cause outside its bounds": (lambda m: m["drive"][0].update(time=9.0), "time is 9 s"),
+    "a cause at no joint": (lambda m: m["drive"][0].update(joint="nose"), "no joint 'nose'"),
+    "a truth as a figure": (lambda m: m["drive"][0].update(time=True), "time"),
+    "too many coefficients": (lambda m: m["terms"][0]["values"].append(1.0), "one value per coefficient"),
+    "a coefficient that is none": (lambda m: m["terms"][0].update(values=[float("nan")]), "values[0]"),
+    "too few parameters": (lambda m: m["phi"].pop(), "19 values"),
+    "no inertia": (lambda m: m.update(phi=20 * [0.0]), "not positive"),
+    "negative masses": (lambda m: m.update(phi=[-x for x in m["phi"]]), "not positive"),
+    "joints in another order": (lambda m: m["joints"].reverse(), "is for the joints"),
+    "a covariance of another shape": (lambda m: m["covariance"].pop(), "another shape"),
+    "a covariance with a hole": (lambda m: m["covariance"][0].__setitem__(0, float("nan")), "covariance[0][0]"),
+    "a negative variance": (lambda m: m["covariance"][0].__setitem__(0, -1e-8), "covariance"),
+    "a covariance that is not symmetric": (lambda m: m["covariance"][0].__setitem__(1, 9e-9), "covariance"),
+    "payloads as a list": (lambda m: m.update(payloads=[1]), "payloads"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_MODELS)
+def test_a_model_that_none_can_be_is_refused(tmp_path: Path, case: str) -> None:
+    content = deepcopy(files()["model"])
+    change, words = BAD_MODELS[case]
+    change(content)
+    with pytest.raises(ModelError) as caught:
+        read_back("model", content, tmp_path)
+    assert words in str(caught.value) and caught.value.place.startswith(str(tmp_path / "x.yaml"))
+
+
+BAD_CONTROLLERS: Mapping[str, tuple[Callable[[Any], object], str]] = {
+    "no gain": (lambda c: c["joints"]["pan"].pop("kp"), "kp"),
+    "a negative gain": (lambda c: c["joints"]["pan"].update(kp=-1.0), "kp"),
+    "an unstable gain": (lambda c: c["joints"]["pan"].update(ki=1e9), "unstable"),
+    "a missing joint": (lambda c: c["joints"].pop("pan"), "is for the joints tilt"),
+    "no interval": (lambda c: c["wish"].update(dt=0), "dt"),
+    "an interval of nothing": (lambda c: c["wish"].update(dt=1e-300), "dt"),
+    "a delay of a day": (lambda c: c["wish"].update(delay=86400.0), "delay"),
+    "another kind": (lambda c: c["wish"].update(kind="fuzzy"), "kind"),
+    "a robust truth in words": (lambda c: c["wish"].update(robust="yes"), "robust"),
+    "a wish that is none": (lambda c: c.update(wish=[]), "wish"),
+    "a model uncertain altogether": (lambda c: c["robust"].update(alpha=1.0), "alpha"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CONTROLLERS)
+def test_a_controller_that_none_can_be_is_refused(tmp_path: Path, case: str) -> None:
+    content = deepcopy(files()["computed-torque"])
+    change, words = BAD_CONTROLLERS[case]
+    change(content)
+    with pytest.raises(ModelError) as caught:
+        read_back("computed-torque", content, tmp_path)
+    assert words in str(caught.value) and caught.value.place.startswith(str(tmp_path / "x.yaml"))
+
+
+@pytest.mark.parametrize("content", ["", "[]", "3", "text", "{}", "kind: gimbal_pin model", "wish: 1"])
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "tune turret FILE",
+        "track turret FILE",
+        "simulate turret --model FILE -o x.csv",
+        "simulate turret --controller FILE -o x.csv",
+    ],
+)
+def test_every_verb_refuses_a_file_of_another_kind(tmp_path: Path, run: Run, verb: str, content: str) -> None:
+    (tmp_path / "x.yaml").write_text(content)
+    words = [str(tmp_path / word) if word == "x.csv" else word for word in verb.split()]
+    refused(run(*[str(tmp_path / "x.yaml") if word == "FILE" else word for word in words]), 2, str(tmp_path / "x.yaml"))

@@ -143,7 +143,7 @@ def read_controller(name: str, rig: Rig) -> Law:
     from gimbal_pin.reading import read_yaml
     from gimbal_pin.tuning import controller_from
 
-    return controller_from(read_yaml(name, ModelError), rig)
+    return controller_from(read_yaml(name, ModelError), rig, name)
 
 
 def play(rig: Rig, log: Log) -> None:

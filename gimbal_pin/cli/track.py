@@ -92,9 +92,9 @@ class Tuned:
         from gimbal_pin.reading import read_yaml
 
         data = read_yaml(name, ModelError)
-        if data.get("wish") is None:
+        if not isinstance(data, dict) or data.get("wish") is None:
             raise ModelError(name, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
-        return Tuned(read_controller(name, rig), model_from(data["model"], rig), data)
+        return Tuned(read_controller(name, rig), model_from(data["model"], rig, name), data)
 
     @property
     def late(self) -> int:

@@ -108,9 +108,9 @@ def known(data: Any, place: str) -> Estimated:
         mend = f"give {count} by {count} numbers, one row for each of base_parameters"
         raise ModelError(f"{place}: covariance", "has another shape than its parameters", mend)
     covariance = np.array(filed.covariance).reshape(count, count)
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    std = np.sqrt(np.abs(np.diag(covariance)))
     correlation = covariance / np.outer(*[np.where(std > 0, std, 1.0)] * 2)
-    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or np.linalg.eigvalsh(correlation)[:1] < -1e-6:
+    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
     return Estimated(names, units, np.array([row.value for row in rows]), covariance)
