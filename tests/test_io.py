@@ -133,6 +133,14 @@ def test_motion_reads_back_exactly(suffix: str, log: Log, data: st.DataObject, r
         identical(getattr(back, name), getattr(motion, name))
 
 
+@pytest.mark.parametrize(("before", "line"), [("", 1), (f"{HEADER}\n", 2), (f"{HEADER}\n{ROWS}", 4)])
+def test_a_line_that_is_longer_than_any_row_is_named_at_once(before: str, line: int, rig: Rig, tmp_path: Path) -> None:
+    """Fields are not counted in it, nor names: of 50 MB that takes a minute."""
+    (tmp_path / "x.csv").write_text(before + "1," * 2_500_000 + "1\n")
+    with pytest.raises(LogError, match=rf"x.csv:{line}: has a line of 5 MB"):
+        io.read_log(tmp_path / "x.csv", rig)
+
+
 def test_columns_are_the_contracts(tmp_path: Path) -> None:
     n = np.zeros((2, 2))
     imu = Imu(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))

@@ -20,7 +20,7 @@ from gimbal_pin.reading import read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
-BLOCK = 1 << 22  # bytes read at a time
+BLOCK = 1 << 22  # bytes read at a time, and more than any row has: 100 000 columns of 20 digits are 2.1 MB
 ROWS = 1 << 14  # rows written at a time
 
 
@@ -66,6 +66,9 @@ class CsvTable:
         while start < len(self.body):
             end = self.body.find(b"\n", start + size) + 1 or len(self.body)
             body = self.body[start:end]
+            # Where a part is cut, its last line is the one that is too long.
+            begin = body.rfind(b"\n", 0, len(body) - 1) + 1
+            check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
             if b"#" in body:
                 body = COMMENT.sub(b"", body)
             if body.strip():
@@ -150,9 +153,16 @@ def headed(name: str, data: bytes) -> CsvTable | None:
     return None
 
 
+def check_length(place: str, length: int) -> None:
+    """Raise `LogError` for a line of more bytes than a row of numbers may have."""
+    if length > BLOCK:
+        raise LogError(place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line")
+
+
 def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark: str) -> CsvTable:
     """Return the table whose first line in use is `line`: number, start and end of it in `data` are `span`."""
     number, start, end = span
+    check_length(f"{name}:{number}", end - start)
     separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
     fields = split(line, separator)
     if len(fields) < 2:
