@@ -181,7 +181,7 @@ def scalar(event: yaml.ScalarEvent) -> Any:
         if not short and tag != TEXTUAL:
             raise ValueError(f"it has over {LONGEST} characters")
         return SCALARS[tag](CONSTRUCTOR, yaml.ScalarNode(tag, event.value))
-    except (KeyError, ValueError) as error:
+    except (LookupError, ValueError) as error:
         raise unfit(f"no plain value: {tag}", event.start_mark) from error
 
 

@@ -236,22 +236,47 @@ class Filed:
     model: Any
 
 
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A controller from a file.
+
+    Attributes:
+        law: The control law.
+        model: The model that it was made for.
+        wish: What was asked.
+        bandwidth_hz: Joint → what was granted, Hz, or None where the file does not say.
+    """
+
+    law: Law
+    model: Model
+    wish: Wish
+    bandwidth_hz: Mapping[str, float | None]
+
+
 def controller_from(data: Any, rig: Rig, place: str = "controller") -> Law:
-    """Return the control law that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
+    """Return the control law that `Tuning.to_dict` wrote; see `stored`."""
+    return stored(data, rig, place).law
+
+
+def stored(data: Any, rig: Rig, place: str) -> Stored:
+    """Return the controller that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
 
     Raises:
         ModelError: A key is missing or holds the wrong kind of value, the joints are not the rig's, or a loop that
             they close is unstable even with an exact model.
     """
+    if not isinstance(data, dict) or data.get("wish") is None:
+        raise ModelError(place, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
     with placed(place, ModelError):
         filed = record(Filed, data, place, ModelError, others=True)
         if set(filed.joints) != set(rig.joints):
             what = f"is for the joints {', '.join(filed.joints)}"
             raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
-        if filed.controller != filed.wish.kind:
-            what = f"is '{filed.controller}', and the wish is for {filed.wish.kind}"
+        wish = filed.wish
+        if filed.controller != wish.kind:
+            what = f"is '{filed.controller}', and the wish is for {wish.kind}"
             raise ModelError(f"{place}: controller", what, "write it with 'gimbal-pin tune'")
-        filed.wish.per_joint(rig)
+        wish.per_joint(rig)
         rows = [record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
         gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
         for joint, pid in zip(rig.joints, gains):
@@ -262,7 +287,8 @@ def controller_from(data: Any, rig: Rig, place: str = "controller") -> Law:
         inertia = tuple(row.inertia for row in rows)
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
         model = model_from(filed.model, rig, f"{place}: model")
-        return law_of(filed.wish, model, gains, inertia, brakes, redesign(filed.robust, gains))
+        law = law_of(wish, model, gains, inertia, brakes, redesign(filed.robust, gains))
+        return Stored(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
 
 
 def redesign(layer: Layer | None, gains: tuple[Pid, ...]) -> Robust | None:

@@ -66,6 +66,7 @@ TRICKS = {
     "a file larger than any": 17 * 2**20 * " ",
     "no boolean": "a: !!bool x",
     "no integer": "a: !!int x",
+    "an integer of nothing": "a: !!int",
     "an integer without digits": "a: 0b_",
     "a long integer": "a: !!int " + 5000 * "1",
     "a long sexagesimal": "a: !!float 1" + 5000 * ":1" + ".5",

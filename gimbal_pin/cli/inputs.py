@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gimbal_pin.platform import Platform
     from gimbal_pin.rig import Rig
     from gimbal_pin.rows import Filtering
-    from gimbal_pin.tuning import Law
+    from gimbal_pin.tuning import Stored
 
 
 def load_rig(rig: str, payload: str | None) -> Rig:
@@ -137,13 +137,13 @@ def mounted(name: str | Path | None) -> str | None:
     return payload if payload in bundled_payloads() else None
 
 
-def read_controller(name: str, rig: Rig) -> Law:
+def read_controller(name: str, rig: Rig) -> Stored:
     """Read a controller's YAML."""
     from gimbal_pin.errors import ModelError
     from gimbal_pin.reading import read_yaml
-    from gimbal_pin.tuning import controller_from
+    from gimbal_pin.tuning import stored
 
-    return controller_from(read_yaml(name, ModelError), rig, name)
+    return stored(read_yaml(name, ModelError), rig, name)
 
 
 def play(rig: Rig, log: Log) -> None:

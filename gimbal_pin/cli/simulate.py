@@ -169,4 +169,4 @@ def law_of(name: str, plant: Model, bandwidth_hz: float) -> Law:
 
     if name in ("computed-torque", "pid"):
         return run(plant, kind=name, bandwidth_hz=bandwidth_hz).controller
-    return read_controller(name, plant.rig)
+    return read_controller(name, plant.rig).law

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
@@ -19,9 +18,8 @@ from gimbal_pin.errors import UsageError
 if TYPE_CHECKING:
     from gimbal_pin.model import Model
     from gimbal_pin.pointing import Verified
-    from gimbal_pin.rig import Rig
     from gimbal_pin.tracking import Tracking
-    from gimbal_pin.tuning import Law
+    from gimbal_pin.tuning import Law, Stored
 
 
 def track(
@@ -56,72 +54,40 @@ def track(
     held.check()
     pages.check(held.moving)
     loaded = load_rig(rig, payload or mounted(controller))
-    tuned = None if controller is None else Tuned.read(controller, loaded)
-    late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.late
+    tuned = None if controller is None else read_controller(controller, loaded)
+    late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.wish.samples
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     log = held.taught(rig, loaded.payload) if held.moving else None
     steps = None if tuned is None else stepped(tuned, plant_of(model, loaded), late, seed)
     verified = None
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
-        known, law = (None, None) if tuned is None else (tuned.known, tuned.law)
+        known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
         verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None)
     pages.write(loaded, verified, steps, stood)
     present(*found(steps, verified, stood), json)
 
 
-@dataclass(frozen=True)
-class Tuned:
-    """A controller's YAML.
+def rivals(tuned: Stored) -> dict[str, Law]:
+    """Return a controller under its kind, and beside it a PID that was asked for the same."""
+    from gimbal_pin.tuning import tune as run
 
-    Attributes:
-        law: The controller.
-        known: The model that it was made for.
-        data: All that is in the file.
-    """
-
-    law: Law
-    known: Model
-    data: Mapping[str, Any]
-
-    @staticmethod
-    def read(name: str, rig: Rig) -> Tuned:
-        """Read a controller's YAML; `ModelError` if it is of another kind."""
-        from gimbal_pin.errors import ModelError
-        from gimbal_pin.model import model_from
-        from gimbal_pin.reading import read_yaml
-
-        data = read_yaml(name, ModelError)
-        if not isinstance(data, dict) or data.get("wish") is None:
-            raise ModelError(name, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
-        return Tuned(read_controller(name, rig), model_from(data["model"], rig, name), data)
-
-    @property
-    def late(self) -> int:
-        """Samples from measurement to torque that it was tuned for."""
-        from gimbal_pin.control.design import Wish
-
-        return Wish(delay=self.data["wish"]["delay"], dt=self.data["wish"]["dt"]).samples
-
-    @property
-    def rivals(self) -> dict[str, Law]:
-        """It under its kind, and beside it a PID that was asked for the same."""
-        from gimbal_pin.tuning import tune as run
-
-        kind, wish = self.data["controller"], {**self.data["wish"], "kind": "pid", "robust": False}
-        if wish.get("disk_margin") is not None:  # a PID may not have it at any bandwidth
-            granted = {joint: row["bandwidth_hz"] for joint, row in self.data["joints"].items()}
-            wish |= {"bandwidth_hz": granted, "disk_margin": None}
-        return {kind: self.law, **({} if kind == "pid" else {"pid": run(self.known, **wish).controller})}
+    if tuned.wish.kind == "pid":
+        return {"pid": tuned.law}
+    wish = replace(tuned.wish, kind="pid", robust=False)
+    if wish.disk_margin is not None:  # a PID may not have it at any bandwidth
+        granted = {joint: hz for joint, hz in tuned.bandwidth_hz.items() if hz is not None}
+        wish = replace(wish, bandwidth_hz=granted, disk_margin=None)
+    return {tuned.wish.kind: tuned.law, "pid": run(tuned.model, **vars(wish)).controller}
 
 
-def stepped(tuned: Tuned, plant: Model, late: int, seed: int) -> Tracking:
+def stepped(tuned: Stored, plant: Model, late: int, seed: int) -> Tracking:
     """Step a controller and its rival."""
     import numpy as np
 
     from gimbal_pin.tracking import track as run
 
-    return run(plant, tuned.rivals, rng=np.random.default_rng(seed), delay=late)
+    return run(plant, rivals(tuned), rng=np.random.default_rng(seed), delay=late)
 
 
 def found(steps: Tracking | None, held: Verified | None, plant: str) -> tuple[str, dict[str, Any]]:
