@@ -44,8 +44,8 @@ class Motor:
 class Limits:
     """Limits of one joint: angle rad, velocity rad/s, acceleration rad/s², effort N m."""
 
-    lower: float = bounded(-inf, -inf, inf)
-    upper: float = bounded(inf, -inf, inf)
+    lower: float = bounded(-inf, -inf, LARGEST)
+    upper: float = bounded(inf, -LARGEST, inf)
     velocity: float = bounded(inf, SMALLEST, inf)
     acceleration: float = bounded(inf, SMALLEST, inf)
     effort: float = bounded(inf, SMALLEST, inf)

@@ -16,8 +16,8 @@ import yaml
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 NODES = 400_000
-"""Most values in a YAML file, aliases counted by what they stand for: five payloads' models of a rig of 20 joints, each
-with the covariance of 264 parameters. They are read in 5 s."""
+"""Most values in a YAML file, aliases counted by what they stand for: twelve payloads' models of a rig of 20 joints,
+each with the covariance of 176 parameters. They are read in 5 s."""
 TEXT = 16 * 2**20
 """Largest YAML or URDF, bytes: twice what so many numbers of 20 digits take."""
 DEPTH = 32

@@ -27,9 +27,9 @@ LINKS = 1000
 NAME = 100
 """Longest name: a message has room for two."""
 LIGHTEST, HEAVIEST = 1e-9, 1e7
-"""Masses, kg: a microgram, as exporters give to links that only mark a place, and ten times the largest crane's."""
+"""Masses, kg: a microgram, for links that only mark a place, and 10 000 t, beyond any machine on joints."""
 NARROWEST, WIDEST = 1e-9, 1e3
-"""Radii of gyration, m: far below what any exporter writes for a point; a kilometre."""
+"""Radii of gyration, m: a nanometre, which is a few atoms, and a kilometre."""
 NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
     "origin": {"xyz": (3, WIDEST), "rpy": (3, 1e3)},
     "axis": {"xyz": (3, 1e6)},
