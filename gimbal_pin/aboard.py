@@ -60,6 +60,8 @@ def sound(t: Array, imu: Imu, name: str) -> Aboard:
     Raises:
         LogError: A sensor never changes, no stretch is long enough, or specific force is none.
     """
+    if len(t) < 2:
+        raise LogError(name, "has one row, which shows no motion", f"record at least {SHORTEST:g} s of the platform")
     if imu.gyro is None or imu.accel is None:  # `Platform.measured` refuses that
         return Aboard(t, imu, ())
     plausible(imu.accel, name)

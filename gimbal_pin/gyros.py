@@ -99,5 +99,5 @@ def kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array, Array]:
         pin.updateFramePlacements(rig.model, data)
         for i, frame in enumerate(frames):
             turned[i, k] = data.oMf[frame].rotation.T
-            jacobians[i, k] = pin.getFrameJacobian(rig.model, data, frame, pin.LOCAL)[3:]
+            jacobians[i, k] = pin.getFrameJacobian(rig.model, data, frame, pin.LOCAL)[3:].reshape(3, -1)  # n = 1: (6,)
     return turned, jacobians

@@ -13,8 +13,7 @@ from tyro.conf import arg
 from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
-from gimbal_pin.cli.options import between, optional
-from gimbal_pin.cli.paths import Writes
+from gimbal_pin.cli.options import Plotted, between, optional
 from gimbal_pin.cli.present import noted, present, say
 from gimbal_pin.errors import LogError, UsageError
 
@@ -45,9 +44,9 @@ class Following:
         between("--idle", 0, 1e6, "s"),
         optional(None, "with --follow: end when the file has not grown for so long", "never"),
     ] = None
-    plot: Annotated[
-        Path | None, Writes(), optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")
-    ] = None
+    plot: Annotated[Plotted, optional("FILE", "with --follow: write the estimates over time: .png, .svg or .pdf")] = (
+        None
+    )
 
     def check(self, batch_only: Mapping[str, bool]) -> None:
         """Raise `UsageError` for what does not go with following, or with a log that is whole."""

@@ -58,6 +58,7 @@ Logs = Annotated[
 ]
 Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
 Written = Annotated[Path | None, Writes()]
+Plotted = Annotated[Path | None, Writes(suffixes=(".png", ".svg", ".pdf"))]
 Json = Annotated[Written, optional("FILE", "write the result as JSON; - for standard output")]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],

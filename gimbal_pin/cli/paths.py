@@ -36,9 +36,15 @@ class Reads:
 
 @dataclass(frozen=True)
 class Writes:
-    """Marks an option whose value means files that the verb writes."""
+    """Marks an option whose value means files that the verb writes.
+
+    Attributes:
+        files: Which.
+        suffixes: Those that the file's name may have; empty: any, or the writer tells.
+    """
 
     files: Files = itself
+    suffixes: tuple[str, ...] = ()
 
 
 def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
@@ -113,7 +119,7 @@ def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
 
 
 def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
-    """Raise `UsageError` if a verb would write over a file that it reads, or two of its outputs into one."""
+    """Raise `UsageError` if a verb would write over a file that it reads, two of its outputs into one, or no format."""
     marked = [(label, value, mark) for label, value, marks in options(verb, given) for mark in marks]
     written = [(label, value, mark) for label, value, mark in marked if isinstance(mark, Writes)]
     if not written:
@@ -129,6 +135,9 @@ def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
             what, mend = taken[file]
             raise UsageError(label, f"would write over {own[file]}, {what}", f"name another place{mend}")
         taken |= dict.fromkeys(own, (f"which {label} writes", ""))
+    for label, value, mark in written:
+        if mark.suffixes and Path(value).suffix.lower() not in mark.suffixes:
+            raise UsageError(label, f"names {value}", f"give it a name that ends in {', '.join(mark.suffixes)}")
 
 
 def identity(path: str | Path) -> object:

@@ -9,7 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
-from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeOutput, Payload, RigName, Written
+from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeOutput, Payload, Plotted, RigName
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 
@@ -28,7 +28,7 @@ def tune(
     map: Map = (),
     cutoff: Cutoff = None,
     gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
-    plot: Annotated[Written, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
+    plot: Annotated[Plotted, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
     json: Json = None,
 ) -> None:
     """Gains, margins and robust term from logs or from a model."""

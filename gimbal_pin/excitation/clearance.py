@@ -101,7 +101,7 @@ class Clearance:
         data, at = model.createData(), geometry.createData()
         axes, near = np.empty((len(q), 6, self.rig.n)), np.empty((len(q), len(self.watched), 3, 3))
         for screw, rows, angles in zip(axes, near, q):
-            screw[...] = pin.computeJointJacobians(model, data, angles)
+            screw[...] = pin.computeJointJacobians(model, data, angles).reshape(6, -1)  # n = 1: (6,)
             pin.updateGeometryPlacements(model, data, geometry, at)
             for row, k in zip(rows, self.watched):
                 found = pin.computeDistance(geometry, at, k)

@@ -56,7 +56,8 @@ def turning_axis(rig: Rig, body: int) -> Array:
     """Axis of a body's joint in the joint's own frame, (3,)."""
     data = rig.model.createData()
     pin.computeJointJacobians(rig.model, data, pin.neutral(rig.model))
-    return np.array(pin.getJointJacobian(rig.model, data, body + 1, pin.LOCAL)[3:, body])
+    jacobian = pin.getJointJacobian(rig.model, data, body + 1, pin.LOCAL)
+    return np.array(jacobian.reshape(6, -1)[3:, body])  # of one joint it is (6,)
 
 
 @dataclass(frozen=True, eq=False)
