@@ -82,6 +82,8 @@ def parse(arguments: Sequence[str]) -> Callable[[], None]:
     """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
     if not arguments or arguments[0] in ("-h", "--help"):
         return functools.partial(say, overview())
+    if any("\0" in word for word in arguments):  # no shell passes one on, and no system call takes it
+        raise UsageError("arguments", "hold a NUL character", "leave it out")
     name, *rest = arguments
     if name not in VERBS:
         raise UsageError(name, "no such verb", f"the verbs are {', '.join(VERBS)}")

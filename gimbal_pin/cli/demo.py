@@ -32,7 +32,7 @@ def demo(
     from gimbal_pin.walk import demo as run
 
     loaded = load_rig(rig, payload)
-    affordable(yes, diagnosed_second_of_a_joint=seconds * loaded.n)
+    affordable(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)
     found = run(loaded, output, rng=np.random.default_rng(seed), seconds=seconds, run=asked_for)
     noted(found.notes)
     present(text.auto(found), found.to_dict(), json)

@@ -73,7 +73,7 @@ def excite(
     plant = plant_of(model, loaded)
     shown = to_show(plant, effect)
     terms = (harmonics or 10) * plant.rig.n
-    affordable(yes, descent_per_squared_variable=starts * terms**2, sample_of_a_motion=seconds * rate)
+    affordable(yes, squared_variable_of_a_start=starts * terms**2, sample_of_a_motion=seconds * rate)
     found = run(
         plant.rig,
         seconds=seconds,

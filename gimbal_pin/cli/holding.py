@@ -148,7 +148,7 @@ class Holding:
             sweep=sweep,
         )
         runs = len(asked.whom) * self.seeds * (1 + (asked.recorded is not None and asked.profile))
-        affordable(self.yes, self.jobs, second_on_a_platform=runs * self.seconds * rig.n)
+        affordable(self.yes, self.jobs, second_of_a_joint_on_a_platform=runs * self.seconds * rig.n)
         return verify(rig, asked)
 
 

@@ -106,7 +106,7 @@ def identify(
         present(text.several(several), several.to_dict(), json)
         return
     loaded, read = load_logs(rig, payload, logs, map)
-    affordable(yes, row_of_a_repetition=bootstrap * sum(log.q.size for log in read))
+    affordable(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
     found = replace(identified(loaded, read, fit, bias, refit), trust=trusted)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
