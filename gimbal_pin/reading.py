@@ -1,4 +1,4 @@
-"""Files as bytes and as plain YAML values, with errors that name the file and the line; where a mesh is."""
+"""Files as bytes and as plain YAML values, with errors that name the file and the line."""
 
 from __future__ import annotations
 
@@ -69,19 +69,6 @@ def opened(path: str, flags: int) -> int:
     descriptor = os.open(path, flags | os.O_NONBLOCK)
     os.set_blocking(descriptor, True)
     return descriptor
-
-
-def mesh_file(name: str, folder: Path) -> Path | None:
-    """Return the file that a URDF's mesh name means, seen from the URDF's folder; None if there is none.
-
-    ``package://pkg/rest`` is sought as ``pkg/rest`` and ``rest`` in the folder and in those above it.
-    """
-    if not name.startswith("package://"):
-        file = folder / name.removeprefix("file://")
-        return file if file.is_file() else None
-    inside = name.removeprefix("package://")
-    candidates = (above / tail for above in (folder, *folder.parents) for tail in (inside, inside.partition("/")[2]))
-    return next((file for file in candidates if file.is_file()), None)
 
 
 def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:

@@ -88,7 +88,7 @@ def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
 
 def with_meshes(urdf: Path) -> list[Path]:
     """Return a URDF and the mesh files that it names."""
-    from gimbal_pin.reading import mesh_file
+    from gimbal_pin.meshes import mesh_file
     from gimbal_pin.rig_files import read
     from gimbal_pin.urdf import parse
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +16,7 @@ from gimbal_pin import urdf
 from gimbal_pin.errors import RigError
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log import Array
-from gimbal_pin.reading import mesh_file
+from gimbal_pin.meshes import find_meshes, stl
 from gimbal_pin.rig import Rig
 
 STATES = 100
@@ -174,11 +176,14 @@ class Clearance:
 def parts(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     """Return the collision geometry with all pairs that can hit each other, and the links whose mesh is not there."""
     robot = urdf.parse(rig.urdf, str(rig.path))
-    unchecked = resolved(robot, rig)
-    try:
-        geometry = pin.buildGeomFromUrdfString(rig.model, urdf.skeleton(robot, "collision"), pin.GeometryType.COLLISION)
-    except ValueError as error:
-        raise RigError(str(rig.path), f"has a collision mesh that cannot be read ({error})", "mend the mesh") from error
+    with TemporaryDirectory() as folder:
+        unchecked = resolved(robot, rig, Path(folder))
+        try:
+            geometry = pin.buildGeomFromUrdfString(
+                rig.model, urdf.skeleton(robot, "collision"), pin.GeometryType.COLLISION
+            )
+        except ValueError as error:
+            raise RigError(str(rig.path), "has a collision shape that cannot be built", "mend the shape") from error
     joined = {
         frozenset(joint.find(end).get("link") for end in ("parent", "child"))
         for joint in robot.xpath("joint[@type!='fixed']")
@@ -192,15 +197,28 @@ def parts(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     return geometry, unchecked
 
 
-def resolved(robot: etree._Element, rig: Rig) -> tuple[str, ...]:
-    """Name every collision mesh by its file, in place, and drop those that are not there: return their links."""
+def resolved(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str, ...]:
+    """Name every collision mesh by a file of its triangles in `folder`, in place; drop those that are not there.
+
+    Returns:
+        The links of those that are not there.
+
+    Raises:
+        RigError: A mesh cannot be read.
+    """
     missing = []
-    for shape in robot.xpath("link/collision[geometry/mesh]"):
-        mesh = shape.find("geometry/mesh")
-        file = mesh_file(mesh.get("filename", ""), rig.path.parent)
-        if file is None:
-            missing.append(shape.getparent().get("name"))
-            shape.getparent().remove(shape)
+    shapes = robot.xpath("link/collision[geometry/mesh]")
+    meshes = find_meshes({shape.find("geometry/mesh").get("filename", "") for shape in shapes}, rig.path.parent)
+    for k, shape in enumerate(shapes):
+        mesh, link = shape.find("geometry/mesh"), shape.getparent()
+        read = meshes[mesh.get("filename", "")]
+        if read == "is not there":
+            missing.append(link.get("name"))
+            link.remove(shape)
+        elif isinstance(read, str):
+            raise RigError(str(rig.path), f"link {link.get('name')} has a collision mesh that {read}", "mend the mesh")
         else:
-            mesh.set("filename", str(file.resolve()))
+            file = folder / f"{k}.stl"
+            file.write_bytes(stl(read))
+            mesh.set("filename", str(file))
     return tuple(dict.fromkeys(missing))

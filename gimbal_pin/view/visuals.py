@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gimbal_pin import urdf
 from gimbal_pin.log import Array
-from gimbal_pin.reading import mesh_file
+from gimbal_pin.meshes import Mesh, find_meshes
 from gimbal_pin.rig import Rig
 from gimbal_pin.view import three
 from gimbal_pin.view.solid import Solid, box, cylinder, sphere
@@ -25,11 +25,15 @@ def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...]]:
     """Return the rig's solids and a sentence for each one that could not be drawn as its URDF says."""
     robot = urdf.checked(rig.urdf, str(rig.path))
     colours = named_colours(robot)
+    named = {
+        v.geometry.mesh.filename or "" for link in robot.links for v in link.visuals if v.geometry and v.geometry.mesh
+    }
+    meshes = find_meshes(named, rig.path.parent)
     drawn: list[Solid] = []
     events: list[str] = []
     for link in robot.links:
         for visual in link.visuals:
-            solid, event = from_visual(link.name, visual, colours, rig.path)
+            solid, event = from_visual(link.name, visual, colours, meshes)
             drawn += [] if solid is None else [solid]
             events += [] if event is None else [event]
     return tuple(drawn), tuple(events)
@@ -43,7 +47,7 @@ def named_colours(robot: yourdfpy.Robot) -> dict[str, tuple[float, ...]]:
 
 
 def from_visual(
-    link: str, visual: yourdfpy.Visual, colours: dict[str, tuple[float, ...]], path: Path
+    link: str, visual: yourdfpy.Visual, colours: dict[str, tuple[float, ...]], meshes: Mapping[str, Mesh | str]
 ) -> tuple[Solid | None, str | None]:
     """Return the solid of one ``<visual>`` and what went wrong with it, each None where there is nothing to say."""
     shape = visual.geometry
@@ -61,34 +65,19 @@ def from_visual(
     if shape.sphere is not None:
         return sphere(link, pose, float(shape.sphere.radius), rgba), None
     if shape.mesh is not None:
-        return from_mesh(link, pose, shape.mesh, rgba, path)
+        return from_mesh(link, pose, shape.mesh, rgba, meshes[shape.mesh.filename or ""])
     return None, f"link {link}: a visual that is no box, cylinder, sphere or mesh is not drawn"
 
 
 def from_mesh(
-    link: str, pose: Array, mesh: yourdfpy.Mesh, rgba: tuple[float, ...], path: Path
+    link: str, pose: Array, mesh: yourdfpy.Mesh, rgba: tuple[float, ...], read: Mesh | str
 ) -> tuple[Solid, str | None]:
-    """Return a mesh file's triangles, or a small box and a sentence where the file cannot be read."""
-    file = mesh_file(mesh.filename, path.parent)
-    loaded = None if file is None else read_mesh(file)
-    if loaded is None:
-        reason = "is not there" if file is None else "cannot be read"
-        return box(link, pose, np.full(3, 0.03), rgba), f"link {link}: mesh '{mesh.filename}' {reason}: a box instead"
-    vertices, faces = loaded
-    vertices = vertices * (1.0 if mesh.scale is None else np.asarray(mesh.scale, dtype=float))
+    """Return a mesh file's triangles, or a small box and a sentence that says why there are none."""
+    if isinstance(read, str):
+        name = mesh.filename or ""
+        name = name if len(name) <= 100 else f"{name[:99]}…"
+        return box(link, pose, np.full(3, 0.03), rgba), f"link {link}: mesh '{name}' {read}: a box instead"
+    vertices = read.vertices * (1.0 if mesh.scale is None else np.asarray(mesh.scale, dtype=float))
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    geometry = three.buffer(vertices, faces)
+    geometry = three.buffer(vertices, read.faces)
     return Solid(link, geometry, pose, rgba, (high - low) / 2, (high + low) / 2, facets=True), None
-
-
-def read_mesh(file: Path) -> tuple[Array, Any] | None:
-    """Return vertices (N, 3), m, and triangles (M, 3) of a mesh file, or None if trimesh cannot read it."""
-    import trimesh
-
-    try:
-        mesh = trimesh.load(file, force="mesh")
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OSError, NotImplementedError, ImportError):
-        return None  # what trimesh's loaders raise on a broken or foreign file is not one kind of error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        return None
-    return np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces)
