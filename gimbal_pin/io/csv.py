@@ -20,7 +20,8 @@ from gimbal_pin.reading import read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
-BLOCK = 1 << 22  # bytes read at a time, and more than any row has: 100 000 columns of 20 digits are 2.1 MB
+BLOCK = 1 << 22  # bytes read at a time
+LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
 ROWS = 1 << 14  # rows written at a time
 
 
@@ -155,7 +156,7 @@ def headed(name: str, data: bytes) -> CsvTable | None:
 
 def check_length(place: str, length: int) -> None:
     """Raise `LogError` for a line of more bytes than a row of numbers may have."""
-    if length > BLOCK:
+    if length > LINE:
         raise LogError(place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line")
 
 
