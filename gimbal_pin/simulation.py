@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from gimbal_pin.drive import Drive
 from gimbal_pin.effects import Signal
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import UsageError, visible
 from gimbal_pin.limited import THROUGH, at_limit, limited, past_stops
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model
@@ -159,7 +159,9 @@ class Loop:
         dt, limit, memory = self.controller.dt, self.system.model.rig.tau_max, self.controller.start()
         pending: deque[Array] = deque([np.zeros(len(limit))] * self.delay)
         t, rows = reference.t.tolist(), zip(reference.q, reference.v, reference.a)
-        for k, wished in enumerate(tqdm(rows, self.name, len(t), unit="sample", disable=None, leave=False, delay=2)):
+        for k, wished in enumerate(
+            tqdm(rows, visible(self.name), len(t), unit="sample", disable=None, leave=False, delay=2)
+        ):
             if not isfinite(sum(state.q.tolist())):
                 what = f"the closed loop diverged {t[k] - t[0]:.3g} s after its start"
                 raise UsageError(self.name, what, "lower the controller's bandwidth or its delay")

@@ -45,7 +45,7 @@ def animate(
         ),
     ] = None,
     yes: Yes = False,
-    live: Annotated[bool, arg(help="play it in a browser, through meshcat's server")] = False,
+    live: Annotated[bool, arg(help="play it in a browser on this machine")] = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
     from gimbal_pin import view

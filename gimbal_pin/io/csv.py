@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gimbal_pin.errors import LogError
+from gimbal_pin.errors import LogError, visible
 from gimbal_pin.io.csv_text import as_utf8, flaw, lines, number_in, sound, split, uneven, uneven_mend
 from gimbal_pin.io.files import replacing, told
 from gimbal_pin.log import Array
@@ -49,7 +49,9 @@ class CsvTable:
 
         index = {column: self.columns.index(column) for column in columns}
         arrays = []
-        with tqdm(desc=self.name, total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None) as bar:
+        with tqdm(
+            desc=visible(self.name), total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None
+        ) as bar:
             for part in self.parts():
                 arrays.append(part.numbers(index))
                 bar.update(len(part.body))

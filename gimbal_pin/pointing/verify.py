@@ -277,5 +277,5 @@ def shared(course: Course, asked: Asked, names: Sequence[str], roster: Any) -> C
 
         if asked.jobs == 1:
             return compete(course, roster, names, asked.seeds, counted(map))
-        with ProcessPoolExecutor(asked.jobs) as pool:
+        with ProcessPoolExecutor(min(asked.jobs, total)) as pool:
             return compete(course, roster, names, asked.seeds, counted(pool.map))
