@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -59,8 +60,9 @@ def with_children(pid: int) -> set[int]:
     """Return a process and all that it started."""
     found = [pid]
     for one in found:
-        for task in Path(f"/proc/{one}/task").glob("*/children"):
-            found += map(int, task.read_text().split())
+        with suppress(OSError):  # one that ends meanwhile
+            for task in Path(f"/proc/{one}/task").glob("*/children"):
+                found += map(int, task.read_text().split())
     return set(found)
 
 
@@ -72,6 +74,13 @@ def listening(pid: int) -> set[str]:
     return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in own}
 
 
+def command_line(pid: int) -> bytes:
+    """Return how a process was started, nothing of one that is gone."""
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
+
+
 def ended(pid: int) -> bool:
     """Tell whether a process is gone, or but waits to be buried."""
     try:
@@ -81,15 +90,19 @@ def ended(pid: int) -> bool:
 
 
 @pytest.fixture(scope="module")
-def viewers(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[Viewers]:
-    """One ``animate --live`` for each signal that is to end it, and its address."""
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of the thesis rig."""
     rig, path = Rig.load("thesis"), tmp_path_factory.mktemp("live") / "log.csv"
-    log = sweep(rig)
+    moved = sweep(rig)
     names = ",".join(("t", *(f"q_{joint}" for joint in rig.joints)))
-    np.savetxt(path, np.column_stack([log.t, log.q]), delimiter=",", header=names, comments="")
-    command = (sys.executable, "-u", "-m", "gimbal_pin.cli", "animate", "thesis", str(path), "--live")
+    np.savetxt(path, np.column_stack([moved.t, moved.q]), delimiter=",", header=names, comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def viewers(log: Path) -> Iterator[Viewers]:
+    """One ``animate --live`` for each signal that is to end it, and its address."""
+    command = (sys.executable, "-u", "-m", "gimbal_pin.cli", "animate", "thesis", str(log), "--live")
     without = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")}
     started = {
         one: subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=without)
@@ -172,6 +185,24 @@ def test_nothing_is_left_when_the_process_ends(number: signal.Signals, viewers: 
     assert said == "" and all(ended(one) for one in family)
     with pytest.raises(ConnectionRefusedError):
         answer(url)
+
+
+@on_linux
+@needs_browser
+def test_a_film_that_is_broken_off_leaves_no_browser_and_no_profile(log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])")
+    command = (sys.executable, "-m", "gimbal_pin.cli", "animate", "thesis", str(log), "-o", str(tmp_path / "film.gif"))
+    scratch = Path(tempfile.mkdtemp())  # a short path: that of a browser's socket has a hundred letters at most
+    with subprocess.Popen(command, env={**os.environ, "TMPDIR": str(scratch)}, stderr=subprocess.PIPE) as process:
+        family: set[int] = set()
+        while process.poll() is None and not any(b"--type=renderer" in command_line(one) for one in family):
+            time.sleep(0.05)
+            family = with_children(process.pid)
+        assert process.poll() is None and list(scratch.iterdir()), process.stderr.read()  # type: ignore[union-attr]
+        process.send_signal(signal.SIGINT)
+        process.wait(30)
+    assert all(ended(one) for one in family) and not list(tmp_path.iterdir())
+    scratch.rmdir()  # refused if anything is in it
 
 
 def test_live_answers_without_a_browser_and_gives_up_waiting(capfd: pytest.CaptureFixture[str]) -> None:
