@@ -98,7 +98,7 @@ def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:
     Raises:
         UsageError: A text names a cause that is no torque at a joint; it says what shows that.
     """
-    from gimbal_pin.effects import CAUSES, Effect, Term
+    from gimbal_pin.effects import Term
     from gimbal_pin.effects.parse import parse_effect
     from gimbal_pin.model import friction_effects
 
@@ -106,10 +106,9 @@ def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:
     for named in texts:
         planted = parse_effect(named, model.rig)
         if not isinstance(planted, Term):
-            able = ", ".join(sorted(name for name, kind in CAUSES.items() if issubclass(kind, Effect)))
-            what = f"{planted.name} adds no torque of its own at a joint, which is what a motion is designed to show"
-            mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it; or name one of {able}"
-            raise UsageError(f"--effect {named}", what, mend)
+            what = "adds no torque of its own at a joint, which is what a motion is designed to show"
+            mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it"
+            raise UsageError(f"--effect {planted.name}", what, mend)
         terms.append(planted.effect)
     friction = friction_effects(model.rig.joints)
     return [effect for k, effect in enumerate(terms) if effect not in (*friction, *terms[:k])]

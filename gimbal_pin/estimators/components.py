@@ -243,8 +243,8 @@ def scoring(here: Told, now: Array) -> Array:
     unit = np.repeat(np.maximum(now.sum(axis=1), 1e-300), now.shape[1])
     curved, slope = here.information * np.outer(unit, unit), here.slope * unit
     values, turned = np.linalg.eigh(curved)
-    # Rounding makes what is as good as zero negative, where a spectrum has no power.
-    values = np.maximum(values, RIDGE * max(float(values[-1]), 1e-300))
+    # Rounding makes what is as good as zero negative, where a spectrum has no power. One row of noise bends it by half.
+    values = np.maximum(values, RIDGE * max(float(values[-1]), 0.5))
     upper = np.sqrt(values)[:, None] * turned.T
     aim = upper @ (now.ravel() / unit) + turned.T @ slope / np.sqrt(values)
     return np.reshape(nnls(upper, aim)[0] * unit, now.shape) - now
