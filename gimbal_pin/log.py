@@ -50,6 +50,8 @@ REACH: Mapping[str, Reach] = MappingProxyType(
     }
 )
 """Channel → what it can be; beyond that is another unit or a fault. Their squares' squares are numbers still."""
+NOTHING = 1e-40
+"""What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and the squares' squares divide yet."""
 SOONEST = 1e-9
 """Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
 LONGEST = 1e6
@@ -112,7 +114,7 @@ def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
-    """Return `frozen`; `LogError` at the first value that this kind of channel has on no machine.
+    """Return `frozen`, without what is nothing; `LogError` at the first value that this kind has on no machine.
 
     What nobody can write to was looked at when it was made: parts of a log are made by the thousand.
     """
@@ -120,6 +122,8 @@ def channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) 
     if kept is not array and (wrong := implausible(kind, kept)) is not None:
         row, column, what, mend = wrong
         raise LogError(f"{name}, sample {row}, column {column}", what, mend)
+    if kept is not array and ((faint := np.abs(kept) < NOTHING) & (kept != 0.0)).any():
+        return frozen(np.where(faint, 0.0, kept), shape, name)
     return kept
 
 
