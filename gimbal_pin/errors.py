@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 FEW = 6
 """Most names in a message."""
+PLACE = 60
+"""Most characters of the place where a message would be too long."""
 LONGEST = 280
 """Most characters of a message: a line of 300 has room for the program's name and ``note:`` before it."""
 
@@ -21,9 +23,14 @@ def visible(text: str) -> str:
 
 
 def message(parts: Sequence[str], between: Sequence[str]) -> str:
-    """Join parts on one line of at most `LONGEST` characters, the longest of them shortened in their middles."""
+    """Join parts on one line of at most `LONGEST` characters, the longest of them shortened in their middles.
+
+    Of several the first, the place, is shortened before all others: a path says least where it begins.
+    """
     shown = [visible(" ".join(part.split())) for part in parts]
     room = LONGEST - sum(map(len, between))
+    if between and sum(map(len, shown)) > room and len(shown[0]) > PLACE:
+        shown[0] = f"…{shown[0][1 - PLACE :]}"
     most = next(most for most in range(room, 0, -1) if sum(min(len(part), most) for part in shown) <= room)
     fitted = [shortened(part, most) for part in shown]
     return "".join(word for pair in zip(fitted, (*between, "")) for word in pair)
