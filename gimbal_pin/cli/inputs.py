@@ -151,6 +151,6 @@ def play(rig: Rig, log: Log) -> None:
     from gimbal_pin import view
 
     with view.show(rig, log) as live:
-        say(f"playing at {live.url}; Ctrl-C ends it")
+        say(f"playing at {live.url} (Ctrl-C ends it)")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
