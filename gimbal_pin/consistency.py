@@ -105,8 +105,12 @@ def nearest(
         weights: μ from stage to stage.
 
     Raises:
-        DataError: The estimate is so far from all bodies that numbers end before one is reached.
+        DataError: A variance is infinite; or the estimate is so far from all bodies that numbers end before one is
+            reached.
     """
+    if not np.isfinite(covariance).all():
+        what, mend = "are not all shown by the logs", "move every joint, several at a time: see 'gimbal-pin excite'"
+        raise DataError("the identified parameters", what, mend)
     # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
     std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     correlation = covariance / std / std[:, None] + 1e-9 * np.eye(len(std))

@@ -51,6 +51,7 @@ from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import plant_with
 from gimbal_pin.tuning import tune
+from tests.rigs import chain
 
 DT = 1e-3
 NOISE = Noise(GYRO, ACCELEROMETER)
@@ -109,6 +110,18 @@ def test_inverse_kinematics_reaches_and_holds_the_attitude(name: str) -> None:
     np.testing.assert_allclose(held.v[1:-1], (held.q[2:] - held.q[:-2]) / (2 * DT), atol=0.02)
     for q, v, w in zip(held.q, held.v, ground.w):
         assert np.abs(sight.rate(q, v, w)).max() < 1e-10
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3, 7])
+def test_the_cameras_jacobian_is_the_slope_of_its_attitude(joints: int) -> None:
+    """``Rᵀ dR/dq_k`` is the turn of joint k, however many there are: of one, too."""
+    sight, q = Sight(chain(joints)), np.linspace(0.3, 0.9, joints)
+    view, step = sight.view(q), 1e-6
+    assert view.inverse.shape == (joints, 3) and np.isfinite(view.inverse).all()
+    for k, along in enumerate(step * np.eye(joints)):
+        turn = view.R.T @ (sight.view(q + along).R - sight.view(q - along).R) / (2 * step)
+        rates = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+        np.testing.assert_allclose(view.J[:, k], rates[-len(view.J) :], atol=1e-8)
 
 
 @given(st.floats(-pi / 2, pi / 2))

@@ -69,7 +69,7 @@ class Sight:
         """Return the camera at the angles q, rad, (n,)."""
         joint_jacobians(self.fixed, self.own, q)
         R = placed(self.fixed, self.own, self.there).rotation.copy()
-        J = frame_jacobian(self.fixed, self.own, self.there, LOCAL)[self.commanded]
+        J = frame_jacobian(self.fixed, self.own, self.there, LOCAL).reshape(6, -1)[self.commanded]  # n = 1: (6,)
         inverse, steep = inverted(J)
         if self.rows.start:
             inverse = np.hstack([np.zeros((len(inverse), self.rows.start)), inverse])
