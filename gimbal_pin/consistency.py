@@ -108,7 +108,7 @@ def nearest(
         DataError: A variance is infinite; or the estimate is so far from all bodies that numbers end before one is
             reached.
     """
-    if not np.isfinite(covariance).all():
+    if np.isinf(covariance).any():
         what, mend = "are not all shown by the logs", "move every joint, several at a time: see 'gimbal-pin excite'"
         raise DataError("the identified parameters", what, mend)
     # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
