@@ -402,6 +402,7 @@ BAD_MODELS: Mapping[str, tuple[Callable[[Any], object], str]] = {
     "a covariance with a hole": (lambda m: m["covariance"][0].__setitem__(0, float("nan")), "covariance[0][0]"),
     "a negative variance": (lambda m: m["covariance"][0].__setitem__(0, -1e-8), "covariance"),
     "a covariance that is not symmetric": (lambda m: m["covariance"][0].__setitem__(1, 9e-9), "covariance"),
+    "a variance of zero beside covariances": (lambda m: m["covariance"][0].__setitem__(0, 0.0), "covariance"),
     "payloads as a list": (lambda m: m.update(payloads=[1]), "payloads"),
 }
 

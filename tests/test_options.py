@@ -94,7 +94,7 @@ def test_what_a_terminal_would_obey_is_written_out(code: str, shown: bytes) -> N
     say("é \x1b[2J \udcff \u202e\nnext", stream)
     stream.seek(0)
     assert stream.buffer.read() == shown + rb" \x1b[2J \udcff \u202e" + b"\nnext\n"
-    assert files.to_json(["\x9b\udcff"], None) == '["\\u009b\\udcff"]\n'
+    assert files.to_json(["\x9b\udcff"], None) == '["\\u009b\\\\udcff"]\n'
 
 
 def test_a_name_that_holds_escapes_is_told_without_them(run: Run, tmp_path: Path) -> None:

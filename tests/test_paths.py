@@ -201,3 +201,38 @@ def test_a_folder_of_an_earlier_run_is_replaced_at_once(tmp_path: Path, monkeypa
     assert not [path for path in touched if path.parent == folder]
     assert one_run(folder) and {path.name for path in folder.iterdir()} == {"a", "c", files.RUN}
     assert list(tmp_path.iterdir()) == [folder] and folder.stat().st_mode & 0o777 == 0o750
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("identify rig.urdf log.csv -o notes.csv", "-o: would write over notes.csv; give it a name that ends in .yaml"),
+        ("tune rig.urdf log.csv -o notes.csv", "-o: would write over notes.csv; give it a name that ends in .yaml"),
+        ("check rig.urdf --json notes.csv", "--json: would write over notes.csv; give it a name that ends in .json"),
+        (
+            "identify rig.urdf log.csv --urdf notes.csv",
+            "--urdf: would write over notes.csv; give it a name that ends in .urdf",
+        ),
+        ("identify rig.urdf log.csv -o out", "-o: is a folder"),
+        ("auto rig.urdf log.csv -o log.csv/out", "-o: would be a folder where log.csv is a file"),
+        ("simulate rig.urdf -o no/x.csv", "-o: lies in a folder that does not exist (no)"),
+        ("auto rig.urdf log.csv -o theirs", "-o: holds report.html, which is of no earlier run"),
+        (
+            "diagnose rig.urdf log.csv -o mine",
+            "-o: holds diagnosis.json, which was changed after the run that wrote it",
+        ),
+    ],
+)
+def test_a_place_that_cannot_be_written_to_is_told_before_the_work(
+    run: Run, folder: Path, command: str, said: str
+) -> None:
+    """Before anything is read: the log is none. What somebody else wrote, or edited, is left as it is."""
+    (folder / "notes.csv").write_text("my notes")
+    (folder / "theirs").mkdir()
+    (folder / "theirs" / "report.html").write_text("my report")
+    (folder / "mine").mkdir()
+    written(folder / "mine", **{"diagnosis.json": "{}"})
+    (folder / "mine" / "diagnosis.json").write_text("edited")
+    before = content(folder)
+    refused(run(*command.split()), 2, said)
+    assert content(folder) == before

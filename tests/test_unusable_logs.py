@@ -231,6 +231,37 @@ def test_no_torque_and_one_row_are_told_once(
     refused(run(verb, "turret", tmp_path / "x.csv"), 3, "x.csv", words)
 
 
+def test_a_torque_that_is_missing_is_no_measurement_of_zero(run: Run, tmp_path: Path) -> None:
+    """Parameters of zero would explain it perfectly; a joint that is held may have none."""
+    rig = Rig.load("turret")
+    log = recorded(rig, 1)
+    assert log.tau is not None
+    tau = np.array(log.tau)
+    tau[:, 1] = 0.0
+    write_log(replace(log, tau=tau), tmp_path / "log.csv")
+    for more in ((), ("--follow", "--idle", "0")):
+        code, _, err = run("identify", "turret", str(tmp_path / "log.csv"), *more)
+        refused((code, "", err), 3, f"tau_{rig.joints[1]} is zero all along, while {rig.joints[1]} moves")
+
+
+def test_a_rate_of_one_value_is_the_angles_derivative(run: Run, tmp_path: Path) -> None:
+    """A column that nobody filled is no measurement without noise."""
+    rig = Rig.load("turret")
+    log = recorded(rig, 1)
+    assert log.v is not None
+    none = replace(log, v=np.zeros_like(log.v))
+    for filtering in (Filtering(), Filtering(cutoff=10.0)):
+        without, empty = (identify(rig, [one], filtering=filtering) for one in (replace(log, v=None), none))
+        assert np.allclose(
+            empty.estimate.theta, without.estimate.theta, atol=1e-6 * np.abs(without.estimate.theta).max()
+        )
+    online = Online.of(rig)
+    found = [
+        online.estimate(online.advance(online.start(), one)).estimate.theta for one in (replace(log, v=None), none)
+    ]
+    assert np.allclose(*found, atol=1e-2 * np.abs(found[0]).max())
+
+
 def test_what_was_learned_before_a_value_that_no_machine_has_is_kept(run: Run, tmp_path: Path) -> None:
     log = recorded(Rig.load("turret"), 1)
     (tmp_path / "x.csv").write_text(spoilt(log, "tau", 1e300, slice(len(log) - ROW, None)))

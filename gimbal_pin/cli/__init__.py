@@ -120,6 +120,6 @@ def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
 
 
 def one_line(message: str) -> str:
-    """Fold the parser's framed message into one line."""
-    lines = [re.sub(r"[─-]{4,}|[─│╭╮╰╯]", "", line).strip() for line in message.splitlines()]
-    return "; ".join(line for line in lines if line)
+    """Fold the parser's message, a heading over what says the same and more, into one line."""
+    lines = [line for line in (re.sub(r"[─-]{4,}|[─│╭╮╰╯]", "", line).strip() for line in message.splitlines()) if line]
+    return "; ".join(lines[1:] or lines).replace(":; ", ": ")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import UseAppendAction, arg
 
 from gimbal_pin.cli.inputs import carried, load_logs
-from gimbal_pin.cli.options import Effects, PlatformSize, Plotted, Written, Yes, between, optional
+from gimbal_pin.cli.options import Effects, Page, PlatformSize, Plotted, Yes, between, optional
 from gimbal_pin.cli.paths import Reads, logs, maps
 from gimbal_pin.cli.present import noted
 from gimbal_pin.cli.work import affordable
@@ -159,8 +159,8 @@ class Pages:
     plot: Annotated[
         Plotted, optional("FILE", "draw line of sight, spectrum, torque and budget: .png, .svg or .pdf")
     ] = None
-    report: Annotated[Written, optional("FILE", "write a report: what the camera sees, errors, torque")] = None
-    animation: Annotated[Written, optional("FILE", "write the rig on its platform as an offline page")] = None
+    report: Annotated[Page, optional("FILE", "write a report: what the camera sees, errors, torque")] = None
+    animation: Annotated[Page, optional("FILE", "write the rig on its platform as an offline page")] = None
 
     def check(self, moving: bool) -> None:
         """Raise `UsageError` for a picture of a platform that stands."""

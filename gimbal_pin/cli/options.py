@@ -57,9 +57,13 @@ Logs = Annotated[
     arg(metavar="LOG …", help="CSV or Parquet; LOG@PAYLOAD names its payload", help_behavior_hint="(at least one)"),
 ]
 Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
-Written = Annotated[Path | None, Writes()]
+Page = Annotated[Path | None, Writes(over=(".html",))]
 Plotted = Annotated[Path | None, Writes(suffixes=(".png", ".svg", ".pdf"))]
-Json = Annotated[Written, optional("FILE", "write the result as JSON; - for standard output")]
+Json = Annotated[
+    Path | None,
+    Writes(over=(".json", ".jsonl")),
+    optional("FILE", "write the result as JSON; - for standard output"),
+]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
     Reads(maps),
@@ -75,13 +79,13 @@ Effects = Annotated[
 # The largest is a shock of 10 g for profile S, of 1 m/s² rms.
 PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
 Output = Annotated[Path, Writes(), arg(aliases=["-o"], metavar="FILE", help="where to write")]
-MaybeOutput = Annotated[
-    Path | None, Writes(), arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")
-]
+INTO_FILE = arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")
+MaybeOutput = Annotated[Path | None, Writes(), INTO_FILE]
+MaybeYaml = Annotated[Path | None, Writes(over=(".yaml", ".yml")), INTO_FILE]
 INTO = "folder for the files, made if it is not there; its run.json says which run they are of"
-Folder = Annotated[Path, Writes(walked), arg(aliases=["-o"], metavar="DIR", help=INTO)]
+Folder = Annotated[Path, Writes(walked, run=True), arg(aliases=["-o"], metavar="DIR", help=INTO)]
 MaybeFolder = Annotated[
-    Path | None, Writes(diagnosed), arg(aliases=["-o"], metavar="DIR", help=INTO, help_behavior_hint="")
+    Path | None, Writes(diagnosed, run=True), arg(aliases=["-o"], metavar="DIR", help=INTO, help_behavior_hint="")
 ]
 ModelFile = Annotated[
     Path | None,

@@ -40,11 +40,15 @@ class Writes:
 
     Attributes:
         files: Which.
-        suffixes: Those that the file's name may have; empty: any, or the writer tells.
+        suffixes: Those that the file's name may have; empty: the writer tells.
+        over: Those that a file may have that is written over; empty: any.
+        run: Whether the value is a folder, for the files of one run.
     """
 
     files: Files = itself
     suffixes: tuple[str, ...] = ()
+    over: tuple[str, ...] = ()
+    run: bool = False
 
 
 def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
@@ -119,7 +123,13 @@ def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
 
 
 def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
-    """Raise `UsageError` if a verb would write over a file that it reads, two of its outputs into one, or no format."""
+    """Raise what there is against the places that a verb would write to, before it begins.
+
+    Raises:
+        UsageError: It would write over a file that it reads, or two outputs into one; a name tells no format of its
+            kind; a place cannot be written to; or a folder holds a file of that name that is of no run, or has been
+            edited since.
+    """
     marked = [(label, value, mark) for label, value, marks in options(verb, given) for mark in marks]
     written = [(label, value, mark) for label, value, mark in marked if isinstance(mark, Writes)]
     if not written:
@@ -136,8 +146,38 @@ def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
             raise UsageError(label, f"would write over {own[file]}, {what}", f"name another place{mend}")
         taken |= dict.fromkeys(own, (f"which {label} writes", ""))
     for label, value, mark in written:
-        if mark.suffixes and Path(value).suffix.lower() not in mark.suffixes:
-            raise UsageError(label, f"names {value}", f"give it a name that ends in {', '.join(mark.suffixes)}")
+        files = list(mark.files(value, given))
+        if mark.run:
+            check_run(value, files, label)
+        elif files:
+            check_file(Path(value), mark, label)
+
+
+def check_file(path: Path, mark: Writes, label: str) -> None:
+    """Raise `UsageError` unless a file can be put there, under that name."""
+    from gimbal_pin.io.files import check_target
+
+    check_target(path, label)
+    if mark.suffixes and path.suffix.lower() not in mark.suffixes:
+        raise UsageError(label, f"names {path}", f"give it a name that ends in {', '.join(mark.suffixes)}")
+    if mark.over and path.suffix.lower() not in mark.over and path.is_file():
+        raise UsageError(label, f"would write over {path}", f"give it a name that ends in {', '.join(mark.over)}")
+
+
+def check_run(folder: Path, files: Iterable[str | Path], label: str) -> None:
+    """Raise `UsageError` if a run cannot be put into a folder, or would replace what is not an earlier run's."""
+    from gimbal_pin.io.files import RUN, check_folder, digest, listed
+
+    check_folder(folder, label)
+    ours = listed(folder)
+    for file in (Path(file) for file in files):
+        if file.name == RUN or not os.path.lexists(file):
+            continue
+        if file.name not in ours:
+            raise UsageError(label, f"holds {file.name}, which is of no earlier run", "name another folder, or move it")
+        if digest(file) != ours[file.name]:
+            what = f"holds {file.name}, which was changed after the run that wrote it"
+            raise UsageError(label, what, "name another folder, or move it")
 
 
 def identity(path: str | Path) -> object:

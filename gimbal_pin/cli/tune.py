@@ -9,7 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
-from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeOutput, Payload, Plotted, RigName
+from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeYaml, Payload, Plotted, RigName
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 
@@ -22,7 +22,7 @@ def tune(
     source: Annotated[
         Positional[tuple[str, ...]], Reads(logs), arg(metavar="LOG|MODEL", help="logs, or a model's YAML")
     ],
-    output: MaybeOutput = None,
+    output: MaybeYaml = None,
     *,
     payload: Payload = None,
     map: Map = (),

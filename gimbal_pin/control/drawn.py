@@ -38,7 +38,7 @@ def drawn(model: Model, kind: str, rng: np.random.Generator) -> Ratios | None:
     q, _ = poses(model.rig, VARIED if kind == "pid" else POSES)
     believed = diagonals(inertia(model, q))
     zero = np.zeros(len(known.covariance))
-    sets = rng.multivariate_normal(zero, known.covariance, DRAWS, method="eigh")
+    sets = rng.multivariate_normal(zero, known.covariance, DRAWS, method="eigh", check_valid="ignore")
     change = np.moveaxis(np.diagonal(pushes(model, places, q, np.zeros_like(q)), axis1=1, axis2=2), 1, 2)  # (N, n, k)
     true = believed + np.einsum("ijk,sk->sij", change, sets)
     nominal = diagonals(inertia(model, home(model.rig)[None])) if kind == "pid" else believed

@@ -106,7 +106,7 @@ def bounds(model: Model, rng: np.random.Generator) -> Bounds:
     if model.estimated is None or places is None:
         return stated(model, q, v, D, largest)
     deviation = model.estimated.covariance
-    draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh")
+    draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh", check_valid="ignore")
     alpha, phi, cross = (float(np.quantile(values, 0.95)) for values in sampled(model, places, q, v, D, draws))
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
     return Bounds(alpha, phi, largest, cross, ignored(D), source)

@@ -5,9 +5,10 @@ from gimbal_pin.identification.fitting import identify, moved, refitted
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.judging import Accuracy, accuracy
-from gimbal_pin.identification.seen import check_driven, check_sampling, check_seen, enough, unseen, within
+from gimbal_pin.identification.seen import DROWNED, check_driven, check_sampling, check_seen, enough, unseen, within
 
 __all__ = [
+    "DROWNED",
     "Accuracy",
     "Identified",
     "accuracy",

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gimbal_pin.digits import digits
 from gimbal_pin.errors import DataError
+from gimbal_pin.identification.seen import FAINT
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Block
 
@@ -19,7 +21,8 @@ class Accuracy:
     Attributes:
         how: Which rows.
         torque_rmse: Joint → root mean square error, N m, over all samples but those near standstill.
-        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples.
+        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples; nan where the torque
+            does not change.
         used: Joint → share of the rows that were used; the rest is near standstill, where a joint's motion does not
             tell its torque.
     """
@@ -31,7 +34,7 @@ class Accuracy:
 
     def __str__(self) -> str:
         """One line: every joint's error and fit."""
-        each = (f"{j} {error:.3g} N m ({self.fit_percent[j]:.2f} %)" for j, error in self.torque_rmse.items())
+        each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
         return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
 
 
@@ -44,7 +47,7 @@ def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: 
     rows = np.maximum(np.sum(share**2, axis=0), 1e-300)
     rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
     mean = np.sum(measured * share, axis=0) / rows
-    spread = np.maximum(np.linalg.norm(measured - mean * share, axis=0), 1e-300)
-    fit = 100 * (1 - np.linalg.norm(error, axis=0) / spread)
+    spread = np.linalg.norm(measured - mean * share, axis=0)
+    fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
     used = np.mean(share**2, axis=0)
     return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used)))

@@ -8,8 +8,9 @@ import numpy as np
 
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import Estimate
-from gimbal_pin.log import Log
+from gimbal_pin.log import Array, Log
 from gimbal_pin.rows import Block, Filtering, Rows, settling
+from gimbal_pin.rows.channels import Flags
 
 SLOW = 0.2
 """Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
@@ -24,21 +25,31 @@ def within(log: Log, filters: Filtering) -> None:
 
     Raises:
         DataError: It has no torque.
-        LogError: They lie too far apart.
+        LogError: Its samples lie too far apart.
         UsageError: The cutoff leaves nothing to remove.
     """
     if log.tau is not None:
-        check_driven(log.name, float(np.abs(log.tau).max()))
+        torque = np.abs(log.tau).max(axis=0)
+        check_driven(log.name, log.joints, torque, np.full(len(torque), torque.max() < FAINT))
     if len(log) > 1:
         check_sampling(log.name, log.dt, filters.cutoff)
 
 
-def check_driven(name: str, torque: float) -> None:
-    """Raise `DataError` if the largest torque of all, N m, is none."""
-    if torque < FAINT:
-        raise DataError(
-            name, "its torques are zero at every joint", "log what the drives report or were commanded, in N m"
-        )
+def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags) -> None:
+    """Raise `DataError` if a joint's torque is none while it moves: parameters of zero would explain it perfectly.
+
+    Args:
+        place: What the error names.
+        joints: Names of the joints.
+        torque: Largest torque of each, N m, (n,).
+        moving: Whether it moves, (n,).
+    """
+    silent = torque < FAINT
+    if (moving & silent).any():
+        name = joints[int(np.argmax(moving & silent))]
+        one = f"tau_{name} is zero all along, while {name} moves"
+        what = "its torques are zero at every joint" if silent.all() else one
+        raise DataError(place, what, "log what the drives report or were commanded, in N m")
 
 
 def check_sampling(name: str, dt: float, cutoff: float) -> None:
@@ -52,7 +63,7 @@ def check_sampling(name: str, dt: float, cutoff: float) -> None:
 
 
 def enough(rows: Rows, blocks: Sequence[Block]) -> None:
-    """Raise `DataError` if there are fewer rows than three per parameter."""
+    """Raise `DataError` if there are fewer rows than three per parameter, or a joint moves without a torque."""
     have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
     if have < want:
         seconds = max((float(np.ptp(log.t)) for log in rows.logs if len(log)), default=0.0)
@@ -60,6 +71,8 @@ def enough(rows: Rows, blocks: Sequence[Block]) -> None:
         what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
         need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * settling(rows.filtering)
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
+    torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
+    check_driven(rows.logs[0].name, rows.rig.joints, torque, shares(blocks) > DROWNED)
 
 
 def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
@@ -70,12 +83,17 @@ def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estima
 
 def untraced(blocks: Sequence[Block]) -> tuple[str, str]:
     """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
-    kept = min(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0).tolist())
+    kept = shares(blocks).min()
     if kept >= DROWNED:
         return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
     what = f"no faster than their rate's noise, or still, are all but {100 * kept:.2g} % of a joint's samples"
     mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_)"
     return f"{what}; the rest leaves no trace of", mend
+
+
+def shares(blocks: Sequence[Block]) -> Array:
+    """Return the share of each joint's samples that tell which way it turns, (n,)."""
+    return np.asarray(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0))
 
 
 def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:

@@ -188,6 +188,15 @@ def check_target(target: Path, place: str) -> None:
         raise UsageError(place, "is write-protected", "name another file")
 
 
+def check_folder(folder: Path, place: str) -> None:
+    """Raise `UsageError` unless `folder` is one that can be written to, or can be made."""
+    there = next(one for one in (folder, *folder.absolute().parents) if os.path.lexists(one))
+    if not there.is_dir():
+        raise UsageError(place, f"would be a folder where {there.name} is a file", "name another place")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise UsageError(place, "is write-protected", "name another folder")
+
+
 def put(temporary: Path, target: Path, special: bool = False) -> None:
     """Move `temporary` to `target`, which keeps its access rights; a special file is written through."""
     if special:
@@ -222,8 +231,7 @@ def output_folder(path: str | Path) -> Path:
     """Create the folder that a verb's ``-o DIR`` names, parents included, and return it; `UsageError` if that fails."""
     folder = Path(path)
     with told(path):
-        if folder.exists() and not folder.is_dir():
-            raise UsageError(str(path), "is a file, not a folder", "name a folder")
+        check_folder(folder, str(path))
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -261,7 +269,7 @@ def plain(value: object) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     if isinstance(value, (str, Path)):
-        return str(value)
+        return str(value).encode("utf-8", "backslashreplace").decode()  # a file's name may hold what is no character
     if value is None or isinstance(value, (bool, int, float)):
         return value
     raise TypeError(f"{type(value).__name__} has no plain form")

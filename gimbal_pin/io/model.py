@@ -109,7 +109,7 @@ def known(data: Any, place: str) -> Estimated:
         raise ModelError(f"{place}: covariance", "has another shape than its parameters", mend)
     covariance = np.array(filed.covariance).reshape(count, count)
     std = np.sqrt(np.abs(np.diag(covariance)))
-    correlation = covariance / np.outer(*[np.where(std > 0, std, 1.0)] * 2)
+    correlation = covariance / np.outer(*[np.maximum(std, 1e-150)] * 2)  # what has no variance has no covariance
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)

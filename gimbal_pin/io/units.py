@@ -85,6 +85,8 @@ def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
     j = int(np.argmax(off))
     joint, factor = rig.joints[j], float(ratio[j])
     what = f"q_{joint} moves {factor:.3g} times as far as dq_{joint} says"
+    if factor == 0:
+        raise LogError(name, f"q_{joint} stands still, while dq_{joint} does not", "map the columns of one joint")
     if off.sum() == tells.sum() and abs(np.log10(factor) + 3) < 0.3:
         raise LogError(name, f"{what}, as every joint does", "t is in ms, not s: map it: --map t=COLUMN*1e-3")
     mend = f"one of the two is in degrees, or in other units: --map dq_{joint}=COLUMN*{factor:.3g}, or map q_{joint}"

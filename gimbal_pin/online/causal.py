@@ -270,7 +270,7 @@ def fused(design: Design, noise: Noise, derived: Array, rate: Array, slow: Array
     rate_std = measured * design.gains[1]
     out, last = np.empty_like(rate), np.empty_like(slow)
     for j, gain in enumerate(np.clip(share, 1e-9, 1.0).tolist()):
-        if crossover[j] * design.dt > 0.8 * np.pi:
+        if measured[j] == 0 or crossover[j] * design.dt > 0.8 * np.pi:
             gain, rate_std[j] = 1.0, angle[j] * design.gains[0]
         difference = derived[:, j] - rate[:, j]
         low, _ = lfilter([gain], [1.0, gain - 1.0], difference, zi=[(1.0 - gain) * slow[j]])

@@ -12,7 +12,16 @@ import numpy as np
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import Estimate
-from gimbal_pin.identification import Accuracy, Identified, accuracy, assembled, check_driven, check_sampling, to_model
+from gimbal_pin.identification import (
+    DROWNED,
+    Accuracy,
+    Identified,
+    accuracy,
+    assembled,
+    check_driven,
+    check_sampling,
+    to_model,
+)
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
@@ -213,7 +222,8 @@ class Online:
         if few(task, moments, prior):
             what = f"has given {moments.rows} rows so far; they cannot show any of"
             raise DataError(memory.name, what, "go on moving every joint", task.names)
-        check_driven(memory.name, float(np.linalg.norm(moments.factors[:, :, -2])))
+        torque, moving = np.linalg.norm(moments.factors[:, :, -2], axis=1), moments.count > DROWNED * moments.rows
+        check_driven(memory.name, self.rows.rig.joints, torque, moving)
         known = solved(moments, prior)
         if names := hidden(task, moments, known.estimate, prior):
             raise DataError(memory.name, "so far leaves no trace of", "move every joint, several at a time", names)

@@ -13,7 +13,8 @@ def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) 
 
     The derivative of an angle with white noise σ_q is the better rate below the frequency where 2π f σ_q = σ_v, the
     measured rate above it: a complementary filter at that crossover takes each where it is better, and removes a
-    gyro's bias on the way.
+    gyro's bias on the way. A column of one value throughout has no noise to weigh it by and is no measurement: where
+    the joint is held, the angle says so, too.
     """
     sections = signals.lowpass(cutoff, 1 / dt)
     angle_noise, rate_noise = signals.noise_std(raw_q), signals.noise_std(raw_v)
@@ -26,9 +27,10 @@ def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) 
     difference[:edge], difference[-edge:] = difference[edge], difference[-edge - 1]
     for j, (sigma_q, sigma_v) in enumerate(zip(angle_noise, rate_noise)):
         crossover = sigma_v / (2 * np.pi * max(sigma_q, 1e-12))
-        if crossover * dt < 1e-4:
+        measured = np.ptp(raw_v[:, j]) > 0
+        if measured and crossover * dt < 1e-4:
             continue
-        if crossover * dt > 0.4:
+        if not measured or crossover * dt > 0.4:
             out[:, j] = derived[:, j]
             rate_std[j] = angle_noise[j] * signals.noise_gain(sections, 1 / dt, 1)
             continue

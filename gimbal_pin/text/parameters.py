@@ -66,9 +66,16 @@ def parameter(found: Identified, k: int) -> tuple[str, ...]:
     value, std = float(found.estimate.theta[k]), float(found.estimate.std[k])
     share = number(100 * abs(1.96 * std / value), 2) if value and std else ""
     interval = number(1.96 * std, 2) if std else "–"  # nothing was estimated: it was taken as it was known
-    stated = (number(float(found.stated[k])), f"{found.moved[k]:+.1f}" if found.moved[k] == found.moved[k] else "–")
+    stated = (number(float(found.stated[k])), off_by(float(found.moved[k])))
     best = () if found.bound is None else (number(1.96 * float(found.bound[k]), 2),)
     return (found.names[k], number(value), interval, share, found.units[k], *stated, *best)
+
+
+def off_by(deviations: float) -> str:
+    """Return a difference in standard deviations, with its sign."""
+    if deviations != deviations:
+        return "–"
+    return f"{deviations:+.1f}" if abs(deviations) < 1e5 else f"{deviations:+.1g}"
 
 
 def at_best(found: Identified) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io.files import atomic_write, replacing
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
@@ -76,6 +76,8 @@ def save(
     suffix = Path(path).suffix.lower()
     if suffix not in FPS:
         raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FPS)}")
+    if len(log) == 1 and suffix != ".png":
+        raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
     check_size(size)
     rate = FPS[suffix] if fps is None else fps
     shown = motion(rig, log, rate, speed, ghost, colour)
