@@ -1,0 +1,139 @@
+"""Run the verbs on measured logs and print what DIAGNOSIS asks of them, one line each, and a table of all runs.
+
+Every run is a process of its own; what is in the folder of results is not run again, so that a run that was stopped
+goes on where it was. ``--only NAME`` runs logs again whose names begin so, and no others. ``--compare A B`` prints the
+verdicts of two folders side by side: give every engine a folder of its own. Nothing is copied from the data.
+
+Data with no licence to stand beside the project are taken from ``--public DIR``, a folder with clones of the
+repositories that the data's README names (dynamic_calibration, figaroh-examples).
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import tyro
+from real_data import cases, checks, running
+from real_data.cases import Case
+from real_data.checks import Line
+from real_data.running import Outcome
+from tqdm import tqdm
+
+Outcomes = Mapping[tuple[str, str], Outcome]
+
+DATA = Path(__file__).parents[1] / ".." / "shared" / "data"
+LIMIT = 120.0
+"""Time limit of a run, s: twice what any diagnosis may take, on a machine that is busy with something else."""
+
+
+def chosen(every: Sequence[Case], only: Sequence[str]) -> list[Case]:
+    """Return the cases whose names begin as one of `only`, all where that is empty."""
+    for name in only:
+        if not any(case.name.startswith(name) for case in every):
+            sys.exit(f"--only: no log is called '{name}'; there are {', '.join(case.name for case in every)}")
+    return [case for case in every if not only or case.name.startswith(tuple(only))]
+
+
+def run_missing(wanted: Sequence[Case], folder: Path, limit: float) -> None:
+    """Run what has no outcome in the folder."""
+    there = [case for case in wanted if all(log.is_file() for log in case.logs)]
+    for case in wanted:
+        if case not in there:
+            print(f"not run: {case.name}: its log is not there")
+    jobs = [(case, run) for case in there for run in case.runs if not (folder / case.name / f"{run}.json").exists()]
+    for case, run in tqdm(jobs, desc="runs", disable=None, file=sys.stderr):
+        out = folder / case.name
+        running.keep(running.run(case.arguments(run, out), out, limit), out / f"{run}.json")
+
+
+def residual(outcome: Outcome) -> str:
+    """Return each joint's state of the residual, and its discrepancy where that is told."""
+    told = (outcome.result or {}).get("residual", {})
+    shares = {joint: one.get("discrepancy") for joint, one in told.items()}
+    each = (f"{j} {one['state']}" + ("" if shares[j] is None else f" {shares[j]:.2f}") for j, one in told.items())
+    return ", ".join(each)
+
+
+def table(outcomes: Outcomes) -> str:
+    """Return one line per run: seconds, exit code, what was found, what is left."""
+    rows = [("log", "run", "s", "exit", "verdict: findings", "residual")]
+    for (case, run), one in outcomes.items():
+        code = "limit" if one.exit is None else str(one.exit)
+        said = checks.verdict(one) if "verdict" in (one.result or {}) or one.exit != 0 else ""
+        rows.append((case, run, f"{one.seconds:.1f}", code, said, residual(one)))
+    widths = [max(len(row[k]) for row in rows) for k in range(4)]
+    return "\n".join("  ".join([*(x.ljust(w) for x, w in zip(row, widths)), *row[4:]]).rstrip() for row in rows)
+
+
+def side_by_side(one: Outcomes, other: Outcomes) -> str:
+    """Return what two folders hold of every diagnosis, and of every other run that ended differently."""
+    lines = []
+    for key in sorted(one.keys() | other.keys()):
+        pair = one.get(key), other.get(key)
+        if key[1].startswith("diagnose") or len({x and x.exit for x in pair}) > 1:
+            lines.append(" ".join(key))
+            for name, x in zip("AB", pair):
+                told = "not run" if x is None else f"{x.seconds:6.1f} s  {checks.verdict(x)}  {residual(x)}".rstrip()
+                lines.append(f"  {name}  {told}")
+    return "\n".join(lines)
+
+
+def count(lines: Sequence[Line]) -> str:
+    """Return the last line."""
+    passed, failed, skipped = (sum(line.passed is state for line in lines) for state in (True, False, None))
+    return f"{passed} passed, {failed} failed, {skipped} skipped"
+
+
+def main(
+    data: Path = DATA,
+    folder: Path = Path("real-results"),
+    only: tuple[str, ...] = (),
+    public: Path | None = None,
+    compare: tuple[Path, Path] | None = None,
+    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    limit: float = LIMIT,
+) -> None:
+    """Run what is missing and print lines and table.
+
+    Args:
+        data: The folder of measured data.
+        folder: Where outcomes are kept.
+        only: Run these logs again, by how their names begin, and no others; lines without outcomes are skipped.
+        public: A folder with clones of the public repositories that the data's README names.
+        compare: Print the verdicts of two folders of outcomes side by side, and run nothing.
+        json_file: Write lines and outcomes as JSON.
+        limit: Time limit of a run, s.
+    """
+    if compare is not None:
+        print(side_by_side(*map(running.kept, compare)))
+        return
+    if not data.is_dir():
+        print(f"{data} is not there: give the folder of measured data with --data")
+    with TemporaryDirectory() as place:
+        made = Path(place)
+        every = cases.measured(data, made) + (cases.public(public, made) if public is not None else [])
+        wanted = chosen(every, only)
+        if only:
+            for case in wanted:
+                shutil.rmtree(folder / case.name, ignore_errors=True)
+        run_missing(wanted, folder, limit)
+        names = {case.name for case in every}
+        outcomes = {key: one for key, one in running.kept(folder).items() if key[0] in names}
+        lines = checks.judged(checks.required(every, folder), outcomes)
+    print(table(outcomes), "", *lines, sep="\n")
+    if json_file is not None:
+        told = {" ".join(key): asdict(one) for key, one in outcomes.items()}
+        json_file.write_text(json.dumps({"lines": [asdict(x) for x in lines], "runs": told}, indent=1), "utf-8")
+    print(count(lines))
+    sys.exit(any(line.passed is False for line in lines))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,220 @@
+"""The measured logs: rig, files, column mapping, and the verbs that are run on each."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+from gimbal_pin.rig import Rig
+
+Words = tuple[str, ...]
+
+COMPARED: Mapping[str, Words] = {
+    "diagnose": ("diagnose", "{rig}", "{logs}", "{maps}", "--json", "{json}"),
+    "identify": ("identify", "{rig}", "{logs}", "{maps}", "-o", "{out}/model.yaml", "--json", "{json}"),
+}
+"""Run on every log: name of the run → words of the command line."""
+ONE_TURN = {"diagnose-last-third": (*COMPARED["diagnose"], "--holdout", "last-third")}
+NOISY = {f"identify-{name}": (*COMPARED["identify"], "--estimator", name) for name in ("instrumental", "output-error")}
+EVERY: Mapping[str, Words] = {
+    **COMPARED,
+    "tune": ("tune", "{rig}", "{logs}", "{maps}", "-o", "{out}/controller.yaml"),
+    "animate": ("animate", "{rig}", "{logs}", "{maps}", "-o", "{out}/animation.html"),
+    "auto": ("auto", "{rig}", "{logs}", "{maps}", "-o", "{out}/auto"),
+}
+"""The verbs that take a log of a rig."""
+CARRIED: Mapping[str, Words] = {
+    **EVERY,
+    "simulate": ("simulate", "{rig}", "--platform-log", "{logs}", "{maps}", "--seconds", "10", "-o", "{out}/log.csv"),
+    "tune-urdf": ("tune", "{rig}", "-o", "{out}/nominal.yaml"),
+    "track": ("track", "{rig}", "{out}/nominal.yaml", "--platform-log", "{logs}", "{maps}", "--seconds", "5",
+              "--seeds", "1", "--json", "{json}"),
+}  # fmt: skip
+"""The verbs that take a platform's motion, and those that take a log, given one that holds no joint."""
+
+TORQUE_CONSTANT = {"odrive_cogging": 0.0276, "laas_anti_cogging": 0.025}
+"""Assumed N m per A; neither is known, and no figure in A depends on it."""
+PLATFORM = ("t=time", *(f"gyro_base_{x.lower()}=Gyr_{x}*pi/180" for x in "XYZ"),
+            *(f"accel_base_{x.lower()}=Acc_{x}" for x in "XYZ"))  # fmt: skip
+UR10E = {"12": "ur-20_02_12-50sec_12harm.csv", "14": "ur-20_02_19_14harm50sec.csv"}
+UR10E_CONSTANTS = (10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232)
+"""N m per A, by the log's authors."""
+TIAGO_CONSTANTS = (1.0, 13.6, 13.6, -8.7, -8.7, *3 * (336 * -0.0613,))
+"""N m per unit of effort at torso and arm 1 to 7: reduction times torque constant, by the log's authors.
+
+The data's README gives the ratios as 1, 100 four times and 336 three times.
+"""
+
+CAMERA = """<robot name="camera_gimbal"><link name="base"/>
+<link name="camera"><inertial><mass value="0.2"/>
+<inertia ixx="0.0002" iyy="0.0002" izz="0.0002" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="tilt" type="revolute"><parent link="base"/><child link="camera"/><axis xyz="0 1 0"/>
+<limit lower="-1.5" upper="1.5" effort="0.3" velocity="20"/></joint></robot>
+"""
+"""One axis and a camera of some 200 g: the source names the motor (GB2208) and no inertia."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One log, or several of one rig that are given together.
+
+    Attributes:
+        name: What results are kept under; ``--only`` takes it, or how it begins.
+        rig: Bundled name, or path of a URDF.
+        logs: Paths of the logs.
+        maps: What ``--map`` is given.
+        runs: Name of a run → words of the command line; ``{logs}`` and ``{maps}`` stand for several words.
+    """
+
+    name: str
+    rig: Path | str
+    logs: tuple[Path, ...]
+    maps: Words
+    runs: Mapping[str, Words] = field(default_factory=lambda: COMPARED)
+
+    def arguments(self, run: str, out: Path) -> list[str]:
+        """Return the words of a run's command line; files are written in `out`, the JSON to ``out/.json``."""
+        several = {"{logs}": [str(log) for log in self.logs], "{maps}": [w for m in self.maps for w in ("--map", m)]}
+        one = {"rig": str(self.rig), "out": str(out), "json": str(out / ".json")}
+        words = (several[part] if part in several else [part.format(**one)] for part in self.runs[run])
+        return [word for group in words for word in group]
+
+
+def joints(pairs: Mapping[str, str], names: Sequence[str], first: int = 1) -> Words:
+    """Return maps ``target_joint=source`` for numbered sources: ``{"q": "pos{}"}`` and joints → ``q_elbow=pos2``."""
+    each = enumerate(names, start=first)
+    return tuple(f"{target}_{joint}={source.format(k)}" for k, joint in each for target, source in pairs.items())
+
+
+def measured(data: Path, made: Path) -> list[Case]:
+    """Return the cases of a folder of measured data, whether its files are there or not; `made` gets URDFs."""
+    return [*motors(data), *pendulums(data), *mended(data / "dfki_double_pendulum", made), *others(data, made)]
+
+
+def motors(data: Path) -> list[Case]:
+    """Bare motors at low and constant speeds."""
+    slow, fast = data / "odrive_cogging", data / "laas_anti_cogging"
+    counts = ("t=time_s", "q_motor=2*pi*pos_counts/8192", f"tau_motor=iq_a*{TORQUE_CONSTANT[slow.name]}")
+    turns = ("t=Time", "q_motor=Position", "dq_motor=Velocity", f"tau_motor=Iq*{TORQUE_CONSTANT[fast.name]}")
+    return [
+        *(
+            Case(f"odrive_{log}", slow / "rotor.urdf", (slow / f"{log}.csv",), counts, {**COMPARED, **ONE_TURN})
+            for log in ("one_log_slower", "one_log_goodgains")
+        ),
+        Case("odrive_slow_abcd", slow / "rotor.urdf", tuple(slow / f"slow_{k}.csv" for k in "abcd"), counts),
+        *(
+            Case(f"laas_{log}", fast / "rotor.urdf", (fast / f"{log}.csv",), turns)
+            for log in ("speed_test1_on", "speed_test1_off", "acc_current")
+        ),
+    ]
+
+
+def pendulums(data: Path) -> list[Case]:
+    """Arms of one and two axes under gravity."""
+    one, two = data / "dfki_simple_pendulum", data / "dfki_double_pendulum"
+    single = ("t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque")
+    names, first, second = ("shoulder", "elbow"), ("055640", "060143", "061157"), two / "double_pendulum.urdf"
+    plain = ("t=time", *joints({"q": "pos{}", "dq": "vel{}", "tau": "tau{}"}, names))
+    numbered = {"q": "pos_meas{}", "dq": "vel_meas{}", "tau": "tau_meas{}"}
+    lot = [two / f"20220812-{run}-PM_measured.csv" for run in first]
+    urdf = one / "pendulum.urdf"
+    return [
+        Case("simple_system_identification", urdf, (one / "system_identification.csv",), single, {**EVERY, **NOISY}),
+        Case("simple_direct_collocation", urdf, (one / "direct_collocation.csv",), single, EVERY),
+        *(Case(f"double_{run}", second, (log,), plain) for run, log in zip(first, lot)),
+        Case("double_three_logs", second, tuple(lot), plain),
+        Case("double_A_0815_02", second, (two / "A_0815_02.csv",), ("t=time", *joints(numbered, names))),
+    ]
+
+
+def mended(data: Path, made: Path) -> list[Case]:
+    """Two short logs of the double pendulum, as they are and with what stops a reader taken out of a copy in `made`.
+
+    One log's first two rows share a time stamp; the maker's URDF does not declare its root link.
+    """
+    short, urdf, maker = data / "A_friction_compensated_5s.csv", data / "double_pendulum.urdf", data / "vendor_C1.urdf"
+    if not (short.is_file() and maker.is_file()):
+        return []
+    lines = short.read_text(encoding="utf-8").splitlines(keepends=True)
+    (made / short.name).write_text("".join(lines[:1] + lines[2:]), encoding="utf-8")
+    tree = ElementTree.parse(maker)
+    ElementTree.SubElement(tree.getroot(), "link", name="world")
+    tree.write(made / maker.name)
+    plain = ("t=time", *joints({"q": "pos{}", "dq": "vel{}", "tau": "tau{}"}, ("shoulder", "elbow")))
+    numbered = {"q": "pos_meas{}", "dq": "vel_meas{}", "tau": "tau_meas{}"}
+    axes = ("t=time", *joints(numbered, ("Joint1", "Joint2")))
+    log = (data / "C1_154220_6s.csv",)
+    return [
+        Case("double_A_5s", urdf, (short,), plain),
+        Case("double_A_5s_mended", urdf, (made / short.name,), plain),
+        Case("double_C1_6s", made / maker.name, log, axes),
+        Case("double_C1_6s_makers_urdf", maker, log, axes),
+    ]
+
+
+def others(data: Path, made: Path) -> list[Case]:
+    """A gimbal without torque, and a platform's motion without a gimbal."""
+    (made / "camera.urdf").write_text(CAMERA, encoding="utf-8")
+    steps = ("t=column1*1e-6", "q_tilt=column2*pi/180", "dq_tilt=column3*pi/180")
+    flight = (data / "phantom4_motion" / "path_1.csv",)
+    return [
+        Case("rub_gimbal", made / "camera.urdf", (data / "rub_gimbal" / "open_loop_steps.txt",), steps, EVERY),
+        Case("phantom4_motion", "turret", flight, PLATFORM, CARRIED),
+    ]
+
+
+def public(folder: Path, made: Path) -> list[Case]:
+    """Return the cases of the public repositories that have a clone in a folder, see the README of the data."""
+    return [
+        *universal(folder / "dynamic_calibration"),
+        *tiago(folder / "figaroh-examples" / "examples" / "tiago", made),
+    ]
+
+
+def universal(clone: Path) -> list[Case]:
+    """UR10e: files without a header of time, six q, six dq, and six currents from the 14th column on."""
+    urdf, logs = clone / "URe" / "urdf" / "ur10e.urdf", clone / "dataset_ur10e" / "identification_data"
+    if not urdf.is_file():
+        return []
+    found = []
+    for harmonics, log in UR10E.items():
+        maps = ["t=column1"]
+        for k, joint in enumerate(Rig.load(urdf).joints):
+            maps += [f"q_{joint}=column{k + 2}", f"dq_{joint}=column{k + 8}"]
+            maps += [f"tau_{joint}=column{k + 14}*{UR10E_CONSTANTS[k]}"]
+        found.append(Case(f"ur10e_{harmonics}", urdf, (logs / log,), tuple(maps)))
+    return found
+
+
+def tiago(clone: Path, made: Path) -> list[Case]:
+    """TIAGo's torso and arm: three files joined by time, every other joint fixed in a URDF of our own."""
+    urdf, logs = clone / "urdf" / "tiago_schunk.urdf", clone / "data" / "identification" / "dynamic"
+    kinds = {"q": "position", "dq": "velocity", "tau": "effort"}
+    paths = {kind: logs / f"tiago_{kind}.csv" for kind in kinds.values()}
+    if not all(path.is_file() for path in (urdf, *paths.values())):
+        return []
+    names = ("torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)))
+    tree = ElementTree.parse(urdf)
+    for joint in tree.getroot().iter("joint"):
+        if joint.get("type") is not None and joint.get("name") not in names:
+            joint.set("type", "fixed")
+    tree.write(made / "tiago.urdf")
+    tables = {kind: by_time(path) for kind, path in paths.items()}
+    times = sorted(set.intersection(*(set(table) for table in tables.values())))
+    with (made / "tiago.csv").open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(["t", *(f"{target}_{joint}" for target in kinds for joint in names)])
+        for t in times:
+            rows.writerow([t, *(tables[kind][t][f"{joint}_{kind}"] for kind in kinds.values() for joint in names)])
+    maps = tuple(f"tau_{joint}=tau_{joint}*{constant}" for joint, constant in zip(names, TIAGO_CONSTANTS))
+    return [Case("tiago", made / "tiago.urdf", (made / "tiago.csv",), maps)]
+
+
+def by_time(path: Path) -> dict[float, dict[str, str]]:
+    """Read a CSV file with a column t as time → column → text; headers lose a leading ``- ``."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [{key.lstrip("- "): value for key, value in row.items()} for row in csv.DictReader(file)]
+    return {float(row["t"]): row for row in rows}

@@ -1,0 +1,197 @@
+"""`scripts/real`: what it requires holds for a good diagnosis and not for a bad one, and its runs are kept."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+import real
+from real_data import cases, checks, running
+from real_data.cases import Case
+from real_data.running import Outcome
+from real_data.samples import errors
+
+from gimbal_pin.io import write_log
+from gimbal_pin.io.model import write_extended
+from gimbal_pin.log import Log
+from gimbal_pin.model import nominal
+from tests.bench_logs import prescribed
+from tests.rigs import bundled
+
+URDF = cases.CAMERA.replace("tilt", "motor")
+SOUND = Outcome(0, 1.0, "", "", {"held_out": None})
+COLUMNS = ("t=t", "q_motor=q", "tau_motor=tau")
+
+
+def found(cause: str, joint: str, status: str = "named", **sizes: tuple[float, float | None]) -> dict[str, Any]:
+    told = {name: {"value": value, "std": std, "unit": ""} for name, (value, std) in sizes.items()}
+    return {"cause": cause, "joint": joint, "status": status, "parameters": told}
+
+
+def diagnosed(*findings: dict[str, Any], left: float = 0.1, **more: Any) -> Outcome:
+    """A diagnosis of one motor, whose held-out error was 1 and is `left`."""
+    parts = {"baseline": {"torque_rmse": {"motor": 1.0}}, "extended": {"torque_rmse": {"motor": left}}}
+    told = {"verdict": "named" if findings else "nothing", "findings": list(findings), **parts}
+    return Outcome(0, 2.0, "", "", told | {"residual": {"motor": {"state": "noise"}}} | more)
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Path:
+    """A folder of data with one motor, which moved for 2 s with 1 N m at most."""
+    place = tmp_path / "data" / "odrive_cogging"
+    place.mkdir(parents=True)
+    (place / "rotor.urdf").write_text(URDF)
+    t = np.arange(0.0, 2.0, 0.01)
+    table = np.column_stack([t, t, np.sin(t)])
+    np.savetxt(place / "log.csv", table, delimiter=",", header="t,q,tau", comments="")
+    return tmp_path / "data"
+
+
+def test_every_named_log_is_asked_about(tmp_path: Path) -> None:
+    """No data at all: every line of the list is there and is skipped, the public logs' two included."""
+    every = cases.measured(tmp_path, tmp_path)
+    lines = checks.judged(checks.required(every, tmp_path), {})
+    assert all(line.passed is None and "not run" in line.figure for line in lines)
+    assert real.count(lines) == f"0 passed, 0 failed, {len(lines)} skipped"
+    titles = " ".join(line.title for line in lines)
+    for word in ("odrive", "laas", "simple", "double_061157", "UR10e", "TIAGo", "rub_gimbal", "phantom4_motion"):
+        assert word in titles
+    assert cases.public(tmp_path, tmp_path) == []
+
+
+def test_a_runs_words_name_logs_and_maps() -> None:
+    case = Case("two", "turret", (Path("a.csv"), Path("b.csv")), cases.joints({"q": "pos{}"}, ("pan", "tilt")))
+    words = case.arguments("diagnose", Path("out"))
+    maps = ["--map", "q_pan=pos1", "--map", "q_tilt=pos2"]
+    assert words == ["diagnose", "turret", "a.csv", "b.csv", *maps, "--json", "out/.json"]
+
+
+def test_three_files_are_joined_by_time(tmp_path: Path) -> None:
+    clone = tmp_path / "figaroh-examples" / "examples" / "tiago"
+    (clone / "urdf").mkdir(parents=True)
+    (clone / "urdf" / "tiago_schunk.urdf").write_text(URDF)
+    names = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
+    for kind, times in (("position", (0, 1, 2)), ("velocity", (1, 2, 3)), ("effort", (2, 1))):
+        path = clone / "data" / "identification" / "dynamic" / f"tiago_{kind}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        header = ",".join(["t", *(f"- {name}_{kind}" for name in names)])
+        path.write_text("\n".join([header, *(",".join([str(t), *[f"{kind[0]}{t}"] * 8]) for t in times)]) + "\n")
+    (case,) = cases.public(tmp_path, tmp_path)
+    rows = [line.split(",") for line in case.logs[0].read_text().splitlines()]
+    assert rows[0][:2] == ["t", "q_torso_lift_joint"] and [row[0] for row in rows[1:]] == ["1.0", "2.0"]
+    assert rows[1][1:] == ["p1"] * 8 + ["v1"] * 8 + ["e1"] * 8
+    assert 'name="motor" type="fixed"' in Path(case.rig).read_text()
+
+
+def test_a_run_is_kept_and_not_repeated(tiny: Path, tmp_path: Path) -> None:
+    """A log that is too slow for its limit is killed; what was kept stays until it is asked for again."""
+    place = tiny / "odrive_cogging"
+    case = Case("odrive_tiny", place / "rotor.urdf", (place / "log.csv",), COLUMNS, {"diagnose": ("--help",)})
+    lost = replace(case, name="lost", logs=(place / "none.csv",))
+    folder = tmp_path / "results"
+    real.run_missing([case, lost], folder, 60.0)
+    (key,) = kept = running.kept(folder)
+    assert key == ("odrive_tiny", "diagnose") and kept[key].exit == 0 and kept[key].sound
+    assert not (folder / "lost").exists()
+    running.keep(SOUND, folder / "odrive_tiny" / "diagnose.json")
+    real.run_missing([case], folder, 60.0)
+    assert running.kept(folder) == {key: SOUND}
+    late = running.run(["--help"], tmp_path, 0.001)
+    assert late.exit is None and not late.sound and late.said == "over the time limit"
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "sound"),
+    [(0, "", True), (0, "note\n", True), (2, "one line\n", True), (3, "one line\n", True), (3, "two\nlines\n", False),
+     (1, "one line\n", False), (2, "", False), (0, "Traceback\n", False), (None, "", False)],
+)  # fmt: skip
+def test_what_an_error_of_ours_is(code: int | None, error: str, sound: bool) -> None:
+    assert replace(SOUND, exit=code, error=error).sound == sound
+
+
+def test_cogging_has_to_be_named_and_to_gain() -> None:
+    ripple = found("cogging", "motor", harmonic=(72.0, None), harmonic2=(18.0, None), amplitude=(0.1, 0.01))
+    for outcome, right in (
+        (diagnosed(ripple), True),
+        (diagnosed(ripple, left=0.31), False),
+        (diagnosed(ripple | {"status": "ambiguous"}), False),
+        (diagnosed(ripple | {"status": "unconfirmed"}), True),
+        (diagnosed(found("delay", "motor", delay=(0.154, 0.01))), False),
+    ):
+        assert checks.cogging_alone(outcome)[0] == right
+    assert all(checks.cogging_at(k)(diagnosed(ripple))[0] for k in (72, 18))
+    assert not checks.cogging_at(84)(diagnosed(ripple))[0]
+    need = ("tiny", "diagnose")
+    check = checks.Check("cogging", (need,), checks.cogging_alone)
+    (line,) = checks.judged([check], {need: replace(SOUND, exit=3, result=None)})
+    assert line.passed is False and line.figure == "exit 3"
+
+
+def test_what_a_log_denies_is_not_named(tiny: Path) -> None:
+    place = tiny / "odrive_cogging"
+    case = Case("tiny", place / "rotor.urdf", (place / "log.csv",), COLUMNS)
+    for finding, right in (
+        (found("saturation", "motor", limit=(0.8, 0.1)), True),
+        (found("saturation", "motor", limit=(6.2, 10.0)), False),
+        (found("saturation", "motor", limit=(1.2, 0.1)), False),
+        (found("friction-drift", "motor", time=(1.0, 0.1)), True),
+        (found("friction-drift", "motor", time=(0.1, 0.01)), False),
+        (found("armature", "motor", inertia=(-0.1, 0.01)), False),
+        (found("delay", "motor", delay=(0.02, 0.001)), True),
+        (found("delay", "motor", delay=(0.154, 0.001)), False),
+    ):
+        assert checks.nothing_denied(case)(diagnosed(finding))[0] == right, finding
+    spring = found("cable-spring", "motor", stiffness=(1.0, 0.1))
+    assert not checks.nothing_denied(case)(diagnosed(spring, left=1.1))[0]
+    assert checks.nothing_denied(case)(diagnosed(spring | {"status": "unconfirmed"}, left=1.1))[0]
+    other = found("cable-spring", "motor", stiffness=(2.0, 0.1))
+    assert checks.agreeing(diagnosed(spring), diagnosed(spring))[0]
+    assert not checks.agreeing(diagnosed(spring), diagnosed(), diagnosed(other))[0]
+
+
+def test_a_lag_an_inertia_and_a_formula() -> None:
+    lag = found("actuator-lag", "motor", time=(0.006, 0.001))
+    assert not checks.no_lag(diagnosed(lag))[0] and not checks.no_lag(diagnosed(alignment_s=-0.006))[0]
+    assert checks.no_lag(diagnosed(alignment_s=0.004))[0]
+    rows = [{"name": "rotor.Izz", "value": -1e-6, "std": 1e-8, "unit": "kg m^2"}]
+    negative = replace(SOUND, result={"base_parameters": rows, "notes": []})
+    said = replace(SOUND, result={"base_parameters": rows, "notes": ["the inertia of motor is undetermined"]})
+    assert not checks.inertia_is_positive(negative, diagnosed())[0] and checks.inertia_is_positive(said, diagnosed())[0]
+    impossible = diagnosed(notes=["the inertia about its axis is 140 ± 7 % less than the URDF's"])
+    assert not checks.inertia_is_positive(replace(SOUND, exit=3, error="no\n", result=None), impossible)[0]
+    assert checks.formula(diagnosed(found("controller-formula", "motor", "data")))[0]
+    assert not checks.formula_in_identify(negative)[0]
+
+
+def test_two_engines_side_by_side() -> None:
+    key, verb = ("tiny", "diagnose"), ("tiny", "identify")
+    spring = diagnosed(found("cable-spring", "motor", stiffness=(1.0, 0.1)))
+    told = real.side_by_side({key: diagnosed(), verb: SOUND}, {key: spring, verb: SOUND})
+    assert re.findall(r"^  [AB] .*", told, re.M) == [
+        "  A     2.0 s  nothing: no finding  motor noise",
+        "  B     2.0 s  named: cable-spring at motor (stiffness 1 ± 0.1)  motor noise",
+    ]
+    assert "identify" in real.side_by_side({verb: SOUND}, {verb: replace(SOUND, exit=3)})
+
+
+def test_the_true_model_is_as_good_as_least_squares_and_a_wrong_one_is_worse(tmp_path: Path) -> None:
+    """Of a log without noise, on the same held-out samples."""
+    true = nominal(bundled("turret"))
+    log: Log = prescribed(true, seconds=6.0, dt=0.005)
+    write_log(log, tmp_path / "log.csv")
+    case = Case("turret", "turret", (tmp_path / "log.csv",), ())
+    write_extended(true, tmp_path / "true.yaml")
+    write_extended(replace(true, terms=()), tmp_path / "frictionless.yaml")
+    scale = np.sqrt(np.mean(log.tau**2, axis=0)) if log.tau is not None else np.nan
+    mine, plain = errors(case, tmp_path / "true.yaml", 4.0)
+    assert np.all(mine < 0.02 * scale) and np.all(plain < 0.02 * scale)
+    wrong, same = errors(case, tmp_path / "frictionless.yaml", 4.0)
+    assert np.all(wrong > 3 * mine) and np.array_equal(same, plain)
