@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 Outcomes = Mapping[tuple[str, str], Outcome]
 
-DATA = Path(__file__).parents[1] / ".." / "shared" / "data"
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 LIMIT = 120.0
 """Time limit of a run, s: twice what any diagnosis may take, on a machine that is busy with something else."""
 
@@ -44,9 +44,6 @@ def chosen(every: Sequence[Case], only: Sequence[str]) -> list[Case]:
 def run_missing(wanted: Sequence[Case], folder: Path, limit: float) -> None:
     """Run what has no outcome in the folder."""
     there = [case for case in wanted if all(log.is_file() for log in case.logs)]
-    for case in wanted:
-        if case not in there:
-            print(f"not run: {case.name}: its log is not there")
     jobs = [(case, run) for case in there for run in case.runs if not (folder / case.name / f"{run}.json").exists()]
     for case, run in tqdm(jobs, desc="runs", disable=None, file=sys.stderr):
         out = folder / case.name

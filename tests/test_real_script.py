@@ -19,12 +19,13 @@ from real_data.cases import Case
 from real_data.running import Outcome
 from real_data.samples import errors
 
-from gimbal_pin.io import write_log
+from gimbal_pin.io import read_log, write_log
 from gimbal_pin.io.model import write_extended
 from gimbal_pin.log import Log
 from gimbal_pin.model import nominal
+from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
-from tests.rigs import bundled
+from tests.rigs import bundled, chain
 
 URDF = cases.CAMERA.replace("tilt", "motor")
 SOUND = Outcome(0, 1.0, "", "", {"held_out": None})
@@ -89,6 +90,23 @@ def test_three_files_are_joined_by_time(tmp_path: Path) -> None:
     assert rows[0][:2] == ["t", "q_torso_lift_joint"] and [row[0] for row in rows[1:]] == ["1.0", "2.0"]
     assert rows[1][1:] == ["p1"] * 8 + ["v1"] * 8 + ["e1"] * 8
     assert 'name="motor" type="fixed"' in Path(case.rig).read_text()
+
+
+def test_currents_in_a_file_without_a_header(tmp_path: Path) -> None:
+    """Time, six angles, six rates, six currents from the fourteenth column on."""
+    clone = tmp_path / "dynamic_calibration"
+    urdf, log = clone / "URe/urdf/ur10e.urdf", clone / "dataset_ur10e/identification_data" / cases.UR10E["12"]
+    for path in (urdf, log):
+        path.parent.mkdir(parents=True)
+    urdf.write_text(chain(6).urdf)
+    table = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 20))
+    table[:, 0] = np.arange(50) * 0.008
+    np.savetxt(log, table, delimiter=",")
+    case = cases.public(tmp_path, tmp_path)[0]
+    read = read_log(log, Rig.load(urdf), case.maps)
+    assert read.v is not None and read.tau is not None
+    np.testing.assert_allclose(np.hstack([read.q, read.v]), table[:, 1:13])
+    np.testing.assert_allclose(read.tau, table[:, 13:19] * cases.UR10E_CONSTANTS)
 
 
 def test_a_run_is_kept_and_not_repeated(tiny: Path, tmp_path: Path) -> None:

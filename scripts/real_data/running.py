@@ -58,14 +58,18 @@ def run(arguments: Sequence[str], out: Path, limit: float) -> Outcome:
         text=True,
         start_new_session=True,
     )
-    code: int | None
+    code: int | None = None
     try:
         text, error = process.communicate(timeout=limit)
         code = process.returncode
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
+        pass
+    finally:
+        # In a group of its own, it and its workers do not see Ctrl-C either.
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    if code is None:
         text, error = process.communicate()
-        code = None
     seconds = time.perf_counter() - began
     result = json.loads(told.read_text(encoding="utf-8")) if code == 0 and told.is_file() else None
     told.unlink(missing_ok=True)

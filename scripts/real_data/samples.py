@@ -31,6 +31,7 @@ def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
     """
     rig = Rig.load(case.rig)
     log = read_log(case.logs[0], rig, case.maps)
+    assert log.tau is not None, "read_log refuses a log without torque"
     rate = (len(log.t) - 1) / (log.t[-1] - log.t[0])
     t = np.arange(log.t[0], log.t[-1], 1 / rate)
 
