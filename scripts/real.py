@@ -60,13 +60,14 @@ def residual(outcome: Outcome) -> str:
 
 def table(outcomes: Outcomes) -> str:
     """Return one line per run: seconds, exit code, what was found, what is left."""
-    rows = [("log", "run", "s", "exit", "verdict: findings", "residual")]
+    rows = [("log", "run", "s", "cpu s", "exit", "verdict: findings | residual")]
     for (case, run), one in outcomes.items():
         code = "limit" if one.exit is None else str(one.exit)
         said = checks.verdict(one) if "verdict" in (one.result or {}) or one.exit != 0 else ""
-        rows.append((case, run, f"{one.seconds:.1f}", code, said, residual(one)))
-    widths = [max(len(row[k]) for row in rows) for k in range(4)]
-    return "\n".join("  ".join([*(x.ljust(w) for x, w in zip(row, widths)), *row[4:]]).rstrip() for row in rows)
+        left = " | ".join(filter(None, (said, residual(one))))
+        rows.append((case, run, f"{one.seconds:.1f}", "" if one.cpu is None else f"{one.cpu:.1f}", code, left))
+    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    return "\n".join("  ".join([*(x.ljust(w) for x, w in zip(row, widths)), *row[5:]]).rstrip() for row in rows)
 
 
 def side_by_side(one: Outcomes, other: Outcomes) -> str:
@@ -77,8 +78,8 @@ def side_by_side(one: Outcomes, other: Outcomes) -> str:
         if key[1].startswith("diagnose") or len({x and x.exit for x in pair}) > 1:
             lines.append(" ".join(key))
             for name, x in zip("AB", pair):
-                told = "not run" if x is None else f"{x.seconds:6.1f} s  {checks.verdict(x)}  {residual(x)}".rstrip()
-                lines.append(f"  {name}  {told}")
+                told = "" if x is None else f"{x.seconds:6.1f} s  {checks.verdict(x)} | {residual(x)}".rstrip(" |")
+                lines.append(f"  {name}  {told or 'not run'}")
     return "\n".join(lines)
 
 

@@ -194,8 +194,8 @@ def test_two_engines_side_by_side() -> None:
     spring = diagnosed(found("cable-spring", "motor", stiffness=(1.0, 0.1)))
     told = real.side_by_side({key: diagnosed(), verb: SOUND}, {key: spring, verb: SOUND})
     assert re.findall(r"^  [AB] .*", told, re.M) == [
-        "  A     2.0 s  nothing: no finding  motor noise",
-        "  B     2.0 s  named: cable-spring at motor (stiffness 1 ± 0.1)  motor noise",
+        "  A     2.0 s  nothing: no finding | motor noise",
+        "  B     2.0 s  named: cable-spring at motor (stiffness 1 ± 0.1) | motor noise",
     ]
     assert "identify" in real.side_by_side({verb: SOUND}, {verb: replace(SOUND, exit=3)})
 

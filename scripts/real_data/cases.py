@@ -133,7 +133,8 @@ def pendulums(data: Path) -> list[Case]:
 def mended(data: Path, made: Path) -> list[Case]:
     """Two short logs of the double pendulum, as they are and with what stops a reader taken out of a copy in `made`.
 
-    One log's first two rows share a time stamp; the maker's URDF does not declare its root link.
+    One log's first two rows share a time stamp; the maker's URDF does not declare its root link, and has one without
+    mass.
     """
     short, urdf, maker = data / "A_friction_compensated_5s.csv", data / "double_pendulum.urdf", data / "vendor_C1.urdf"
     if not (short.is_file() and maker.is_file()):
@@ -142,6 +143,9 @@ def mended(data: Path, made: Path) -> list[Case]:
     (made / short.name).write_text("".join(lines[:1] + lines[2:]), encoding="utf-8")
     tree = ElementTree.parse(maker)
     ElementTree.SubElement(tree.getroot(), "link", name="world")
+    for link in tree.getroot().iter("link"):
+        for inertial in [part for part in link.findall("inertial") if part.find("mass[@value='0']") is not None]:
+            link.remove(inertial)
     tree.write(made / maker.name)
     plain = ("t=time", *joints({"q": "pos{}", "dq": "vel{}", "tau": "tau{}"}, ("shoulder", "elbow")))
     numbered = {"q": "pos_meas{}", "dq": "vel_meas{}", "tau": "tau_meas{}"}

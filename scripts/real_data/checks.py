@@ -150,7 +150,7 @@ def inertia_is_positive(identified: Outcome, diagnosed: Outcome) -> Judged:
     if identified.exit not in (0, 3):
         raise NoAnswerError(identified.said)
     text = f"{json_text(identified)}\n{json_text(diagnosed)}"
-    less = [float(x) for x in re.findall(r"inertia[^.;]* is ([\d.]+) ± [\d.]+ % less", text)]
+    less = {float(x) for x in re.findall(r"inertia[^.;]* is ([\d.]+) ± [\d.]+ % less", text)}
     rows = [p for p in (identified.result or {}).get("base_parameters", []) if p["unit"] == "kg m^2"]
     negative = any(p["value"] <= 0 for p in rows) or any(share >= 100 for share in less)
     undetermined = re.search(r"inertia[^.;]*(undetermined|does not show|cannot show)", text) is not None
@@ -261,9 +261,11 @@ def nothing_denied(case: Case) -> Callable[[Outcome], Judged]:
             return diagnosed.exit == 3, diagnosed.said
         denied = [why for finding in named(diagnosed.result) for why in denials(finding, case)]
         before, after = (diagnosed.result[part]["torque_rmse"] for part in ("baseline", "extended"))
-        marked = any(f["status"] == "unconfirmed" for f in diagnosed.result["findings"])
-        worse = [joint for joint in before if after[joint] > (1 + 1e-6) * before[joint]]
-        denied += [f"{joint}'s held-out error grows, and no finding is marked" for joint in worse if not marked]
+        for finding in diagnosed.result["findings"]:
+            joint = finding["joint"]
+            if finding["status"] == "named" and joint in before and after[joint] > (1 + 1e-6) * before[joint]:
+                grown = f"{before[joint]:.3g} → {after[joint]:.3g} N m"
+                denied.append(f"{finding['cause']} at {joint}: its held-out error grows, {grown}, and it is not marked")
         return not denied, "; ".join(denied) or verdict(diagnosed)
 
     return judge
@@ -326,7 +328,7 @@ def verdict(outcome: Outcome) -> str:
     told = outcome.result or {}
     if "verdict" not in told:
         return outcome.said
-    return f"{told['verdict']}: {', '.join(map(size, told['findings'])) or 'no finding'}"
+    return f"{told['verdict']}: {', '.join(dict.fromkeys(map(size, told['findings']))) or 'no finding'}"
 
 
 def size(finding: Json) -> str:
@@ -334,6 +336,8 @@ def size(finding: Json) -> str:
     where = f" at {finding['joint']}" if finding["joint"] else ""
     mark = "" if finding["status"] == "named" else f" [{finding['status']}]"
     told = finding["parameters"].items()
+    if finding["status"] == "data":
+        return f"{finding['cause']}{where}{mark}"
     parts = [quantity(k, p) for k, p in told if not k.startswith(("phase", "harmonic"))]
     if at := sorted(values(finding, "harmonic")):
         parts = ["k " + "/".join(f"{k:g}" for k in at), *parts[:1]]

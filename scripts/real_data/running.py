@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import resource
 import signal
 import subprocess
 import sys
@@ -24,6 +26,7 @@ class Outcome:
         error: What it wrote on standard error.
         text: What it wrote on standard output.
         result: Its ``--json``, or None.
+        cpu: Processor time of it and its workers, s, which a busy machine does not lengthen; None: not known.
     """
 
     exit: int | None
@@ -31,6 +34,7 @@ class Outcome:
     error: str
     text: str
     result: dict[str, Any] | None
+    cpu: float | None = None
 
     @property
     def sound(self) -> bool:
@@ -40,9 +44,9 @@ class Outcome:
 
     @property
     def said(self) -> str:
-        """Exit code and the last line of standard error."""
-        lines = self.error.strip().splitlines() or [""]
-        return "over the time limit" if self.exit is None else f"exit {self.exit} {lines[-1]}".strip()
+        """Exit code and the last line of standard error, files without their folders."""
+        line = re.sub(r"[/…][^\s:]*/", "", (self.error.strip().splitlines() or [""])[-1]).removeprefix("gimbal-pin: ")
+        return "over the time limit" if self.exit is None else f"exit {self.exit} {line}".strip()
 
 
 def run(arguments: Sequence[str], out: Path, limit: float) -> Outcome:
@@ -50,7 +54,7 @@ def run(arguments: Sequence[str], out: Path, limit: float) -> Outcome:
     out.mkdir(parents=True, exist_ok=True)
     told = out / ".json"
     told.unlink(missing_ok=True)
-    began = time.perf_counter()
+    began, spent = time.perf_counter(), processor_time()
     process = subprocess.Popen(
         [sys.executable, "-m", "gimbal_pin.cli", *arguments],
         stdout=subprocess.PIPE,
@@ -73,7 +77,13 @@ def run(arguments: Sequence[str], out: Path, limit: float) -> Outcome:
     seconds = time.perf_counter() - began
     result = json.loads(told.read_text(encoding="utf-8")) if code == 0 and told.is_file() else None
     told.unlink(missing_ok=True)
-    return Outcome(code, seconds, error, text, result)
+    return Outcome(code, seconds, error, text, result, processor_time() - spent)
+
+
+def processor_time() -> float:
+    """Processor time of all processes that this one started and that have ended, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def keep(outcome: Outcome, path: Path) -> None:
