@@ -29,9 +29,8 @@ EVERY: Mapping[str, Words] = {
 CARRIED: Mapping[str, Words] = {
     **EVERY,
     "simulate": ("simulate", "{rig}", "--platform-log", "{logs}", "{maps}", "--seconds", "10", "-o", "{out}/log.csv"),
-    "tune-urdf": ("tune", "{rig}", "-o", "{out}/nominal.yaml"),
-    "track": ("track", "{rig}", "{out}/nominal.yaml", "--platform-log", "{logs}", "{maps}", "--seconds", "5",
-              "--seeds", "1", "--json", "{json}"),
+    "track": ("track", "{rig}", "--platform-log", "{logs}", "{maps}", "--seconds", "3", "--seeds", "1",
+              "--controllers", "pid-world", "--json", "{json}"),
 }  # fmt: skip
 """The verbs that take a platform's motion, and those that take a log, given one that holds no joint."""
 
