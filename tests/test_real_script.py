@@ -19,6 +19,7 @@ from real_data.cases import Case
 from real_data.running import Outcome
 from real_data.samples import errors
 
+from gimbal_pin.effects import CAUSES
 from gimbal_pin.io import read_log, write_log
 from gimbal_pin.io.model import write_extended
 from gimbal_pin.log import Log
@@ -142,7 +143,7 @@ def test_cogging_has_to_be_named_and_to_gain() -> None:
         (diagnosed(ripple, left=0.31), False),
         (diagnosed(ripple | {"status": "ambiguous"}), False),
         (diagnosed(ripple | {"status": "unconfirmed"}), True),
-        (diagnosed(found("delay", "motor", delay=(0.154, 0.01))), False),
+        (diagnosed(found("delay", "motor", time=(0.154, 0.01))), False),
     ):
         assert checks.cogging_alone(outcome)[0] == right
     assert all(checks.cogging_at(k)(diagnosed(ripple))[0] for k in (72, 18))
@@ -155,16 +156,18 @@ def test_cogging_has_to_be_named_and_to_gain() -> None:
 
 def test_what_a_log_denies_is_not_named(tiny: Path) -> None:
     place = tiny / "odrive_cogging"
-    case = Case("tiny", place / "rotor.urdf", (place / "log.csv",), COLUMNS)
+    case = Case("tiny", place / "rotor.urdf", (place / "log.csv",), COLUMNS, rotor=0.003)
     for finding, right in (
         (found("saturation", "motor", limit=(0.8, 0.1)), True),
         (found("saturation", "motor", limit=(6.2, 10.0)), False),
         (found("saturation", "motor", limit=(1.2, 0.1)), False),
-        (found("friction-drift", "motor", time=(1.0, 0.1)), True),
-        (found("friction-drift", "motor", time=(0.1, 0.01)), False),
+        (found("friction-drift", "motor", span=(1.0, 0.1)), True),
+        (found("friction-drift", "motor", span=(0.1, 0.01)), False),
         (found("armature", "motor", inertia=(-0.1, 0.01)), False),
-        (found("delay", "motor", delay=(0.02, 0.001)), True),
-        (found("delay", "motor", delay=(0.154, 0.001)), False),
+        (found("armature", "motor", inertia=(0.0035, 0.001)), True),
+        (found("armature", "motor", inertia=(0.013, 0.001)), False),
+        (found("delay", "motor", time=(0.02, 0.001)), True),
+        (found("delay", "motor", time=(0.154, 0.001)), False),
     ):
         assert checks.nothing_denied(case)(diagnosed(finding))[0] == right, finding
     spring = found("cable-spring", "motor", stiffness=(1.0, 0.1))
@@ -175,8 +178,19 @@ def test_what_a_log_denies_is_not_named(tiny: Path) -> None:
     assert not checks.agreeing(diagnosed(spring), diagnosed(), diagnosed(other))[0]
 
 
+def test_bounds_are_asked_of_parameters_that_the_causes_have() -> None:
+    """Else a renamed parameter would pass whatever its value."""
+    for cause, name in (
+        ("saturation", "limit"), ("friction-drift", "span"), ("armature", "inertia"), ("delay", "time"),
+        ("actuator-lag", "time_constant"), ("cogging", "harmonic"),
+    ):  # fmt: skip
+        kind = CAUSES[cause]
+        parameters = (*kind.shapes, *(() if cause != "armature" else kind("motor").coefficients))
+        assert name in {parameter.name for parameter in parameters}, cause
+
+
 def test_a_lag_an_inertia_and_a_formula() -> None:
-    lag = found("actuator-lag", "motor", time=(0.006, 0.001))
+    lag = found("actuator-lag", "motor", time_constant=(0.006, 0.001))
     assert not checks.no_lag(diagnosed(lag))[0] and not checks.no_lag(diagnosed(alignment_s=-0.006))[0]
     assert checks.no_lag(diagnosed(alignment_s=0.004))[0]
     rows = [{"name": "rotor.Izz", "value": -1e-6, "std": 1e-8, "unit": "kg m^2"}]

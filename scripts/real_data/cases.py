@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -38,6 +39,8 @@ TORQUE_CONSTANT = {"odrive_cogging": 0.0276, "laas_anti_cogging": 0.025}
 """Assumed N m per A; neither is known, and no figure in A depends on it."""
 PLATFORM = ("t=time", *(f"gyro_base_{x.lower()}=Gyr_{x}*pi/180" for x in "XYZ"),
             *(f"accel_base_{x.lower()}=Acc_{x}" for x in "XYZ"))  # fmt: skip
+AK80_ROTOR = 0.003
+"""The most that an AK80-6's rotor has behind its gear, kg m² (the data's README: 0.002 to 0.003)."""
 UR10E = {"12": "ur-20_02_12-50sec_12harm.csv", "14": "ur-20_02_19_14harm50sec.csv"}
 UR10E_CONSTANTS = (10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232)
 """N m per A, by the log's authors."""
@@ -66,6 +69,7 @@ class Case:
         logs: Paths of the logs.
         maps: What ``--map`` is given.
         runs: Name of a run → words of the command line; ``{logs}`` and ``{maps}`` stand for several words.
+        rotor: The most that a motor's rotor can have behind its gear, kg m²; inf: not known.
     """
 
     name: str
@@ -73,6 +77,7 @@ class Case:
     logs: tuple[Path, ...]
     maps: Words
     runs: Mapping[str, Words] = field(default_factory=lambda: COMPARED)
+    rotor: float = inf
 
     def arguments(self, run: str, out: Path) -> list[str]:
         """Return the words of a run's command line; files are written in `out`, the JSON to ``out/.json``."""
@@ -123,10 +128,11 @@ def pendulums(data: Path) -> list[Case]:
     return [
         Case("simple_system_identification", urdf, (one / "system_identification.csv",), single, {**EVERY, **NOISY}),
         Case("simple_direct_collocation", urdf, (one / "direct_collocation.csv",), single, EVERY),
-        *(Case(f"double_{run}", second, (log,), plain) for run, log in zip(first, lot)),
-        Case("double_three_logs", second, tuple(lot), plain),
-        Case("double_A_0815_02", second, (two / "A_0815_02.csv",), ("t=time", *joints(numbered, names))),
-    ]
+        *(Case(f"double_{run}", second, (log,), plain, rotor=AK80_ROTOR) for run, log in zip(first, lot)),
+        Case("double_three_logs", second, tuple(lot), plain, rotor=AK80_ROTOR),
+        Case("double_A_0815_02", second, (two / "A_0815_02.csv",), ("t=time", *joints(numbered, names)),
+             rotor=AK80_ROTOR),
+    ]  # fmt: skip
 
 
 def mended(data: Path, made: Path) -> list[Case]:
@@ -151,8 +157,8 @@ def mended(data: Path, made: Path) -> list[Case]:
     axes = ("t=time", *joints(numbered, ("Joint1", "Joint2")))
     log = (data / "C1_154220_6s.csv",)
     return [
-        Case("double_A_5s", urdf, (short,), plain),
-        Case("double_A_5s_mended", urdf, (made / short.name,), plain),
+        Case("double_A_5s", urdf, (short,), plain, rotor=AK80_ROTOR),
+        Case("double_A_5s_mended", urdf, (made / short.name,), plain, rotor=AK80_ROTOR),
         Case("double_C1_6s", made / maker.name, log, axes),
         Case("double_C1_6s_makers_urdf", maker, log, axes),
     ]

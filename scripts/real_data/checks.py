@@ -22,8 +22,9 @@ Judged = tuple[bool, str]
 
 NAMED = ("named", "unconfirmed")
 """Statuses of a finding that has a name (CONTRACT): `unconfirmed` is a mark on one."""
-PARTS = {7} | {12 * k for k in range(1, 17)} | {14 * k for k in range(1, 15)}
-"""Harmonics per turn that 12 slots and 14 poles show, and 7, of a neighbouring motor's iron (the data's README)."""
+PARTS = {12 * k for k in range(1, 17)} | {14 * k for k in range(1, 15)}
+"""Harmonics per turn that 12 slots and 14 poles show (the data's README)."""
+LAGS = ("delay", "actuator-lag")
 LATE = 0.005
 """A current's lag behind the angle, s, up to which it is the channels' alignment and no finding (DIAGNOSIS, 9)."""
 FIRST_LOT = ("double_055640", "double_060143", "double_061157")
@@ -87,7 +88,7 @@ def named(told: Json, *causes: str) -> list[Json]:
 def values(finding: Json, name: str) -> list[float]:
     """Return the values of the parameters that are called so, with or without a number behind."""
     found = finding["parameters"].items()
-    return [p["value"] for key, p in found if re.fullmatch(rf"{name}[_ ]?\d*", key)]
+    return [p["value"] for key, p in found if re.fullmatch(rf"{name}[_ ]?\d*", key) and p["value"] is not None]
 
 
 def harmonics(told: Json) -> set[int]:
@@ -99,6 +100,11 @@ def rmse(told: Json) -> tuple[float, float]:
     """Return the only joint's held-out torque error before and after all findings, N m."""
     before, after = (next(iter(told[part]["torque_rmse"].values())) for part in ("baseline", "extended"))
     return before, after
+
+
+def lags(finding: Json) -> list[float]:
+    """Return the time of a delay or of a lag, s."""
+    return values(finding, "time") + values(finding, "time_constant")
 
 
 def cogging_figure(told: Json, constant: float) -> str:
@@ -140,7 +146,7 @@ def cogging_at(harmonic: int) -> Callable[[Outcome], Judged]:
 def no_lag(diagnosed: Outcome) -> Judged:
     """Neither a finding nor the alignment is later than `LATE`."""
     told = answer(diagnosed)
-    found = [t for f in named(told, "delay", "actuator-lag") for name in ("delay", "time") for t in values(f, name)]
+    found = [lag for finding in named(told, *LAGS) for lag in lags(finding)]
     times = [*found, told.get("alignment_s") or 0.0]
     return max(map(abs, times)) <= LATE, ", ".join(f"{1e3 * t:.1f} ms" for t in times) + " (the last: alignment)"
 
@@ -282,16 +288,19 @@ def denials(finding: Json, case: Case) -> list[str]:
     if cause == "saturation" and finding["joint"] in rig.joints:
         j = rig.joint_index(finding["joint"])
         largest = max(float(np.abs(log.tau[:, j]).max()) for log in logs if log.tau is not None)
-        limits = [abs(x) for name in ("limit", "upper", "lower") for x in values(finding, name)]
-        why += [f"a limit of {x:.3g} N m, {largest:.3g} was the largest" for x in limits if x > largest]
+        limits = [x for x in values(finding, "limit") if x > largest]
+        why += [f"a limit of {x:.3g} N m, {largest:.3g} was the largest" for x in limits]
     if cause == "friction-drift":
         span = max(float(log.t[-1] - log.t[0]) for log in logs)
-        why += [f"a drift over {x:.3g} s of {span:.3g}" for x in values(finding, "time") if x < span / 10]
+        why += [f"a drift over {x:.3g} s of {span:.3g}" for x in values(finding, "span") if x < span / 10]
     if cause in ("armature", "joint-flexibility"):
-        why += [f"an inertia of {x:.3g}" for x in values(finding, "inertia") if x <= 0]
+        sizes = [(p["value"], p["std"] or 0.0) for key, p in finding["parameters"].items() if key == "inertia"]
+        why += [f"an inertia of {x:.3g} kg m²" for x, _ in sizes if x <= 0]
+        if cause == "armature":
+            why += [f"a rotor of {x:.3g} kg m², {case.rotor:.3g} at most" for x, s in sizes if x - 2 * s > case.rotor]
     # 43 ms is the least of the lags that were named for cogging; a drive's current follows within a few milliseconds.
-    if cause in ("delay", "actuator-lag"):
-        why += [f"a lag of {1e3 * x:.0f} ms" for n in ("delay", "time") for x in values(finding, n) if x >= 0.043]
+    if cause in LAGS:
+        why += [f"a lag of {1e3 * x:.0f} ms" for x in lags(finding) if x >= 0.043]
     return [f"{cause} at {finding['joint'] or 'rig'}: {text}" for text in why]
 
 
@@ -348,7 +357,8 @@ def quantity(name: str, parameter: Json) -> str:
     """Return a name, a value, its deviation and unit."""
     std = "" if parameter["std"] is None else f" ± {parameter['std']:.2g}"
     unit = "" if parameter["unit"] in ("", "1") else f" {parameter['unit']}"
-    return f"{name} {parameter['value']:.3g}{std}{unit}"
+    value = "?" if parameter["value"] is None else f"{parameter['value']:.3g}"
+    return f"{name} {value}{std}{unit}"
 
 
 def required(cases: Iterable[Case], folder: Path) -> list[Check]:
