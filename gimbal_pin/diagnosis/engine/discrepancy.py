@@ -1,0 +1,143 @@
+"""δ: a flexible function of the state, and what of a residual it predicts on blocks that it has not seen.
+
+δ is a sum of bumps over a joint's angle (modulo a turn), rate, torque and slow time, the first, third and fourth also
+times the direction of motion, and over the other joints' angles and rates, with a ridge (Kennedy and O'Hagan, J. R.
+Statist. Soc. B 63, 2001: a discrepancy beside the model's parameters). What it predicts is structure, however good or
+poor the sensor is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.state import State
+from gimbal_pin.log import Array
+
+FOLDS = 10
+"""Parts of the blocks of which each is predicted from the others."""
+RIDGES = tuple(np.geomspace(1e-4, 1.0, 5).tolist())
+"""Ridges that are tried, in units of the columns' power: the one that predicts best is taken."""
+NEGLIGIBLE = 0.01
+"""Share of the least ridge under which a principal component is left out: it would be shrunk to as little."""
+ANGLES, RATES, TORQUES, TIMES, OTHERS = 24, 12, 10, 6, 7
+"""Bumps over each variable: a turn in steps of 15°; drift slower than a tenth of the log; another joint's motion."""
+
+
+class Unseen(NamedTuple):
+    """Errors of prediction on blocks that were left out.
+
+    Attributes:
+        error: Each row's, (rows,).
+        ridge: The ridge that was taken.
+    """
+
+    error: Array
+    ridge: float
+
+
+def bumps(values: Array, knots: Array) -> Array:
+    """``exp(-(x - k)²/2 w²)``, w the distance between knots, (rows, knots)."""
+    width = np.maximum(np.gradient(knots), 1e-12)
+    return np.asarray(np.exp(-0.5 * ((values[:, None] - knots) / width) ** 2))
+
+
+def features(evidence: Evidence, torque: Sequence[Array], joint: int) -> Array:
+    """Return δ's columns at a joint, whitened, (rows, k); `torque`: the model's, N m, (m, n) per part."""
+    parts = evidence.parts
+    way = [part.slide[:, joint] for part in parts]
+    own = ((angles(evidence, joint), ANGLES, True), (rates(evidence, joint), RATES, False))
+    load = (([x[:, joint] for x in torque], TORQUES, True), ([part.time for part in parts], TIMES, True))
+    others = [k for k in range(evidence.rig.n) if k != joint]
+    beside = [(of(evidence, k), OTHERS, False) for k in others for of in (angles, rates)]
+    plain, signed = [], []
+    for values, count, both in (*own, *load, *beside):
+        knots = np.unique(np.quantile(np.concatenate(values), np.linspace(0.01, 0.99, count)))
+        if len(knots) > 1:
+            plain.append([bumps(x, knots) for x in values])
+            signed += [plain[-1]] if both else []
+    turned = [[columns * s[:, None] for columns, s in zip(each, way)] for each in signed]
+    return evidence.whiten([np.concatenate(columns, axis=1) for columns in zip(*plain, *turned)], joint)
+
+
+def angles(evidence: Evidence, joint: int) -> list[Array]:
+    """Return a joint's angle, rad, (m,) per part; within a turn, where it makes more than one."""
+    q = [part.channels.q[:, joint] for part in evidence.parts]
+    return [np.mod(x, 2 * np.pi) for x in q] if np.ptp(np.concatenate(q)) > 2 * np.pi else q
+
+
+def rates(evidence: Evidence, joint: int) -> list[Array]:
+    """Return a joint's rate, rad/s, (m,) per part."""
+    return [part.channels.v[:, joint] for part in evidence.parts]
+
+
+def unseen(free: Array, flexible: Array, target: Array, block: Array, ridges: Sequence[float] = RIDGES) -> Unseen:
+    """Predict each fold of blocks from the others: free columns without a penalty, flexible ones with a ridge.
+
+    ``θ_k = argmin ‖y - A θ_a - X θ_x‖² + λ N ‖θ_x‖²`` on all but fold k, the columns of unit power: the errors there
+    are ``(I - H_kk)⁻¹ (y - ŷ)_k`` of the fit to all (Cook and Weisberg, Residuals and Influence, 1982).
+
+    Args:
+        free: A, (rows, a).
+        flexible: X, (rows, x).
+        target: y, (rows,).
+        block: Block of each row, (rows,).
+        ridges: λ to choose from.
+    """
+    A, X = unit(free), components(unit(flexible), NEGLIGIBLE * min(ridges) * len(target))
+    Z, fold = np.concatenate([A, X], axis=1), block % FOLDS
+    gram, moment = Z.T @ Z, Z.T @ target
+    parts = [rows for k in range(FOLDS) if (rows := fold == k).any()]
+    found = []
+    for ridge in ridges:
+        penalty = np.repeat([1e-9, ridge], [A.shape[1], X.shape[1]]) * len(target)
+        factor = cho_factor(gram + np.diag(penalty))
+        left, inside = target - Z @ cho_solve(factor, moment), cho_solve(factor, Z.T)
+        error = np.empty(len(target))
+        for rows in parts:
+            error[rows] = np.linalg.solve(np.eye(rows.sum()) - Z[rows] @ inside[:, rows], left[rows])
+        found.append(Unseen(error, ridge))
+    return min(found, key=lambda one: float(one.error @ one.error))
+
+
+def unit(columns: Array) -> Array:
+    """Return columns of unit power, without those that are nothing."""
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    return np.asarray(columns[:, size > 1e-12] / size[size > 1e-12])
+
+
+def components(columns: Array, least: float) -> Array:
+    """Return columns' principal components of more than a power: a ridge does not tell them from the columns."""
+    rows, count = columns.shape
+    if count <= rows:
+        power, axes = np.linalg.eigh(columns.T @ columns)
+        return np.asarray(columns @ axes[:, power > least])
+    power, along = np.linalg.eigh(columns @ columns.T)
+    return np.asarray(along[:, power > least] * np.sqrt(power[power > least]))
+
+
+class Lack(NamedTuple):
+    """Lack of fit of a model at one joint.
+
+    Attributes:
+        share: Share of the residual's power that δ predicts on unseen blocks; about zero, or less, for noise.
+        power: That power in units of the noise's.
+    """
+
+    share: float
+    power: float
+
+
+def lack_of_fit(state: State, joint: int) -> Lack:
+    """``1 - Σ (r - δ)²/Σ r²`` over blocks that neither δ nor the model's coefficients have seen."""
+    evidence, rows = state.problem.evidence, state.fit.rows(joint)
+    residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))
+    flexible = features(evidence, state.torque, joint)
+    after = unseen(stack, flexible, residual, evidence.block).error
+    before = unseen(stack, flexible[:, :0], residual, evidence.block, (1.0,)).error
+    share = 1.0 - float(after @ after) / max(float(before @ before), 1e-300)
+    return Lack(share, max(share, 0.0) * float(np.mean(residual**2)) / max(float(evidence.used()[joint]), 1e-3))

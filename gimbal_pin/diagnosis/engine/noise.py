@@ -1,0 +1,88 @@
+"""The noise's spectrum from the data: of what no function of the state, and no candidate, predicts.
+
+Third differences of a torque tell its noise only where that is white. Drives filter and quantise their currents, and
+their noise lies within the motion's band: its spectrum is taken from the residual of a cross-validated ridge over the
+rigid model (free), all candidate columns and δ, so that what any of them could explain is not whitened away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import fft
+
+from gimbal_pin.diagnosis.columns import Columns, Load, build
+from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
+from gimbal_pin.diagnosis.engine.whitening import band_edge, rewhitened, rewhitened_problem, whitened
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.effects import Cause
+from gimbal_pin.log import Array
+
+PASSES = 2
+"""Rounds: the second ridge is fitted to rows that the first's spectrum has whitened."""
+NARROW, WIDE = 8, 0.15
+"""Frequencies to either side over which a spectrum is smoothed: so many, or that share of those below, if more."""
+
+
+def modelled(state: State, cause: Cause) -> Columns:
+    """Return a cause's columns built from the model's torque alone: none of the measured one's noise is in them."""
+    evidence = state.problem.evidence
+    total: list[Array] = [acting - left for acting, left in zip(state.acting, state.unexplained)]
+    load = Load(evidence, total, total, state.stand)
+    return build(evidence, cause, state.stand, load, total, state.bearing_for(cause, state.acting))
+
+
+def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> Problem:
+    """Return a flat problem whitened by the noise's spectrum.
+
+    Args:
+        problem: The logs, whitened by nothing but the band's edge: see `whitening.flat`.
+        state: A model of it; its causes are refitted.
+        candidates: Columns of all candidates, as `modelled` in the flat problem.
+    """
+    evidence, now = problem.evidence, problem
+    n = evidence.rig.n
+    own = [np.concatenate([c.at(j).own for c in candidates if c.joint in (None, j)], axis=1) for j in range(n)]
+    for _ in range(PASSES):
+        fitted = solved(now, state.causes, state)
+        power: list[list[Array]] = []
+        for j in range(n):
+            rows, used = fitted.fit.rows(j), float(now.evidence.used()[j])
+            stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
+            flexible = [rewhitened(own[j], evidence, now.evidence, j), features(now.evidence, fitted.torque, j)]
+            error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block).error
+            power.append([x / max(used, 1e-3) for x in spectra(error, now.evidence, j)])
+        now = rewhitened_problem(problem, whitened(evidence, [np.stack(each) for each in zip(*power)]))
+    return now
+
+
+def spectra(error: Array, evidence: Evidence, joint: int) -> list[Array]:
+    """Return the smooth spectrum of one joint's rows before they were whitened, (N m)², (f,) for each part.
+
+    Where the band's edge takes off more than half the noise is as where it begins to: of the rest little is left.
+    """
+    out, first = [], 0
+    for part in evidence.parts:
+        rows = error[first : first + part.rows]
+        first += part.rows
+        gain = part.whitener[joint]
+        inside = int(np.sum(band_edge(evidence, part) >= 0.5))
+        power = np.abs(fft.rfft(rows)[:inside]) ** 2 / part.rows / gain[:inside] ** 2
+        out.append(np.pad(smooth(power), (0, len(gain) - inside), mode="edge"))
+    return out
+
+
+def smooth(power: Array) -> Array:
+    """Return a smooth spectrum: medians over a width that grows with frequency, over ``ln 2``.
+
+    A noise's power at one frequency is exponentially distributed: its mean is its median over ``ln 2``. A line, which
+    no noise has, does not move a median, and stays to be seen.
+    """
+    count = len(power)
+    wide = np.maximum(NARROW, (WIDE * np.arange(count)).astype(int))
+    ends = [(max(k - w, 0), min(k + w + 1, count)) for k, w in enumerate(wide.tolist())]
+    medians = np.array([np.median(power[low:high]) for low, high in ends]) / np.log(2)
+    means = [np.mean(medians[max(k - w // 2, 0) : k + w // 2 + 1]) for k, w in enumerate(wide.tolist())]
+    return np.maximum(means, 1e-30)

@@ -1,0 +1,58 @@
+"""Which causes a log does not part from one that was found: the same model with another in its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gimbal_pin.diagnosis.engine.selection import Search, criterion, fitted, promising, without
+from gimbal_pin.diagnosis.shapes import refined
+from gimbal_pin.diagnosis.state import State
+from gimbal_pin.effects import Cause
+from gimbal_pin.log import Array
+
+APART = 1.96
+"""Deviations from which two models are told apart (Vuong, Econometrica 57, 1989; 95 %)."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A cause in a finding's place.
+
+    Attributes:
+        cause: It, refined.
+        worse: How much higher the criterion is with it.
+        z: Vuong's ratio: difference of the log likelihoods over its deviation by blocks.
+    """
+
+    cause: Cause
+    worse: float
+    z: float
+
+    def parted(self, threshold: float) -> bool:
+        """Whether the log tells it from the finding: by more than chance, and in more than a few blocks."""
+        return self.worse > threshold and self.z > APART
+
+
+def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
+    """Return what else explains what a chosen cause explains, the best first."""
+    less = without(state, cause, search)
+    found = []
+    for other in promising(less, search):
+        if (other.name, other.place) != (cause.name, cause.place):
+            new = fitted(search.problem, (*less.causes, refined(less, other)), less)
+            found.append(Rival(new.causes[-1], criterion(new) - criterion(state), vuong(state, new)))
+    return tuple(sorted(found, key=lambda one: one.worse))
+
+
+def vuong(state: State, other: State) -> float:
+    """``Σ_b d_b/(√B std d_b)``: by how much, in deviations, a model's log likelihood is above another's.
+
+    d_b is what block b adds to it: ``Σ_j (r'_j² - r_j²)/φ_j``, both weighted as the better one weighs its joints.
+    """
+    n = len(state.fit.scale)
+    weigh = np.tile(state.fit.scale / other.fit.scale, len(other.fit.residual) // n)
+    difference: Array = (other.fit.residual * weigh) ** 2 - state.fit.residual**2
+    blocks = state.fit.by_block(difference[:, None])[:, 0]
+    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(), 1e-12))

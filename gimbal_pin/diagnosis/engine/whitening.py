@@ -1,0 +1,65 @@
+"""Rows whitened by other gains: every row is known by its spectrum, so another pass over the log is not needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import fft
+
+from gimbal_pin.diagnosis.columns import Columns
+from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.state import Problem
+from gimbal_pin.log import Array
+
+ROLL_OFF = 0.25
+"""Share of the band over which its upper edge fades, as `evidence.part` has it."""
+
+
+def flat(evidence: Evidence) -> Evidence:
+    """Return the evidence with the band's edge as its only filter: rows in N m."""
+    edges = [band_edge(evidence, part) for part in evidence.parts]
+    parts = [p._replace(whitener=np.tile(edge, (evidence.rig.n, 1))) for p, edge in zip(evidence.parts, edges)]
+    return replace(evidence, parts=tuple(parts))
+
+
+def band_edge(evidence: Evidence, part: Part) -> Array:
+    """Return the gain by which a part's band fades at its upper end, (f,)."""
+    frequency = fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]]
+    inside = np.clip((evidence.band - frequency) / (ROLL_OFF * evidence.band), 0.0, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
+
+
+def whitened(evidence: Evidence, noise: Sequence[Array]) -> Evidence:
+    """Return flat evidence whitened by the noise's power at each frequency, (N m)², (n, f) for each part."""
+    parts = [part._replace(whitener=part.whitener / np.sqrt(power)) for part, power in zip(evidence.parts, noise)]
+    return replace(evidence, parts=tuple(parts))
+
+
+def rewhitened(rows: Array, old: Evidence, new: Evidence, joint: int) -> Array:
+    """Return one joint's rows, (rows,) or (rows, c), that `old` has whitened, as `new` whitens them."""
+    out, first = [], 0
+    for before, after in zip(old.parts, new.parts):
+        own = fft.rfft(rows[first : first + before.rows], axis=0)
+        first += before.rows
+        ratio = np.zeros(len(own))
+        was, now = before.whitener[joint][: len(own)], after.whitener[joint][: len(own)]
+        ratio[: len(was)] = np.divide(now, was, out=np.zeros_like(now), where=was > 0)
+        out.append(fft.irfft(own * (ratio[:, None] if own.ndim == 2 else ratio), before.rows, axis=0))
+    return np.concatenate(out)
+
+
+def rewhitened_columns(columns: Columns, old: Evidence, new: Evidence) -> Columns:
+    """Return a cause's columns that `old` has whitened, as `new` whitens them."""
+    if columns.joint is not None:
+        return replace(columns, own=rewhitened(columns.own, old, new, columns.joint))
+    each = [rewhitened(columns.own[:, j], old, new, j) for j in range(columns.own.shape[1])]
+    return replace(columns, own=np.stack(each, axis=1))
+
+
+def rewhitened_problem(problem: Problem, new: Evidence) -> Problem:
+    """Return a problem with the same rigid columns, whitened by other evidence."""
+    joints = range(new.rig.n)
+    rigid = [rewhitened(problem.rigid[:, j], problem.evidence, new, j) for j in joints]
+    return Problem(new, problem.reduction, np.stack(rigid, axis=1), problem.rigid_full)

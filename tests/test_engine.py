@@ -1,0 +1,136 @@
+"""The engine beside the search: noise from the data, discrepancy, one criterion (DIAGNOSIS, *The engine*)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from gimbal_pin.diagnosis.diagnose import BAND
+from gimbal_pin.diagnosis.engine import Explained, explain
+from gimbal_pin.diagnosis.engine.discrepancy import components, lack_of_fit, unit, unseen
+from gimbal_pin.diagnosis.engine.noise import smooth
+from gimbal_pin.diagnosis.engine.rivals import vuong
+from gimbal_pin.diagnosis.engine.selection import criterion, without
+from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened, whitened
+from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.log import Array, Log
+from gimbal_pin.model import nominal
+from gimbal_pin.reduction import reduce
+from gimbal_pin.rig import Rig
+from tests.bench_logs import fourier
+
+RIG = "turret"
+DT = 4e-3
+PHI = 0.97
+"""Of noise with a corner of 1.2 Hz at 250 samples a second: all of it within the motion's band."""
+KINDS = {name: CAUSES[name] for name in ("cogging", "torque-bias", "asymmetric-friction", "stribeck", "actuator-lag")}
+
+
+def coloured_noise(shape: tuple[int, int], seed: int) -> Array:
+    """AR(1) noise of unit power."""
+    white = np.random.default_rng(seed).standard_normal(shape)
+    return np.asarray(lfilter([np.sqrt(1 - PHI**2)], [1, -PHI], white, axis=0))
+
+
+def log_of(size: float = 0.0, seed: int = 1, seconds: float = 24.0) -> Log:
+    """A motion with the torque that it takes, 2 % of coloured noise, and cogging of that size at the first joint."""
+    rig = Rig.load(RIG)
+    motion = fourier(rig, seed, seconds, DT)
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a)
+    tau = tau + 0.02 * np.std(tau, axis=0) * coloured_noise(tau.shape, seed)
+    tau[:, 0] += size * np.sin(11 * motion.q[:, 0] + 0.3)
+    return Log("log", rig.joints, motion.t, motion.q, motion.v, tau)
+
+
+def evidence_of(log: Log) -> Evidence:
+    return gather(Rig.load(RIG), [log], replace(BAND, alignment=0.0), {"log": 0.0})
+
+
+@cache
+def explained(size: float = 0.0, seed: int = 1) -> Explained:
+    return explain(evidence_of(log_of(size, seed)), reduce(Rig.load(RIG)), KINDS)
+
+
+def test_rows_are_whitened_anew_as_from_the_log() -> None:
+    """What `rewhitened` makes of rows is what another whitener makes of the log."""
+    plain = flat(evidence_of(log_of()))
+    shape = plain.parts[0].whitener.shape
+    other = whitened(plain, [np.random.default_rng(0).uniform(0.1, 10.0, shape) for _ in plain.parts])
+    signals = [part.channels.tau[:, 1] for part in plain.parts]
+    assert np.allclose(rewhitened(plain.whiten(signals, 1), plain, other, 1), other.whiten(signals, 1))
+
+
+@pytest.mark.parametrize("columns", [30, 300])
+def test_a_ridge_predicts_each_fold_from_the_others(columns: int) -> None:
+    """As a ridge over the columns themselves, fold by fold, by least squares on more rows; narrow and wide."""
+    rng = np.random.default_rng(3)
+    A, X, y = rng.standard_normal((200, 3)), rng.standard_normal((200, columns)), rng.standard_normal(200)
+    block, ridge = np.arange(200) // 10, 0.1
+    found = unseen(A, X, y, block, (ridge,)).error
+    Z = np.hstack([unit(A), unit(X)])
+    root = np.sqrt(np.repeat([1e-9, ridge], [3, columns]) * 200)
+    for k in range(10):
+        rows = block % 10 == k
+        stacked, target = np.vstack([Z[~rows], np.diag(root)]), np.concatenate([y[~rows], np.zeros(len(root))])
+        by_hand = y[rows] - Z[rows] @ np.linalg.lstsq(stacked, target, rcond=None)[0]
+        assert np.allclose(found[rows], by_hand, atol=1e-2 * np.std(y))
+    kept = components(X, 0.0)
+    assert np.allclose(kept @ kept.T, X @ X.T)
+
+
+def test_a_noise_is_smoothed_to_its_spectrum_and_a_line_stays_out() -> None:
+    rng = np.random.default_rng(5)
+    true = 1.0 / (1.0 + (np.arange(2000) / 300.0) ** 2)
+    power = true * rng.exponential(size=2000)
+    found = smooth(power)
+    assert np.sqrt(np.mean(np.log(found[20:] / true[20:]) ** 2)) < 0.2
+    power[700] *= 1e4
+    assert abs(np.log(smooth(power)[700] / found[700])) < 0.1
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_within_the_motions_band_is_no_cause(seed: int) -> None:
+    """It is whitened to about one, nothing is named, and δ predicts nothing of it."""
+    found = explained(seed=seed)
+    assert not found.state.causes
+    assert np.all((found.first.fit.dispersion > 0.5) & (found.first.fit.dispersion < 1.3))
+    assert all(lack.share < 0.1 for lack in found.before)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_planted_is_found_and_explains_what_was_there(seed: int) -> None:
+    found = explained(0.01, seed)
+    (cause,) = found.state.causes
+    assert (cause.name, cause.place) == ("cogging", Rig.load(RIG).joints[0])
+    assert found.before[0].share > 0.3 and found.after[0].share < 0.1 and found.left(0) < 0.1
+    less = without(found.state, cause, found.search)
+    assert criterion(less) - criterion(found.state) > found.search.threshold
+    assert vuong(found.state, less) > 2.0 and vuong(found.state, found.state) == 0.0
+    assert all(rival.parted(found.search.threshold) for rival in found.rivals[0])
+
+
+def test_what_no_candidate_explains_is_left_and_seen() -> None:
+    """Cogging, where nobody looks for it: nothing is named for most of it, and δ says that there is structure."""
+    kinds = {name: kind for name, kind in KINDS.items() if name != "cogging"}
+    found = explain(evidence_of(log_of(0.01)), reduce(Rig.load(RIG)), kinds)
+    assert found.after[0].share > 0.3 and found.left(0) > 0.5
+
+
+def test_the_unit_of_torque_changes_no_answer() -> None:
+    log, one = log_of(0.01), explained(0.01)
+    assert log.tau is not None
+    other = explain(evidence_of(replace(log, tau=2 * log.tau)), reduce(Rig.load(RIG)), KINDS)
+    assert [cause.name for cause in other.state.causes] == ["cogging"]
+    assert criterion(other.first) - criterion(other.state) == pytest.approx(
+        criterion(one.first) - criterion(one.state), rel=0.02
+    )
+
+
+def test_lack_of_fit_is_of_each_joint() -> None:
+    found = explained(0.01)
+    assert lack_of_fit(found.first, 1).share < 0.1 < lack_of_fit(found.first, 0).share
