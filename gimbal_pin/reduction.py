@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,11 @@ class Reduction:
     def unidentifiable(self) -> tuple[str, ...]:
         """Names of the zero columns."""
         return tuple(self.names[j] for j in self.zero)
+
+
+def units(symbols: Sequence[str]) -> tuple[str, ...]:
+    """SI units of inertial parameters by their symbols."""
+    return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)
 
 
 def written(terms: Mapping[str, float]) -> str:

@@ -17,9 +17,9 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from gimbal_pin.audit import audit
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis import BAND, verdict
-from gimbal_pin.diagnosis.audit import audit
 from gimbal_pin.diagnosis.confirmed import STRAYED
 from gimbal_pin.diagnosis.contenders import ENTER, hushes, possible
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged

@@ -17,14 +17,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin.audit import CHECKS, CORRUPTIONS, Fault, audit
+from gimbal_pin.audit.clock import ticks
+from gimbal_pin.audit.harm import harm
+from gimbal_pin.audit.outliers import garbage
+from gimbal_pin.audit.probe import probe, rows_at
+from gimbal_pin.audit.quantisation import bits, quantum
+from gimbal_pin.audit.samples import edges, left_out, taken
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
-from gimbal_pin.diagnosis.audit import CHECKS, CORRUPTIONS, Fault, audit
-from gimbal_pin.diagnosis.audit.clock import ticks
-from gimbal_pin.diagnosis.audit.harm import harm
-from gimbal_pin.diagnosis.audit.outliers import garbage
-from gimbal_pin.diagnosis.audit.probe import probe, rows_at
-from gimbal_pin.diagnosis.audit.quantisation import bits, quantum
-from gimbal_pin.diagnosis.audit.samples import edges, left_out, taken
 from gimbal_pin.estimators import weighted
 from gimbal_pin.experiment import bench_run
 from gimbal_pin.io import read_log

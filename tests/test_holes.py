@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis.audit import CORRUPTIONS
-from gimbal_pin.diagnosis.audit.samples import taken
+from gimbal_pin.audit import CORRUPTIONS
+from gimbal_pin.audit.samples import taken
 from gimbal_pin.diagnosis.evidence import gather, judged
 from gimbal_pin.errors import DataError
 from gimbal_pin.holes import LONGEST, Filled, filled, holes, inside, resolution

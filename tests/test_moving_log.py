@@ -11,10 +11,10 @@ import pinocchio as pin
 import pytest
 
 from gimbal_pin import text
+from gimbal_pin.audit.samples import taken
+from gimbal_pin.audit.stuck_channel import denied_torque
 from gimbal_pin.base import base
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.diagnosis.audit.samples import taken
-from gimbal_pin.diagnosis.audit.stuck_channel import denied_torque
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.experiment import perturbed
 from gimbal_pin.identification import given_beta, identify, moved

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from gimbal_pin.audit import CHECKS
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
-from gimbal_pin.diagnosis.audit import CHECKS
 from gimbal_pin.diagnosis.bodies import Bodies, Kind
 from gimbal_pin.diagnosis.composed import chosen
 from gimbal_pin.diagnosis.confirmed import LENT, asked, confirmation

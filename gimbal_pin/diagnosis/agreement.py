@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.audit import Fault
+from gimbal_pin.audit import Fault
 from gimbal_pin.diagnosis.difference import outside
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.audit import audit
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
-from gimbal_pin.diagnosis.audit import audit
 from gimbal_pin.diagnosis.beyond import surprising
 from gimbal_pin.diagnosis.confirmed import confirmed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged

@@ -15,9 +15,9 @@ from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.effects.sprung import Sprung
-from gimbal_pin.identification import units
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model, brakes
+from gimbal_pin.reduction import units
 from gimbal_pin.regressor import across, inertia
 
 

@@ -11,9 +11,9 @@ from math import isnan
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.audit import Audit
 from gimbal_pin.diagnosis import verdict
 from gimbal_pin.diagnosis.alternatives import widened
-from gimbal_pin.diagnosis.audit import Audit
 from gimbal_pin.diagnosis.beyond import ONLY
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended, settled

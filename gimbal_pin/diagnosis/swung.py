@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.audit import Fault, stuck_channel
+from gimbal_pin.audit import Fault, stuck_channel
 from gimbal_pin.diagnosis.searched import Searched
 from gimbal_pin.digits import digits
 from gimbal_pin.effects import Signal

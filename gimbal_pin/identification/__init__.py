@@ -1,6 +1,6 @@
 """Logs in, model with uncertainty out (THESIS 4.2, 4.5)."""
 
-from gimbal_pin.identification.assembling import assembled, given_beta, to_model, units, units_of
+from gimbal_pin.identification.assembling import assembled, given_beta, to_model
 from gimbal_pin.identification.fitting import identify, moved, refitted
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
@@ -23,8 +23,6 @@ __all__ = [
     "refitted",
     "split",
     "to_model",
-    "units",
-    "units_of",
     "unseen",
     "within",
 ]

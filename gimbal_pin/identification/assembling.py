@@ -39,7 +39,7 @@ def assembled(
         reduction=rows.reduction,
         estimate=estimate,
         names=rows.names,
-        units=units_of(rows),
+        units=rows.units,
         train=accuracy(rig.joints, blocks, estimate.theta, "training part"),
         held_out=held_out,
         consistent=consistent,
@@ -57,7 +57,7 @@ def to_model(rows: Rows, estimate: Estimate) -> Model:
     """
     rig, width = rows.rig, len(rows.reduction.independent)
     phi = rows.phi(estimate.theta[:width]) if estimate.phi is None else estimate.phi
-    known = Estimated(rows.names, units_of(rows), estimate.theta, estimate.covariance)
+    known = Estimated(rows.names, rows.units, estimate.theta, estimate.covariance)
     return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
 
 
@@ -78,14 +78,3 @@ def rms(parts: Sequence[Array]) -> Array:
 def given_beta(rig: Rig, reduction: Reduction) -> Array:
     """Base parameters of the URDF as it stands, (b,)."""
     return reduction.mixing @ rig.phi[columns(rig)[1]]
-
-
-def units_of(rows: Rows) -> tuple[str, ...]:
-    """SI units of theta, by the kind of each base parameter and by each coefficient."""
-    leading = [rows.reduction.names[j].rsplit(".", 1)[1] for j in rows.reduction.independent]
-    return units(leading) + tuple(c.unit for effect in rows.effects for c in effect.coefficients)
-
-
-def units(symbols: Sequence[str]) -> tuple[str, ...]:
-    """SI units of inertial parameters by their symbols."""
-    return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import units_of
 from gimbal_pin.log import Array, Log
 from gimbal_pin.online.follower import Memory, Online
 from gimbal_pin.online.learning import Event, gathered
@@ -82,7 +81,7 @@ def progress(online: Online, memory: Memory) -> Progress:
     except DataError as error:
         hidden = error.unseen or names
     error_now = online.torque_error(memory)
-    units = units_of(online.rows)
+    units = online.rows.units
     return Progress(memory.t, memory.samples, names, units, value, std, torque, hidden, error_now, memory.events)
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators import Estimate
-from gimbal_pin.identification import split, units, within
+from gimbal_pin.identification import split, within
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.payloads.camera import Camera
-from gimbal_pin.reduction import Reduction, scan, stacked
+from gimbal_pin.reduction import Reduction, scan, stacked, units
 from gimbal_pin.regressor import SCAN
 from gimbal_pin.rig import PHI, Rig
 from gimbal_pin.rows import Block, Filtering, Rows, camera_body, kept, over_phi

@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin import signals
 from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.log import Array, Log
-from gimbal_pin.reduction import Reduction
+from gimbal_pin.reduction import Reduction, units
 from gimbal_pin.regressor import columns, regressor, rnea, weight
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows.carrier import carrying
@@ -72,6 +72,12 @@ class Rows:
         return self.reduction.base_names + tuple(
             f"{effect.joint}.{coefficient.name}" for effect in self.effects for coefficient in effect.coefficients
         )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of theta."""
+        leading = [self.reduction.names[j].rsplit(".", 1)[1] for j in self.reduction.independent]
+        return units(leading) + tuple(c.unit for effect in self.effects for c in effect.coefficients)
 
     @property
     def mixing(self) -> Array:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from gimbal_pin.diagnosis.audit.base import Examined, Fault
-from gimbal_pin.diagnosis.audit.harm import harm
-from gimbal_pin.diagnosis.audit.samples import channels, left_out, noted, taken
+from gimbal_pin.audit.base import Examined, Fault
+from gimbal_pin.audit.harm import harm
+from gimbal_pin.audit.samples import channels, left_out, noted, taken
 from gimbal_pin.digits import digits
 from gimbal_pin.log import PAUSE, Array, Log
 from gimbal_pin.parameter import Parameter

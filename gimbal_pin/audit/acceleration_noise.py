@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin import signals
-from gimbal_pin.diagnosis.audit.base import Examined, Fault
-from gimbal_pin.diagnosis.audit.probe import MATERIAL, Probe, probe, rows_at
-from gimbal_pin.diagnosis.audit.quantisation import angle_noise, bits, quantum
-from gimbal_pin.diagnosis.audit.samples import local_noise
+from gimbal_pin.audit.base import Examined, Fault
+from gimbal_pin.audit.probe import MATERIAL, Probe, probe, rows_at
+from gimbal_pin.audit.quantisation import angle_noise, bits, quantum
+from gimbal_pin.audit.samples import local_noise
 from gimbal_pin.digits import digits
 from gimbal_pin.estimators.base import Estimate
 from gimbal_pin.estimators.instrumental import instrumental, repeated

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.audit.base import Examined, Fault
-from gimbal_pin.diagnosis.audit.probe import probe, rows_at
-from gimbal_pin.diagnosis.audit.quantisation import quantum
-from gimbal_pin.diagnosis.audit.samples import CHANNELS, WORDS, changed, channels, edges, level, noted, taken
+from gimbal_pin.audit.base import Examined, Fault
+from gimbal_pin.audit.probe import probe, rows_at
+from gimbal_pin.audit.quantisation import quantum
+from gimbal_pin.audit.samples import CHANNELS, WORDS, changed, channels, edges, level, noted, taken
 from gimbal_pin.digits import digits
 from gimbal_pin.estimators.base import residuals
 from gimbal_pin.estimators.weighted import weighted

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.audit.base import Examined, Fault
-from gimbal_pin.diagnosis.audit.harm import harm
-from gimbal_pin.diagnosis.audit.samples import WORDS, changed, channels, edges, left_out, level, noted, taken
+from gimbal_pin.audit.base import Examined, Fault
+from gimbal_pin.audit.harm import harm
+from gimbal_pin.audit.samples import WORDS, changed, channels, edges, left_out, level, noted, taken
 from gimbal_pin.digits import digits
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter

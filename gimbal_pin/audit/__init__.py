@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from gimbal_pin.diagnosis.audit import (
+from gimbal_pin.audit import (
     acceleration_noise,
     clock,
     commanded_torque,
@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.audit import (
     outliers,
     stuck_channel,
 )
-from gimbal_pin.diagnosis.audit.base import Check, Fault
+from gimbal_pin.audit.base import Check, Fault
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig

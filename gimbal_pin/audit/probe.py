@@ -12,7 +12,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin import signals
-from gimbal_pin.identification import units_of
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.platform import BaseMotion
@@ -100,7 +99,7 @@ def probe(
         if stretch.length > 4 * pad:
             model = like.pieces[len(pieces)] if like is not None else None
             pieces.append(piece(rows, stretch if twin is None else halved(stretch, twin), pad, model))
-    return Probe(rows.names, units_of(rows), tuple(pieces))
+    return Probe(rows.names, rows.units, tuple(pieces))
 
 
 def halved(stretch: Stretch, first: int) -> Stretch:

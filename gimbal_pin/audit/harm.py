@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.audit.probe import MATERIAL, probe, rows_at
+from gimbal_pin.audit.probe import MATERIAL, probe, rows_at
 from gimbal_pin.estimators.base import residuals
 from gimbal_pin.estimators.weighted import weighted
 from gimbal_pin.log import Array, Log
