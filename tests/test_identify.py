@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin import signals, text
+from gimbal_pin.audit import CORRUPTIONS
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import ESTIMATORS, ols, robust, weighted
 from gimbal_pin.estimators.base import factor
@@ -246,3 +247,45 @@ def test_no_table_is_wider_than_a_terminal(name: str) -> None:
     short = str(found)
     assert f"{len(found.names)} parameters by weighted" in short and "array(" not in short and short.count("\n") == 3
     assert found.held_out is not None and all(f"{joint} " in str(found.held_out) for joint in rig.joints)
+
+
+def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Rig) -> None:
+    log = prescribed(nominal(turret), torque_noise=0.01, dt=2e-3)
+    assert identify(turret, [log], examined="noisy").warnings == ()
+    bad = CORRUPTIONS["controller-formula"](log, np.random.default_rng(0))
+    found = identify(turret, [bad], examined="noisy")
+    assert "controller's formula" in found.warnings[0]
+    assert text.identified(found).startswith(f"warning: {found.warnings[0]}\n")
+    assert found.to_dict()["warnings"] == list(found.warnings)
+    assert not identify(turret, [bad]).faults  # nobody asked
+
+
+def test_figures_that_cannot_be_are_said(turret: Rig) -> None:
+    driven = replace(turret, friction=-turret.friction)
+    found = identify(turret, [prescribed(nominal(driven), torque_noise=0.01, dt=2e-3)])
+    names = [name for name in found.names if name.endswith((".Fs", ".Fv"))]
+    assert [said.split(" ")[0] for said in found.warnings] == names and all("negative" in s for s in found.warnings)
+    assert found.held_out is not None
+    worse = replace(found.held_out, fit_percent=dict.fromkeys(turret.joints, -3.0))
+    dull = replace(found.train, used=dict.fromkeys(turret.joints, 0.4))
+    vague = replace(found.estimate, covariance=1e6 * found.estimate.covariance)
+    said = "\n".join(replace(found, held_out=worse, train=dull, estimate=vague, trust=10.0).warnings)
+    assert "negative" not in said
+    for joint in turret.joints:
+        assert f"{joint}: the model predicts the held-out torque worse" in said
+        assert f"{joint}: 60 % of the samples" in said
+    for link in turret.links:
+        assert f"{link}: its mass is not determined" in said
+
+
+def test_a_sum_of_inertias_under_zero_is_said(turret: Rig) -> None:
+    log = prescribed(nominal(turret), torque_noise=0.01, dt=2e-3)
+    base = reduce(turret)
+    sums = [k for k, terms in enumerate(base.terms) if all(x > 0 and ".I" in name for name, x in terms.items())]
+    found = identify(turret, [log])
+    theta = found.estimate.theta.copy()
+    theta[sums] *= -1
+    under = replace(found, estimate=replace(found.estimate, theta=theta))
+    positive = [k for k in sums if base.base_names[k].split(".")[1][:3] in ("Ixx", "Iyy", "Izz")]
+    assert [said.split(" is negative")[0] for said in under.warnings] == [found.names[k] for k in positive]
+    assert positive

@@ -10,6 +10,7 @@ from gimbal_pin.audit import (
     acceleration_noise,
     clock,
     commanded_torque,
+    controller_formula,
     filtered_velocity,
     outliers,
     stuck_channel,
@@ -20,8 +21,18 @@ from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Filtering
 
-IN_ORDER = (clock, stuck_channel, outliers, filtered_velocity, commanded_torque, acceleration_noise)
-"""A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes."""
+IN_ORDER = (
+    clock,
+    stuck_channel,
+    outliers,
+    controller_formula,
+    filtered_velocity,
+    commanded_torque,
+    acceleration_noise,
+)
+"""A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes.
+
+A controller answers to the rate that it logs, before a filtered one is left out."""
 
 CHECKS: Mapping[str, Check] = MappingProxyType({module.NAME: module.examine for module in IN_ORDER})
 """Every data cause of CONTRACT.md by its name there, in the order in which they are examined."""

@@ -43,7 +43,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if log.tau is None or len(log) < 20 * LAGS:
         return None
     size = np.sqrt(np.mean(log.tau**2, axis=0))
-    left = np.array([unexplained(log, j) for j in range(rig.n)])
+    everything = lagged(log, range(rig.n))
+    left = np.array([unexplained(log, j, everything) for j in range(rig.n)])
     formula = (left < QUIET * size) & (size > 0)
     if not formula.any():
         return None
@@ -73,16 +74,18 @@ def corrupt(log: Log, rng: np.random.Generator, *, noise: float = 0.01) -> Log:
     return replace(log, tau=signals.zero_phase(log.tau, sections) - answer)
 
 
-def unexplained(log: Log, j: int) -> float:
-    """What the other channels' third differences leave of one torque's in the best windows, as white noise, N m."""
+def unexplained(log: Log, j: int, everything: Array) -> float:
+    """What the other channels' third differences leave of one torque's in the best windows, as white noise, N m.
+
+    By those of its own joint, and by `everything`: `lagged` of all joints.
+    """
     assert log.tau is not None
     own = float(signals.noise_std(log.tau[:, j : j + 1])[0])
     if own < 1e-9 * float(np.sqrt(np.mean(log.tau[:, j] ** 2))) or not noisy(log.q if log.v is None else log.v):
         return own
     rough = np.diff(log.tau[:, j], 3)[LAGS - 1 :]
     out = own
-    for joints in ([j], list(range(len(log.joints)))):
-        columns = lagged(log, joints)
+    for columns in (lagged(log, [j]), everything):
         length = max(round(WINDOW / log.dt), 6 * columns.shape[1])
         starts = range(0, len(rough) - length + 1, max(length, len(rough) // WINDOWS))
         left = [held_out(columns[k : k + length], rough[k : k + length]) for k in starts]

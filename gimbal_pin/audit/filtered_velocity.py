@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -144,6 +145,9 @@ def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float)
     settled = slice(round(1.0 / (CORNERS[0] * dt)) // 2, None)
     delays = (signals.resample(times, d[:, None], times - 1.0 / (2.0 * np.pi * f))[:, 0] for f in CORNERS)
     apart, delayed = min((remainder(x, r, dt, settled) for x in delays), key=lambda pair: pair[0])
+    # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
+    if apart * (1.0 + np.sqrt(BETTER)) ** 2 <= SURE * noise**2:
+        return None
     shapes = [(order, float(f)) for order in (1, 2) for f in CORNERS]
     lags = [(order, f, remainder(lowpassed(d, f, order, dt), r, dt, settled)) for order, f in shapes]
     order, corner, (left, lagged) = min(lags, key=lambda each: each[2][0])
@@ -153,10 +157,17 @@ def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float)
 
 def lowpassed(signal: Array, corner: float, order: int, dt: float) -> Array:
     """A causal Butterworth low-pass along the first axis, at rest at its first value."""
-    from scipy.signal import butter, sosfilt
+    from scipy.signal import sosfilt
 
-    sections = butter(order, min(corner, 0.45 / dt), fs=1.0 / dt, output="sos")
-    return np.asarray(sosfilt(sections, signal - signal[0], axis=0) + signal[0])
+    return np.asarray(sosfilt(butterworth(order, min(corner * dt, 0.45)), signal - signal[0], axis=0) + signal[0])
+
+
+@cache
+def butterworth(order: int, corner: float) -> Array:
+    """Second-order sections of the low-pass, corner in shares of the sampling rate; every joint tries the same ones."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(order, corner, fs=1.0, output="sos"))
 
 
 def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> tuple[float, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.audit.base import Examined, Fault
 from gimbal_pin.audit.harm import harm
-from gimbal_pin.audit.samples import WORDS, changed, channels, edges, left_out, level, noted, taken
+from gimbal_pin.audit.samples import WORDS, changed, channels, edges, left_out, level, medians, noted, taken
 from gimbal_pin.digits import digits
 from gimbal_pin.log import Array, Log
 from gimbal_pin.parameter import Parameter
@@ -109,9 +109,7 @@ def spikes(log: Log) -> list[Wild]:
 def lone(column: Array, left: Array, dt: float) -> Flags:
     """Samples far from the cubic through their neighbours, which agree with each other, (N - 4,)."""
     length = max(8, min(round(WINDOW / dt), len(left)))
-    starts = np.arange(0, len(left), length)
-    medians = np.array([np.median(left[k : k + length]) for k in starts]) / 0.6745
-    window = np.repeat(medians, np.diff(np.append(starts, len(left))))
+    window = np.repeat(medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
     # A step has one of these on either side of it, a spike none.
     near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
     wild = left > np.maximum(NEAR * window, WIDE * level(left))
@@ -129,20 +127,18 @@ def bridged(log: Log, found: Sequence[Wild]) -> Log:
 def garbage(log: Log) -> list[Wild]:
     """Return stretches in which a channel is far rougher than it is in the median window."""
     length = max(8, round(SHORT / log.dt))
-    starts = np.arange(0, len(log), length)
-    counts = np.diff(np.append(starts, len(log)))
     out = []
     rough: dict[str, Array] = {}
     for name, values in channels(log).items():
         left = np.zeros(values.shape)
         left[2:-2] = left_out(log.t, values)
-        rough[name] = np.array([np.median(np.abs(window), axis=0) for window in np.split(left, starts[1:])]) / 0.6745
+        rough[name] = medians(np.abs(left), length) / 0.6745
         for j, window in enumerate(rough[name].T):
             spread = max(float(np.std(values[:, j])), 1e-300)
             wild = (window > ROUGH * np.median(window)) & (window > WILD * spread)
             if name == "v":
                 wild &= window > OWN * rough["q"][:, j] / log.dt
-            rows = np.repeat(wild, counts)
+            rows = np.repeat(wild, length)[: len(log)]
             if wild.any() and np.mean(rows) < PART:
                 rows = dilated(rows[:, None], length // 2)[:, 0]
                 out.append(Wild(name, j, rows, float(window.max()) / spread))

@@ -55,6 +55,14 @@ def local_noise(t: Array, x: Array, parts: int) -> Array:
     return np.sqrt([np.sort(part, axis=0)[: max(1, int(signals.KEPT * len(part)))].mean(axis=0) for part in split])
 
 
+def medians(values: Array, length: int) -> Array:
+    """Median of each column over windows of so many samples, the last one shorter, (windows, n)."""
+    whole = len(values) // length * length
+    windows = np.median(values[:whole].reshape(-1, length, values.shape[1]), axis=1)
+    rest = values[whole:]
+    return np.concatenate([windows, np.median(rest, axis=0)[None]]) if len(rest) else windows
+
+
 def level(values: Array) -> float:
     """Root mean square without the largest two per cent."""
     squares = np.sort(values**2)

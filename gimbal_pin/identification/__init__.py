@@ -6,6 +6,7 @@ from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.judging import Accuracy, accuracy
 from gimbal_pin.identification.seen import DROWNED, check_driven, check_sampling, check_seen, enough, unseen, within
+from gimbal_pin.identification.warning import faults
 
 __all__ = [
     "DROWNED",
@@ -17,6 +18,7 @@ __all__ = [
     "check_sampling",
     "check_seen",
     "enough",
+    "faults",
     "given_beta",
     "identify",
     "moved",

@@ -14,6 +14,7 @@ from gimbal_pin.identification.bound import best, usual
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.seen import check_seen, enough, unseen, within
+from gimbal_pin.identification.warning import faults
 from gimbal_pin.log import Log
 from gimbal_pin.model import friction_effects
 from gimbal_pin.platform import MOTIONS, BaseMotion
@@ -49,8 +50,9 @@ def identify(
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `bound.usual`.
-        examined: Whether to test if least squares is biased on these logs, see `suspicion`, and, unless "never", if
-            their halves are of one rig, see `halves.apart`, and what logs of a base that turned tell at best.
+        examined: Whether to test if least squares is biased on these logs, see `suspicion`, and, unless "never", what
+            the audit says of them, if their halves are of one rig, see `halves.apart`, and what logs of a base that
+            turned tell at best.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -86,6 +88,7 @@ def identify(
         notes=notes,
         bias=judged,
         parting=parting,
+        faults=() if examined == "never" else faults(rig, logs),
         bound=None
         if examined == "never" or base != "rotating"
         else best(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),

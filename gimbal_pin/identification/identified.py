@@ -15,6 +15,7 @@ from gimbal_pin.consistency import Consistent
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification.judging import Accuracy
+from gimbal_pin.identification.warning import warnings
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
@@ -53,6 +54,7 @@ class Identified:
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
             `estimators.colour.least`; None where the base did not turn, or that was not asked.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
+        faults: What the audit of the logs found, in sentences, see `warning.faults`.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
 
@@ -75,6 +77,7 @@ class Identified:
     bound: Array | None = None
     trust: float = TRUST
     swapped: bool = False
+    faults: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """A few lines: what was estimated, from what, and how well it predicts; `text.identified` has the table."""
@@ -84,10 +87,15 @@ class Identified:
             f"{rig.name}{mounted}: {len(self.names)} parameters by {self.estimate.method} from {', '.join(self.logs)}"
         )
         parts = [str(part) for part in (self.train, self.held_out) if part is not None]
-        notes = [f"note: {said}" for said in self.notes]
+        notes = [*(f"warning: {said}" for said in self.warnings), *(f"note: {said}" for said in self.notes)]
         return "\n".join(
             [head, *parts, *notes, "names, estimate, bodies, model, to_dict() and to_urdf() hold the rest"]
         )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What has to be known before the parameters are read, in sentences, see `warning.warnings`."""
+        return tuple(warnings(self))
 
     @property
     def physical(self) -> bool:
@@ -156,6 +164,7 @@ class Identified:
                 log: {link: mounting.to_dict() for link, mounting in links.items()}
                 for log, links in self.mountings.items()
             },
+            "warnings": list(self.warnings),
             "notes": list(self.notes),
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},

@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimators import Estimator, weighted
-from gimbal_pin.identification import assembled, check_seen
+from gimbal_pin.identification import assembled, check_seen, faults
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import Estimated, Model
 from gimbal_pin.payloads.camera import BARE, Several
@@ -61,6 +61,7 @@ def identify_new(
     joint = replace(found, theta=both, covariance=covariance)
     identified = assembled(rows, blocks, mapped(joint, chosen(own, 1, 2, len(theta))), tested, how)
     check_wiring(blocks, identified.estimate)
+    identified = replace(identified, faults=faults(rig, logs))
     name = rig.payload or "camera"
     size = own.columns.shape[1]
     one = camera(own, known.rig, rig, joint.theta, joint.covariance, change(size, 1, len(theta), len(both)))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.estimators.base import residuals
-from gimbal_pin.identification import assembled, check_seen, enough
+from gimbal_pin.identification import assembled, check_seen, enough, faults
 from gimbal_pin.log import Array, Log
 from gimbal_pin.payloads.camera import BARE, Several
 from gimbal_pin.payloads.parts import Carried, camera, change, chosen, mapped, parted, rigid
@@ -57,7 +58,10 @@ def identify_several(
     check_seen(first.logs[0].name, names, joint, estimate)
     maps = {name: chosen(own, k, len(order), len(first.names)) for k, name in enumerate(order)}
     identified = {
-        name: assembled(rows, blocks[name], mapped(estimate, maps[name]), tested, how)
+        name: replace(
+            assembled(rows, blocks[name], mapped(estimate, maps[name]), tested, how),
+            faults=faults(rigs[name], logs[name]),
+        )
         for name, (rows, tested, how) in parts.items()
     }
     for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide

@@ -29,7 +29,8 @@ def described(found: Identified) -> list[str]:
     """Parameters with uncertainty, and accuracy."""
     heads = HEADS if found.bound is None else (*HEADS, "± at best")
     rows = [line for k in range(len(found.names)) for line in folded(parameter(found, k))]
-    parts = [estimated(found), table(*heads, rows=rows), *at_best(found)]
+    parts = [f"warning: {said}" for said in found.warnings]
+    parts += [estimated(found), table(*heads, rows=rows), *at_best(found)]
     parts += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     parts.append("")
     parts += [accuracy(part) for part in (found.train, found.held_out) if part is not None]
