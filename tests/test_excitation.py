@@ -41,6 +41,7 @@ from gimbal_pin.excitation import (
     condition_number,
     excite,
     known,
+    repeats,
     sequential,
 )
 from gimbal_pin.excitation.adjoint import links, regressor_gradient
@@ -50,10 +51,12 @@ from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.design import cleared
 from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.problem import Problem
+from gimbal_pin.io import read_motion
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rig import Rig, bundled_rigs
+from tests.command_line import Run, result
 
 PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
 RIGS = bundled_rigs()
@@ -329,6 +332,29 @@ def test_a_longer_motion_is_never_worse_than_the_usual_one() -> None:
         assert found.seconds / found.series.seconds == pytest.approx(periods, rel=1e-12)
         assert found.motion.q[0] == pytest.approx(found.motion.q[-1], abs=1e-9)
         assert_within(rig, nominal(rig), found, 0.05)
+
+
+@given(seconds=st.floats(0.5, 5000.0))
+def test_a_motion_repeats_five_times_unless_its_periods_get_short(seconds: float) -> None:
+    count = repeats(seconds)
+    assert count == 5 if seconds >= 20.0 else count == max(1, int(seconds / 4.0))
+    series = Series.of(seconds, periods=count)
+    assert series.seconds >= min(seconds, 4.0) * (1 - 1e-12)
+    assert seconds / series.seconds / count == pytest.approx(round(seconds / series.seconds / count), rel=1e-12)
+
+
+def test_the_default_motion_is_the_same_in_every_period_and_says_why(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    found = result(run, "excite", "turret", "-o", path, "--starts", 1, "--rate", 100)
+    q = read_motion(path, Rig.load("turret")).q
+    rows = round(100 * found["period"])
+    assert found["periods"] == 5 and len(q) == 5 * rows + 1
+    for k in range(5):
+        assert np.allclose(q[k * rows : (k + 1) * rows + 1], q[: rows + 1], atol=1e-9)
+    said = run("excite", "turret", "-o", path, "--starts", 1, "--rate", 100)[1]
+    assert "5 periods: what differs from one to the next is noise" in said
+    alone = run("excite", "turret", "-o", path, "--starts", 1, "--rate", 100, "--periods", 1, "--seconds", 5)[1]
+    assert "too few repeats" in alone
 
 
 @given(seconds=st.floats(0.5, 5000.0))

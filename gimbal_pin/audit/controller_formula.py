@@ -30,8 +30,8 @@ BAND = 0.1
 """Low-pass on all channels, as a share of the sampling rate: a loop acts below it, most of the noise is above."""
 LATEST = 6
 """Samples by which the torque may answer late: measuring, computing and sending take one or two each."""
-SHORTEST, MOST = 3.0, 5000
-"""A shorter log, s, is not judged; of a longer one so many samples, spread evenly, are."""
+SHORTEST, LEAST, MOST = 3.0, 100, 5000
+"""A shorter log, s, or one of fewer samples, is not judged; of a longer one so many, spread evenly, are."""
 
 
 class Formula(NamedTuple):
@@ -45,7 +45,7 @@ class Formula(NamedTuple):
 def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``τ(t) = a + c t + k q(t - d) - b v(t - d)``, b > 0: a linear controller with a reference of constant speed.
 
-    Without a reference that moves otherwise, closed-loop data show the inverse of the controller (Ljung 1999, 13.4),
+    Without a reference that moves otherwise, closed-loop data show the inverse of the controller (Ljung 1999, ch. 13),
     and least squares reads -b as viscous friction. No plant gives such a torque: friction takes power, so that its
     part along the rate has the other sign. The formula is found where it leaves next to nothing, and where the rigid
     bodies with a free constant, slope and spring, and with friction that takes power, leave several times as much.
@@ -57,6 +57,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     sections = signals.lowpass(BAND, 1.0)
     edge = int(signals.settling(BAND)) + LATEST
     kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST))
+    if len(kept) < LEAST:
+        return None
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
     v = signals.differentiate(q, log.dt) if log.v is None else signals.zero_phase(log.v, sections)
     power = np.maximum(np.var(tau[kept], axis=0), 1e-300)
@@ -98,7 +100,7 @@ def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
     from scipy.optimize import nnls
 
     free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid[:, rigid.any(axis=0)]])
-    left, size, _ = np.linalg.svd(free / np.linalg.norm(free, axis=0), full_matrices=False)
+    left, size, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300), full_matrices=False)
     left = left[:, size > 1e-9 * size[0]]
     friction, rest = (x - left @ (left.T @ x) for x in (np.column_stack([np.sign(v), v]), tau))
     return float(nnls(friction, rest)[1] ** 2 / len(t))

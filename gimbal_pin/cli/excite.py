@@ -25,14 +25,20 @@ def excite(
     output: Output,
     *,
     payload: Payload = None,
-    seconds: Annotated[
-        float, between("--seconds", 0.5, 3600, "s"), arg(help="length of the motion, which can be repeated")
-    ] = 10.0,
+    seconds: Annotated[float, between("--seconds", 0.5, 3600, "s"), arg(help="length of the motion")] = 25.0,
+    periods: Annotated[
+        int | None,
+        between("--periods", 1, 1000, kind=int),
+        arg(
+            help="periods in it: what differs between them is noise, what all show and a model does not is structure",
+            help_behavior_hint="(default: five, of 4 s or more each)",
+        ),
+    ] = None,
     harmonics: Annotated[
         int | None,
         between("--harmonics", 2, 200, kind=int),
         arg(
-            help="harmonics of the Fourier series",
+            help="harmonics of a period's Fourier series",
             help_behavior_hint="(default: up to half a hertz, at least five)",
         ),
     ] = None,
@@ -65,7 +71,7 @@ def excite(
     import numpy as np
 
     from gimbal_pin.excitation import excite as run
-    from gimbal_pin.excitation import sequential
+    from gimbal_pin.excitation import repeats, sequential
     from gimbal_pin.io import write_motion
 
     camera = payload or mounted(model)
@@ -77,6 +83,7 @@ def excite(
     found = run(
         plant.rig,
         seconds=seconds,
+        periods=repeats(seconds) if periods is None else periods,
         harmonics=harmonics,
         starts=starts,
         criterion=sequential(plant.rig, read, seconds, shown) if read else criterion,

@@ -3,7 +3,7 @@
 from gimbal_pin.excitation.columns import Columns, condition_number
 from gimbal_pin.excitation.criteria import Condition, Criterion, Determinant, Sequential
 from gimbal_pin.excitation.design import Excitation, excite
-from gimbal_pin.excitation.fourier import Series
+from gimbal_pin.excitation.fourier import Series, repeats
 from gimbal_pin.excitation.known import known, sequential
 from gimbal_pin.excitation.limits import Envelope
 
@@ -19,5 +19,6 @@ __all__ = [
     "condition_number",
     "excite",
     "known",
+    "repeats",
     "sequential",
 ]

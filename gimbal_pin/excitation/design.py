@@ -45,6 +45,9 @@ SPEED = 0.3
 SHORTEST = 0.5
 """Shortest motion, s."""
 
+FEW = 3
+"""Periods of which too few are left to tell noise by, once the first has gone."""
+
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
@@ -93,10 +96,23 @@ class Excitation:
         return f"excitation of {self.rig}: condition number {self.condition_number:.1f} in {self.length}"
 
     @property
+    def periods(self) -> int:
+        """How often the series is repeated."""
+        return round(self.seconds / self.series.seconds)
+
+    @property
     def length(self) -> str:
         """Its length and what it is made of, in words."""
-        times, own = round(self.seconds / self.series.seconds), f"{self.series.harmonics} harmonics"
+        own, times = f"{self.series.harmonics} harmonics", self.periods
         return f"{self.seconds:g} s, {own}" + (f" of {self.series.seconds:.4g} s, {times} times over" * (times > 1))
+
+    @property
+    def repeated(self) -> str:
+        """What its periods are for."""
+        if self.periods > FEW:
+            what = "what differs from one to the next is noise, and what all of them show is not"
+            return f"{self.periods} periods: {what}; record them in one go, the first is the start's"
+        return f"too few repeats to tell noise from what a model misses ({self.periods}): --seconds 25 has five"
 
     def to_dict(self) -> dict[str, Any]:
         """The result as `gimbal-pin excite --json` writes it (CONTRACT)."""
@@ -109,6 +125,7 @@ class Excitation:
             "seconds": self.seconds,
             "harmonics": self.series.harmonics,
             "period": self.series.seconds,
+            "periods": self.periods,
             "finished": self.finished,
             "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
             "speed": dict(self.speed),
@@ -123,6 +140,7 @@ def excite(
     rig: Rig,
     *,
     seconds: float = 10.0,
+    periods: int = 1,
     harmonics: int | None = None,
     starts: int = 5,
     rng: np.random.Generator,
@@ -145,8 +163,9 @@ def excite(
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
             way; rate, acceleration and torque are free where the rig states no limit.
         seconds: Length, s.
-        harmonics: Harmonics of 1/seconds, two or more; None: up to half a hertz, at least five, a motion of more than
-            20 s repeating itself (`Series.of`).
+        periods: Periods in it, one or more: what differs between them is noise, see `fourier.repeats`.
+        harmonics: Harmonics of one over the period, two or more; None: up to half a hertz, at least five, a period of
+            more than 20 s being parted into several (`Series.of`).
         starts: How much is tried, one or more: three random motions for each.
         rng: Source of the starts.
         criterion: "condition", "determinant", or a criterion of your own.
@@ -164,8 +183,9 @@ def excite(
     Raises:
         UsageError: An argument is out of range, or the rig cannot move within its limits.
     """
-    if not seconds >= SHORTEST:
-        raise UsageError("seconds", f"is {seconds:g}", f"give at least {SHORTEST:g}: no rig shows itself in less")
+    if not seconds >= SHORTEST * max(periods, 1):
+        least = f"give at least {SHORTEST:g} for each period: no rig shows itself in less"
+        raise UsageError("seconds", f"is {seconds:g}", least)
     samples = round(seconds / dt) if dt > 0 else 0
     if samples < 1 or abs(samples * dt - seconds) > 1e-9 * seconds:
         raise UsageError("dt", f"is {dt:g}", f"give an interval of which {seconds:g} s is a whole number")
@@ -179,7 +199,7 @@ def excite(
     envelope = Envelope.of(rig, margin)
     problem = Problem(
         model,
-        Series.of(seconds, harmonics),
+        Series.of(seconds, harmonics, periods),
         Columns.of(rig, effects),
         named(criterion),
         envelope,

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from gimbal_pin.audit import audit
-from gimbal_pin.calibration import rectified
 from gimbal_pin.digits import digits
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
@@ -24,8 +23,8 @@ POSITIVE = ("Ixx", "Iyy", "Izz", "m")
 
 
 def faults(rig: Rig, logs: Sequence[Log]) -> tuple[str, ...]:
-    """Audit logs as `diagnose` does, what spoils the physics first; of a long one the stretches of `rows.chosen`."""
-    found = [(log.name, fault) for log in logs for fault in audit(rig, chosen(rectified(rig, log).log).log).faults]
+    """Audit rectified logs as `diagnose` does, what spoils the physics first; of long ones what `rows.chosen` takes."""
+    found = [(log.name, fault) for log in logs for fault in audit(rig, chosen(log).log).faults]
     worst_first = sorted(found, key=lambda each: not each[1].makes_physics_unreliable)
     told = [(name, fault) for name, fault in worst_first if not fault.slight]
     return tuple(

@@ -77,7 +77,7 @@ def excitation(found: Excitation) -> str:
         middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
         head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
         head += f" (median of the parameters; {best:.2g} for the one that gains most), by identify --refit"
-    lines = [head, table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)]
+    lines = [head, found.repeated, table("joint", "angle %", "rate %", "acceleration %", "torque %", rows=rows)]
     if found.clearance is not None:
         first, second = found.clearance.between
         lines.append(f"smallest clearance: {1000 * found.clearance.distance:.3g} mm, between {first} and {second}")
