@@ -18,6 +18,7 @@ from gimbal_pin.diagnosis.score import all_gained
 from gimbal_pin.diagnosis.shapes import free, refined
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
 from gimbal_pin.effects import Cause, Signal
+from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
 
 BEAM = 2
@@ -81,7 +82,7 @@ def passed_on(state: State, signal: Signal) -> float:
     """Return ``ρ = ‖W (s(τ) - s(τ - e))‖²/‖W e‖²``, at most one: what a signal makes of noise such as is left, e."""
     evidence = state.problem.evidence
     j = evidence.rig.joint_index(signal.joint)
-    bearing = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
+    bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
     passed, whole = [], []
     for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
         torque, e = part.channels.tau[:, j], left[:, j]
