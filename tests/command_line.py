@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -24,3 +25,9 @@ def refused(said: tuple[int, str, str], code: int, *words: str) -> None:
     assert said[2].count("\n") == 1 and "Traceback" not in said[2]
     for word in words:
         assert word in said[2]
+
+
+def heard() -> None:
+    """Let a process that is about to begin hear signals: a suite in a shell's background hands on that it does not."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from gimbal_pin.diagnosis.engine.rivals import vuong
 from gimbal_pin.diagnosis.engine.selection import criterion, without
 from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened, whitened
 from gimbal_pin.diagnosis.evidence import Evidence, gather
-from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
@@ -37,23 +38,27 @@ def coloured_noise(shape: tuple[int, int], seed: int) -> Array:
     return np.asarray(lfilter([np.sqrt(1 - PHI**2)], [1, -PHI], white, axis=0))
 
 
-def log_of(size: float = 0.0, seed: int = 1, seconds: float = 24.0) -> Log:
-    """A motion with the torque that it takes, 2 % of coloured noise, and cogging of that size at the first joint."""
+def log_of(size: float = 0.0, seed: int = 1, noise: float = 0.02, seconds: float = 24.0) -> Log:
+    """A motion with the torque that it takes, coloured noise, and cogging of that size at the first joint."""
     rig = Rig.load(RIG)
     motion = fourier(rig, seed, seconds, DT)
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a)
-    tau = tau + 0.02 * np.std(tau, axis=0) * coloured_noise(tau.shape, seed)
+    tau = tau + noise * np.std(tau, axis=0) * coloured_noise(tau.shape, seed)
     tau[:, 0] += size * np.sin(11 * motion.q[:, 0] + 0.3)
     return Log("log", rig.joints, motion.t, motion.q, motion.v, tau)
 
 
-def evidence_of(log: Log) -> Evidence:
-    return gather(Rig.load(RIG), [log], replace(BAND, alignment=0.0), {"log": 0.0})
+def evidence_of(log: Log, alignment: float = 0.0) -> Evidence:
+    return gather(Rig.load(RIG), [log], replace(BAND, alignment=alignment), {"log": 0.0})
+
+
+def explain_log(log: Log, kinds: Mapping[str, type[Cause]] = KINDS) -> Explained:
+    return explain(partial(evidence_of, log), 0.0, reduce(Rig.load(RIG)), kinds)
 
 
 @cache
 def explained(size: float = 0.0, seed: int = 1) -> Explained:
-    return explain(evidence_of(log_of(size, seed)), reduce(Rig.load(RIG)), KINDS)
+    return explain_log(log_of(size, seed))
 
 
 def test_rows_are_whitened_anew_as_from_the_log() -> None:
@@ -117,14 +122,14 @@ def test_what_is_planted_is_found_and_explains_what_was_there(seed: int) -> None
 def test_what_no_candidate_explains_is_left_and_seen() -> None:
     """Cogging, where nobody looks for it: nothing is named for most of it, and δ says that there is structure."""
     kinds = {name: kind for name, kind in KINDS.items() if name != "cogging"}
-    found = explain(evidence_of(log_of(0.01)), reduce(Rig.load(RIG)), kinds)
+    found = explain_log(log_of(0.01), kinds)
     assert found.after[0].share > 0.3 and found.left(0) > 0.5
 
 
 def test_the_unit_of_torque_changes_no_answer() -> None:
     log, one = log_of(0.01), explained(0.01)
     assert log.tau is not None
-    other = explain(evidence_of(replace(log, tau=2 * log.tau)), reduce(Rig.load(RIG)), KINDS)
+    other = explain_log(replace(log, tau=2 * log.tau))
     assert [cause.name for cause in other.state.causes] == ["cogging"]
     assert criterion(other.first) - criterion(other.state) == pytest.approx(
         criterion(one.first) - criterion(one.state), rel=0.02
@@ -134,3 +139,14 @@ def test_the_unit_of_torque_changes_no_answer() -> None:
 def test_lack_of_fit_is_of_each_joint() -> None:
     found = explained(0.01)
     assert lack_of_fit(found.first, 1).share < 0.1 < lack_of_fit(found.first, 0).share
+
+
+@pytest.mark.parametrize("late", [-4e-3, 3e-3])
+def test_the_torques_time_is_estimated_and_is_no_finding(late: float) -> None:
+    """A torque that is reported some milliseconds apart is aligned to a fifth of one, and cogging stays cogging."""
+    rig, log = Rig.load(RIG), log_of(0.01, 3, noise=0.002)
+    assert log.tau is not None
+    shifted = np.stack([np.interp(log.t - late, log.t, tau) for tau in log.tau.T], axis=1)
+    found = explain(partial(evidence_of, replace(log, tau=shifted)), 0.0, reduce(rig), KINDS)
+    assert found.alignment == pytest.approx(-late, abs=2e-4)
+    assert [cause.name for cause in found.state.causes] == ["cogging"]

@@ -56,7 +56,7 @@ from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.model import Model, nominal
 from gimbal_pin.regressor import regressor
 from gimbal_pin.rig import Rig, bundled_rigs
-from tests.command_line import Run, result
+from tests.command_line import Run, heard, result
 
 PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
 RIGS = bundled_rigs()
@@ -709,10 +709,6 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     arguments += ["--seconds", "4", "--harmonics", "3"]
     command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
-
-    def heard() -> None:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # a suite in a shell's background passes on that it is ignored
-
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard) as running:
         shown, last, asked = b"", monotonic() + 120, False
         while running.poll() is None and monotonic() < last:  # a terminal that nobody reads stops who writes to it

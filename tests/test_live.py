@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -29,6 +30,7 @@ from gimbal_pin.view.live import open_window
 from gimbal_pin.view.motion import poses
 from gimbal_pin.view.scene import GHOST, RIG
 from tests.browsing import meanwhile, needs_browser, pause, visit
+from tests.command_line import heard
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 UPGRADE = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "eA=="}
@@ -104,10 +106,8 @@ def viewers(log: Path) -> Iterator[Viewers]:
     """One ``animate --live`` for each signal that is to end it, and its address."""
     command = (sys.executable, "-u", "-m", "gimbal_pin.cli", "animate", "thesis", str(log), "--live")
     without = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")}
-    started = {
-        one: subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=without)
-        for one in SIGNALS
-    }
+    out: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    started = {one: subprocess.Popen(command, env=without, preexec_fn=heard, **out) for one in SIGNALS}
     try:
         found = {}
         for one, process in started.items():
@@ -193,7 +193,8 @@ def test_a_film_that_is_broken_off_leaves_no_browser_and_no_profile(log: Path, t
     pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (gimbal-pin[video])")
     command = (sys.executable, "-m", "gimbal_pin.cli", "animate", "thesis", str(log), "-o", str(tmp_path / "film.gif"))
     scratch = Path(tempfile.mkdtemp())  # a short path: that of a browser's socket has a hundred letters at most
-    with subprocess.Popen(command, env={**os.environ, "TMPDIR": str(scratch)}, stderr=subprocess.PIPE) as process:
+    env = {**os.environ, "TMPDIR": str(scratch)}
+    with subprocess.Popen(command, env=env, stderr=subprocess.PIPE, preexec_fn=heard) as process:
         family: set[int] = set()
         while process.poll() is None and not any(b"--type=renderer" in command_line(one) for one in family):
             time.sleep(0.05)

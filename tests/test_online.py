@@ -39,7 +39,7 @@ from gimbal_pin.rows import Block, Filtering
 from gimbal_pin.signals import lowpass
 from gimbal_pin.tuning import tune
 from tests.bench_logs import fourier, prescribed
-from tests.command_line import Run, refused
+from tests.command_line import Run, heard, refused
 
 ROOT = Path(__file__).parents[1]
 
@@ -447,7 +447,7 @@ def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     command += ["-o", str(model), "--alignment", "0"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     lines: list[dict[str, Any]] = []
-    with subprocess.Popen(command, cwd=ROOT, **pipes) as running:
+    with subprocess.Popen(command, cwd=ROOT, preexec_fn=heard, **pipes) as running:
         assert running.stdin is not None and running.stdout is not None
         running.stdin.write(path.read_bytes())
         running.stdin.flush()

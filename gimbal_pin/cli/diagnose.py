@@ -44,7 +44,7 @@ def diagnose(
     torque-gain, torque-bias, actuator-lag, delay, saturation, dead-zone; of structure: cable-spring,
     joint-flexibility, backlash, armature; of the rig: encoder-offset, base-tilt, platform-motion, and, where its YAML
     says `inertia: trusted`, payload-shift, payload-mass, off-diagonal-inertia; of the data: acceleration-noise,
-    clock, commanded-torque, filtered-velocity, stuck-channel, outliers.
+    clock, commanded-torque, controller-formula, filtered-velocity, stuck-channel, outliers.
     """
     asked_for = run_of("diagnose", locals())
     import numpy as np

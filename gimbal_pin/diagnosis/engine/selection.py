@@ -3,7 +3,7 @@
 ``C = Σ_j N_j (log φ_j - Σ_s log ρ_js) + k log N``: twice the negative log likelihood of rows of unit noise, up to a
 constant, with the penalty of Schwarz (Ann. Statist. 6, 1978); φ_j is the dispersion at joint j, N_j its rows, k what
 the causes have free. A drive's signal s changes the measured torque, and the noise in it: ρ_js, the share of a noise's
-power that it passes on, is its Jacobian. Without that any low-pass would explain half of any noise.
+power that it passes on at each frequency, is its Jacobian. Without that any low-pass would explain half of any noise.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 
+from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import all_gained
 from gimbal_pin.diagnosis.shapes import free, refined
@@ -31,6 +33,8 @@ ERROR_RATE = 0.01
 """Chance that a log with nothing in it gets a name."""
 PROMISE = 0.3
 """Share of the threshold that a candidate must gain on the coarse grid, before its shape is refined."""
+INSIDE, WIDTH = 0.75, 8
+"""Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""
 STEP = 2.0**0.25
 """Factor by which shapes are moved first when a model is refined once more."""
 
@@ -74,22 +78,35 @@ def criterion(state: State) -> float:
     less = np.log(state.fit.dispersion)
     for cause in state.causes:
         if isinstance(cause, Signal):
-            less[state.problem.evidence.rig.joint_index(cause.joint)] -= np.log(passed_on(state, cause))
+            less[state.problem.evidence.rig.joint_index(cause.joint)] -= passed_on(state, cause)
     return float(count @ less + np.log(count.max()) * freedom)
 
 
 def passed_on(state: State, signal: Signal) -> float:
-    """Return ``ρ = ‖W (s(τ) - s(τ - e))‖²/‖W e‖²``, at most one: what a signal makes of noise such as is left, e."""
+    """Return ``log ρ = ⟨log |S(f)|²⟩``, at most zero, over the band: what a signal makes of noise at its joint.
+
+    S is what it makes of a small noise of the estimated spectrum beside the measured torque: for a filter its gain.
+    """
     evidence = state.problem.evidence
     j = evidence.rig.joint_index(signal.joint)
     bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
-    passed, whole = [], []
+    gains = []
     for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
-        torque, e = part.channels.tau[:, j], left[:, j]
-        passed.append(part.acted(signal, torque, j, borne) - part.acted(signal, torque - e, j, borne))
-        whole.append(e)
-    power, before = (float(np.sum(evidence.whiten(x, j) ** 2)) for x in (passed, whole))
-    return float(np.clip(power / max(before, 1e-300), 1e-12, 1.0))
+        torque, noise = part.channels.tau[:, j], flattened(part, left[:, j], j)
+        change = part.acted(signal, torque, j, borne) - part.acted(signal, torque - noise, j, borne)
+        after, before = (np.abs(fft.rfft(part.whiten(x, j))) ** 2 for x in (change, noise))
+        inside = slice(0, int(INSIDE * len(before)) // WIDTH * WIDTH)
+        after, before = (np.mean(x[inside].reshape(-1, WIDTH), axis=1) for x in (after, before))
+        gains.append(np.log(np.clip(after / np.maximum(before, 1e-300), 1e-6, 1.0)))
+    return float(np.mean(np.concatenate(gains)))
+
+
+def flattened(part: Part, signal: Array, joint: int) -> Array:
+    """Return a torque with the phases of a signal, (m,), and of the spectrum that whitening makes flat."""
+    spectrum, gain = fft.rfft(signal), part.whitener[joint]
+    size = np.zeros(len(spectrum))
+    size[: len(gain)] = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max())
+    return np.asarray(fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(signal)))
 
 
 def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
