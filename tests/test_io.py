@@ -521,6 +521,11 @@ def test_any_entry_parses_or_is_refused(entry: str) -> None:
         assert target and source.column and math.isfinite(source.factor) and source.factor != 0
 
 
+def test_a_mapping_of_any_length_is_answered_at_once() -> None:
+    with pytest.raises(UsageError, match="has 300004 characters"):
+        read_mapping([f"q_pan=pos*{'9' * 300_000}"])
+
+
 def test_yaml_maps_like_entries(tmp_path: Path) -> None:
     entries = {"t": "time_us*1e-6", "q_yaw": '"pos [deg]"*pi/180', "tau_yaw": "-iq/2"}
     files.write_yaml(entries, tmp_path / "map.yaml")

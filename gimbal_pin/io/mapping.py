@@ -30,6 +30,9 @@ EXPRESSION = re.compile(
     re.VERBOSE,
 )
 
+LONGEST = 1000
+"""Characters of an expression: what finds its parts takes the square of that in time."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -98,8 +101,10 @@ def parse_expression(text: str, place: str) -> Source:
     """Return the column and the factor of ``[product*]column{*factor | /factor}``.
 
     Raises:
-        UsageError: `text` does not follow the grammar, or its factor is zero or not finite.
+        UsageError: `text` is too long, does not follow the grammar, or its factor is zero or not finite.
     """
+    if len(text) > LONGEST:
+        raise UsageError(place, f"has {len(text)} characters", f"give at most {LONGEST}: a column and a factor")
     match = EXPRESSION.fullmatch(text)
     if match is None:
         what = "is not one column times or divided by numbers and pi"
