@@ -324,9 +324,9 @@ def part(
     every = fft.rfftfreq(length, dt)
     frequency = every[: count // 2 + 1]
     noise = floor(rig, log, every)
-    pass_band = np.clip((filtering.cutoff - frequency) / (0.25 * filtering.cutoff), 0.0, 1.0)
-    smooth = 0.5 - 0.5 * np.cos(np.pi * pass_band)
-    gain = smooth / np.sqrt(noise.total[:, : len(frequency)] * 2 * filtering.cutoff * stretch.dt)
+    gain = band_edge(frequency, filtering.cutoff) / np.sqrt(
+        noise.total[:, : len(frequency)] * 2 * filtering.cutoff * stretch.dt
+    )
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
@@ -335,6 +335,12 @@ def part(
     return Part(
         channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock, 0.0, losses, logged
     )
+
+
+def band_edge(frequency: Array, band: float) -> Array:
+    """Return the gain at some frequencies, Hz, (f,), of a band, Hz, whose last quarter fades."""
+    inside = np.clip((band - frequency) / (0.25 * band), 0.0, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
 
 
 def losses_of(log: Log, t: Array) -> tuple[Losses, ...]:

@@ -14,7 +14,7 @@ from scipy import fft
 
 from gimbal_pin.diagnosis.columns import Columns, Load, build
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
-from gimbal_pin.diagnosis.engine.whitening import band_edge, rewhitened, rewhitened_problem, whitened
+from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened, rewhitened_problem, whitened
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause
@@ -68,7 +68,7 @@ def spectra(error: Array, evidence: Evidence, joint: int) -> list[Array]:
         rows = error[first : first + part.rows]
         first += part.rows
         gain = part.whitener[joint]
-        inside = int(np.sum(band_edge(evidence, part) >= 0.5))
+        inside = int(np.sum(edge_of(evidence, part) >= 0.5))
         power = np.abs(fft.rfft(rows)[:inside]) ** 2 / part.rows / gain[:inside] ** 2
         out.append(np.pad(smooth(power), (0, len(gain) - inside), mode="edge"))
     return out

@@ -9,26 +9,21 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.evidence import Evidence, Part, band_edge
 from gimbal_pin.diagnosis.state import Problem
 from gimbal_pin.log import Array
-
-ROLL_OFF = 0.25
-"""Share of the band over which its upper edge fades, as `evidence.part` has it."""
 
 
 def flat(evidence: Evidence) -> Evidence:
     """Return the evidence with the band's edge as its only filter: rows in N m."""
-    edges = [band_edge(evidence, part) for part in evidence.parts]
+    edges = [edge_of(evidence, part) for part in evidence.parts]
     parts = [p._replace(whitener=np.tile(edge, (evidence.rig.n, 1))) for p, edge in zip(evidence.parts, edges)]
     return replace(evidence, parts=tuple(parts))
 
 
-def band_edge(evidence: Evidence, part: Part) -> Array:
+def edge_of(evidence: Evidence, part: Part) -> Array:
     """Return the gain by which a part's band fades at its upper end, (f,)."""
-    frequency = fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]]
-    inside = np.clip((evidence.band - frequency) / (ROLL_OFF * evidence.band), 0.0, 1.0)
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
+    return band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
 
 
 def whitened(evidence: Evidence, noise: Sequence[Array]) -> Evidence:
