@@ -80,7 +80,7 @@ def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
         q: Angles as they were read, rad, (N,).
         v: Rates of a sensor of their own, rad/s, (N,); such as were made from the angles agree with them.
     """
-    at = np.searchsorted(t, np.arange(t[0], t[-1], WINDOW))
+    at = np.flatnonzero(np.diff(np.floor((t - t[0]) / WINDOW), prepend=-1.0))
     turned = cumulative_trapezoid(v, t, initial=0.0)[at]
     t, q, v = t[at], q[at], v[at]
     whole = np.diff(t) < 2 * WINDOW

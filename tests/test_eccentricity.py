@@ -36,6 +36,16 @@ def measured(seed: int, q: Array, v: Array) -> tuple[Array, Array]:
     return q + 1e-4 * rng.standard_normal(len(q)), v + 3e-3 * rng.standard_normal(len(v))
 
 
+def test_a_pause_of_a_year_costs_nothing() -> None:
+    """Windows are counted where there are samples, not where the clock has run on."""
+    t, q, v = swinging(5)
+    size = Eccentricity(0.03, 0.04, 0.0)
+    read, v = measured(5, q + size.error(q), v)
+    found = eccentricity(np.where(t < SECONDS / 2, t, t + 3e7), read, v)
+    assert found is not None
+    assert found.size == pytest.approx(0.05, abs=4 * found.std)
+
+
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), size=st.floats(0.02, 0.15), phase=st.floats(-3.1, 3.1), offset=st.floats(-0.5, 0.5))
 def test_what_was_planted_is_found_and_mended(seed: int, size: float, phase: float, offset: float) -> None:

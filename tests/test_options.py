@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pickle
+import resource
 import signal
 from collections.abc import Iterator
 from inspect import get_annotations, signature
@@ -19,6 +20,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 from gimbal_pin.cli import VERBS, ending_orderly
 from gimbal_pin.cli.paths import label
 from gimbal_pin.cli.present import say
+from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageError
 from gimbal_pin.io import files
 from tests.command_line import Run, refused
@@ -72,6 +74,15 @@ def test_work_of_hours_is_asked_for_twice(run: Run, tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     refused(run(*call.split()), 2, "would take about", " GB; add --yes")
     assert not list(tmp_path.iterdir())
+
+
+def test_work_asks_where_it_needs_more_than_half_of_what_a_limit_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    affordable(False, frame_of_a_joint=1e6)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (10**9, 10**9))
+    monkeypatch.setattr(Path, "exists", lambda _: False)
+    with pytest.raises(UsageError, match=r"0\.6 GB; add --yes"):
+        affordable(False, frame_of_a_joint=1e6)
+    affordable(True, frame_of_a_joint=1e6)
 
 
 @given(parts=st.tuples(*[st.text() | st.text(min_size=200, max_size=2000)] * 3))

@@ -82,6 +82,13 @@ def test_what_a_motor_did_before_a_part_of_its_log_warmed_it() -> None:
     np.testing.assert_array_equal(whole.warmth(5.0)[2500:], part.warmth(5.0))
 
 
+def test_a_log_of_a_year_keeps_its_losses_in_a_few_megabytes() -> None:
+    t = np.array([0.0, 0.01, 3e7, 3e7 + 0.01])
+    losses = Losses.along(t, np.full(4, 3.0), t)
+    assert losses.power.nbytes < 10e6
+    np.testing.assert_allclose(losses.warmth(1e4)[-2:], 9.0, rtol=1e-6)
+
+
 def test_the_plant_warms_as_the_log_says_it_does() -> None:
     """What the simulation keeps from step to step is what identification makes of the torques that were logged."""
     effect = FrictionDrift("tilt", span=3.0, held=0.4)

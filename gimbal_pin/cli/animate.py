@@ -58,7 +58,8 @@ def animate(
     colour = None if residual is None else warmth(residual, loaded, read)
     if output is not None:
         frames = (read.t[-1] - read.t[0]) / speed * (fps or FPS.get(output.suffix.lower(), 1.0))
-        affordable(yes, frame=frames, rendered_frame=frames if output.suffix.lower() in ENCODERS else 0)
+        drawn = frames if output.suffix.lower() in ENCODERS else 0
+        affordable(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)
         noted(view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at))
         say(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
     if live:

@@ -11,18 +11,22 @@ from gimbal_pin.log import PAUSE, Array
 
 STEP = 0.02
 """Time over which losses are averaged, s: of what warms over seconds nothing is lost."""
+MOST = 1_000_000
+"""Averages of one log, however long its clock says that it is: 8 MB, `STEP` up to five hours and a half."""
 
 
 class Losses(NamedTuple):
     """``τ²`` of one motor since its log began, whichever part of the log the samples are of.
 
     Attributes:
-        power: Its mean over each `STEP`, N² m², (M,).
+        power: Its mean over each `step`, N² m², (M,).
         t: Time of the samples since the log began, s, (N,).
+        step: Time over which it is averaged, s.
     """
 
     power: Array
     t: Array
+    step: float = STEP
 
     @staticmethod
     def along(t: Array, tau: Array, at: Array) -> Losses:
@@ -37,14 +41,15 @@ class Losses(NamedTuple):
         # What a motor did in a pause nobody knows: the mean of what it did else, not what it did last.
         power[spans > PAUSE] = power.mean()
         energy = np.concatenate([[0.0], np.cumsum(power * spans)])
-        grid = np.arange(t[0], t[-1] + STEP, STEP)
-        return Losses(np.diff(np.interp(grid, t, energy)) / STEP, at - t[0])
+        step = max(STEP, float(t[-1] - t[0]) / MOST)
+        grid = np.arange(t[0], t[-1] + step, step)
+        return Losses(np.diff(np.interp(grid, t, energy)) / step, at - t[0], step)
 
     def warmth(self, span: float) -> Array:
-        """Return x of ``span dx/dt = τ² - x`` from cold, N² m², (N,), exact for losses constant over each `STEP`.
+        """Return x of ``span dx/dt = τ² - x`` from cold, N² m², (N,), exact for losses constant over each step.
 
         A motor on a mount that stays cold: one thermal resistance and one capacity (IEC 60034-1).
         """
-        kept = np.exp(-STEP / span)
+        kept = np.exp(-self.step / span)
         warm = np.concatenate([[0.0], lfilter([1.0 - kept], [1.0, -kept], self.power)])
-        return np.asarray(np.interp(self.t, STEP * np.arange(len(warm)), warm))
+        return np.asarray(np.interp(self.t, self.step * np.arange(len(warm)), warm))

@@ -97,8 +97,8 @@ def steps(online: Online, logs: Iterable[Log], name: str, every: float = EVERY) 
     memory = online.start(name)
     yield memory
     for log in logs:
-        edges = np.arange(np.floor(log.t[0] / every) + 1, np.floor(log.t[-1] / every) + 1) * every
-        cuts = np.unique([0, *np.searchsorted(log.t, edges + 1e-6, side="right").tolist(), len(log)])
+        spans = np.maximum(np.ceil((log.t - 1e-6) / every), np.floor(log.t[0] / every) + 1)
+        cuts = np.append(np.flatnonzero(np.diff(spans, prepend=-np.inf)), len(log))
         for begin, end in zip(cuts[:-1].tolist(), cuts[1:].tolist()):
             memory = online.advance(memory, log.part(slice(begin, end)))
             yield memory

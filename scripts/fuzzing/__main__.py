@@ -25,7 +25,7 @@ from fuzzing.case import Place
 from fuzzing.cases import READERS, Drawn
 from fuzzing.kept import Kept, command
 from fuzzing.laws import SECONDS, WAITING, failures
-from fuzzing.running import ran, watched
+from fuzzing.running import bounded, ran, watched
 from fuzzing.workers import Draw, Main, alone, results
 
 LATER = (
@@ -115,7 +115,8 @@ def run(
 
 
 def shown(place: Place, draw: Draw, main: Main, folder: Path) -> int:
-    """Run one case in this process and print everything; its files stay in the folder."""
+    """Run one case in this process, under the limits of a campaign, and print everything; its files stay."""
+    bounded()
     case = draw(place)
     folder.parent.mkdir(parents=True, exist_ok=True)
     trace = folder.parent / ".trace"
