@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.diagnose import BAND
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.discrepancy import components, lack_of_fit, unit, unseen
-from gimbal_pin.diagnosis.engine.noise import smooth
+from gimbal_pin.diagnosis.engine.noise import exponential, smooth
 from gimbal_pin.diagnosis.engine.rivals import vuong
 from gimbal_pin.diagnosis.engine.selection import criterion, without
 from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened, whitened
-from gimbal_pin.diagnosis.evidence import Evidence, gather
+from gimbal_pin.diagnosis.evidence import Evidence, gather, later
 from gimbal_pin.effects import CAUSES, Cause
+from gimbal_pin.effects.delay import Delay
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
 from gimbal_pin.reduction import reduce
@@ -53,7 +56,7 @@ def evidence_of(log: Log, alignment: float = 0.0) -> Evidence:
 
 
 def explain_log(log: Log, kinds: Mapping[str, type[Cause]] = KINDS) -> Explained:
-    return explain(partial(evidence_of, log), 0.0, reduce(Rig.load(RIG)), kinds)
+    return explain(evidence_of(log), reduce(Rig.load(RIG)), kinds)
 
 
 @cache
@@ -92,10 +95,10 @@ def test_a_noise_is_smoothed_to_its_spectrum_and_a_line_stays_out() -> None:
     rng = np.random.default_rng(5)
     true = 1.0 / (1.0 + (np.arange(2000) / 300.0) ** 2)
     power = true * rng.exponential(size=2000)
-    found = smooth(power)
+    found = smooth(power, exponential)
     assert np.sqrt(np.mean(np.log(found[20:] / true[20:]) ** 2)) < 0.2
     power[700] *= 1e4
-    assert abs(np.log(smooth(power)[700] / found[700])) < 0.1
+    assert abs(np.log(smooth(power, exponential)[700] / found[700])) < 0.1
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -141,12 +144,34 @@ def test_lack_of_fit_is_of_each_joint() -> None:
     assert lack_of_fit(found.first, 1).share < 0.1 < lack_of_fit(found.first, 0).share
 
 
-@pytest.mark.parametrize("late", [-4e-3, 3e-3])
-def test_the_torques_time_is_estimated_and_is_no_finding(late: float) -> None:
-    """A torque that is reported some milliseconds apart is aligned to a fifth of one, and cogging stays cogging."""
-    rig, log = Rig.load(RIG), log_of(0.01, 3, noise=0.002)
+def retimed_log(log: Log, late: Sequence[float]) -> Log:
+    """Return a log whose torques were reported so much later than they acted."""
     assert log.tau is not None
-    shifted = np.stack([np.interp(log.t - late, log.t, tau) for tau in log.tau.T], axis=1)
-    found = explain(partial(evidence_of, replace(log, tau=shifted)), 0.0, reduce(rig), KINDS)
-    assert found.alignment == pytest.approx(-late, abs=2e-4)
+    shifted = [np.interp(log.t - by, log.t, tau) for by, tau in zip(late, log.tau.T)]
+    return replace(log, tau=np.stack(shifted, axis=1))
+
+
+@pytest.mark.parametrize("late", [(-4e-3, -4e-3), (3e-3, -1e-3), (0.0, 4.5e-3)])
+def test_each_torques_time_is_estimated_and_is_no_finding(late: tuple[float, float]) -> None:
+    """Torques that are reported some milliseconds apart are aligned to a fifth of one, and cogging stays cogging."""
+    found = explain_log(retimed_log(log_of(0.01, 3, noise=0.002), late))
+    assert found.alignment == pytest.approx(-np.array(late), abs=2e-4)
     assert [cause.name for cause in found.state.causes] == ["cogging"]
+
+
+def test_a_drives_delay_is_a_cause_with_all_of_its_time() -> None:
+    """15 ms are no shift of channels: they are named, and not 5 ms less than they are."""
+    found = explain_log(retimed_log(log_of(0.0, 3, noise=0.002), (0.0, -15e-3)), {**KINDS, "delay": CAUSES["delay"]})
+    (cause,) = found.state.causes
+    assert (cause.name, cause.place) == ("delay", Rig.load(RIG).joints[1])
+    assert isinstance(cause, Delay) and cause.time == pytest.approx(15e-3, abs=5e-4)
+    assert found.alignment[1] == 0.0
+
+
+@given(by=st.floats(-5e-3, 5e-3), slope=st.floats(-5, 5), level=st.floats(-5, 5))
+def test_a_signal_acts_later(by: float, slope: float, level: float) -> None:
+    """A line exactly, and a wave within the band."""
+    t = 8e-3 * np.arange(600)
+    np.testing.assert_allclose(later(slope * t + level, by, 8e-3), slope * (t - by) + level, atol=1e-9)
+    wave = np.sin(2 * np.pi * 7.0 * t)
+    np.testing.assert_allclose(later(wave, by, 8e-3)[60:-60], np.sin(2 * np.pi * 7.0 * (t - by))[60:-60], atol=5e-3)

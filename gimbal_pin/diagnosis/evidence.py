@@ -78,6 +78,7 @@ class Part(NamedTuple):
         corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
         losses: What each motor turned into heat since its log began, (n); None: nobody knows.
         logged: The torque before it was smoothed; None: nobody knows.
+        late: By how much later than it was smoothed each joint's torque was found to act, s, (n,).
     """
 
     channels: Channels
@@ -92,6 +93,7 @@ class Part(NamedTuple):
     corner: Array | float = 0.0
     losses: tuple[Losses, ...] | None = None
     logged: Logged | None = None
+    late: Array | float = 0.0
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
@@ -108,7 +110,8 @@ class Part(NamedTuple):
         """
         if signal.abrupt and self.logged is not None and np.array_equal(torque, self.channels.tau[:, joint]):
             command = self.logged.tau[:, joint]
-            return torque - self.logged.smoothed(command - signal.acting(command, self.dt / self.logged.step))
+            loss = self.logged.smoothed(command - signal.acting(command, self.dt / self.logged.step))
+            return torque - later(loss, np.broadcast_to(self.late, self.gate.shape[1:])[joint], self.dt)
         return signal.along(torque, self.dt, borne)
 
     def lost(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:
@@ -117,6 +120,12 @@ class Part(NamedTuple):
             return borne.taken
         loss = torque[:, joint] - self.acted(signal, torque[:, joint], joint, borne)
         return signal.spread(loss, joint, torque.shape[1], borne)
+
+    def retimed(self, late: Array) -> Part:
+        """Return the part as it is where the joints' torques act later than they were smoothed, s, (n,)."""
+        more = np.broadcast_to(late - self.late, self.gate.shape[1:])
+        tau = [later(x, by, self.dt) for x, by in zip(self.channels.tau.T, more.tolist())]
+        return self._replace(channels=self.channels._replace(tau=np.stack(tau, axis=1)), late=late)
 
     @property
     def still(self) -> Flags:
@@ -335,6 +344,16 @@ def part(
     return Part(
         channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock, 0.0, losses, logged
     )
+
+
+def later(signal: Array, by: float, dt: float) -> Array:
+    """Return ``x(t - by)`` of a signal within its band, (m,); its ends are joined by a line, which has no echo."""
+    if by == 0.0:
+        return signal
+    line = np.linspace(signal[0], signal[-1], len(signal))
+    turn = np.exp(-2j * np.pi * by * fft.rfftfreq(len(signal), dt))
+    slope = (signal[-1] - signal[0]) / (dt * max(len(signal) - 1, 1))
+    return np.asarray(fft.irfft(fft.rfft(signal - line) * turn, len(signal)) + line - slope * by)
 
 
 def band_edge(frequency: Array, band: float) -> Array:

@@ -114,7 +114,7 @@ class Fit:
         return np.add.reduceat(values, self.starts, axis=0)
 
 
-def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = None) -> Fit:
+def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = None, luck: float = LUCK) -> Fit:
     """Fit b (rows, n) by A (rows, n, k), the joints' dispersions iterated unless `scale` is given.
 
     Args:
@@ -123,6 +123,7 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
         used: Share of the rows that count, per joint, (n,).
         block: Block of each row, (rows,).
         scale: ``1/√φ``, (n,), to keep.
+        luck: Least dispersion that is believed.
     """
     rows, n, k = A.shape
     weight = np.ones(n) if scale is None else scale
@@ -132,7 +133,7 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
             stacked = (R * weight[:, None]).reshape(-1, k + 1)
             theta = np.linalg.lstsq(stacked[:, :k], stacked[:, k], rcond=1e-10)[0]
             power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
-            weight = 1.0 / np.sqrt(np.maximum(power, LUCK))
+            weight = 1.0 / np.sqrt(np.maximum(power, luck))
     stacked = (A * weight[:, None]).reshape(-1, k)
     target = (b * weight).ravel()
     theta = np.linalg.lstsq(stacked, target, rcond=1e-10)[0]

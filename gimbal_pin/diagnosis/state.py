@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.fit import Fit, fit
+from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.swinging import swinging
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -38,12 +38,21 @@ AIMED = 0.001
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Logs with the rigid model's columns, computed once."""
+    """Logs with the rigid model's columns, computed once.
+
+    Attributes:
+        evidence: The logs.
+        reduction: Base parameters that their motion shows.
+        rigid: Their columns, whitened, (rows, n, b).
+        rigid_full: The same in N m, (m, n, b) per part.
+        luck: Least dispersion that is believed.
+    """
 
     evidence: Evidence
     reduction: Reduction
     rigid: Array
     rigid_full: list[Array]
+    luck: float = LUCK
 
     @staticmethod
     def of(evidence: Evidence, reduction: Reduction) -> Problem:
@@ -253,7 +262,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     built = (build(evidence, c, mounted(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *(one.values for one in built)], axis=2)
-    now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None)
+    now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None, problem.luck)
     total = predicted(problem, effects, now.theta, load)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]

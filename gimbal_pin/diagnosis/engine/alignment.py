@@ -1,4 +1,4 @@
-"""When the measured torque acts: estimated with the model, since a torque that is off by milliseconds looks like much.
+"""When each joint's measured torque acts: estimated with the model, since milliseconds look like much.
 
 Channels of drives come some milliseconds apart. A shift a of the torque leaves ``(a* - a) dτ/dt``, which friction, lags
 and springs take for theirs; it is the log's, and no finding.
@@ -7,6 +7,7 @@ and springs take for theirs; it is the log's, and no finding.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,41 +15,67 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import Beside
 from gimbal_pin.diagnosis.state import State
+from gimbal_pin.effects import Cause
+from gimbal_pin.effects.actuator_lag import ActuatorLag
+from gimbal_pin.effects.delay import Delay
 from gimbal_pin.log import Array
 
-FARTHEST = 5e-3
-"""Largest shift that is the log's, s: buses of 200 Hz, and a smoothed angle; what is later is a drive's delay."""
+EARLIEST, LATEST = -2e-2, 5e-3
+"""Shifts that are the log's, s: currents are reported late, through filters of 10 Hz and above; angles, over buses of
+200 Hz. A torque that acts later than that is a drive's."""
+USUAL = 2.5e-3
+"""Deviation of such shifts, s: where a torque hardly says when it acts, it acts when it was stamped."""
 ROUNDS = 3
 """Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
 SETTLED = 5e-5
 """Step, s, under which it is found: at 12 Hz it leaves four thousandths of the torque."""
 
 
-def late(state: State) -> float:
-    """Return ``Σ r·D/Σ D·D``, s: by how much later the torque acts, D what the rest of the model leaves of dτ/dt."""
+def later_by(state: State) -> Array:
+    """Return by how much later each joint's torque acts than the model takes it to, s, (n,).
+
+    ``argmin_a Σ_j ‖r - D a‖²/φ_j + Σ (a_j + a⁰_j)²/σ²``, D_j what the rest of the model leaves of dτ_j/dt, a⁰ the
+    shifts it was given.
+    """
     evidence = state.problem.evidence
-    slopes: list[Array] = [
-        np.gradient(x - left, part.dt, axis=0) for part, x, left in zip(evidence.parts, state.acting, state.unexplained)
-    ]
-    column = evidence.whiten_all(slopes)[:, :, None]
-    rest = project(state.fit, Beside(None, column))[:, 0]
-    return float(rest @ state.fit.residual / max(float(rest @ rest), 1e-300))
+    acting = [x - left for x, left in zip(state.acting, state.unexplained)]
+    columns = []
+    for j in range(evidence.rig.n):
+        slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, acting)]
+        columns.append(project(state.fit, Beside(j, evidence.whiten(slope, j)[:, None]))[:, 0])
+    D, prior = np.stack(columns, axis=1), 1.0 / USUAL**2
+    return np.asarray(
+        np.linalg.solve(D.T @ D + prior * np.eye(D.shape[1]), D.T @ state.fit.residual - prior * shifts(evidence))
+    )
 
 
-def aligned(
-    gathered: Callable[[float], Evidence], start: float, modelled: Callable[[Evidence], State]
-) -> tuple[float, State]:
-    """Return the alignment, s, at which a model leaves least, and the model there.
+def shifts(evidence: Evidence) -> Array:
+    """Return by how much later than their stamps the joints' torques are taken to act, s, (n,)."""
+    return np.array(np.broadcast_to(evidence.parts[0].late, (evidence.rig.n,)))
+
+
+def retimed(evidence: Evidence, late: Array) -> Evidence:
+    """Return logs whose joints' torques act so much later than their stamps, s, (n,)."""
+    return replace(evidence, parts=tuple(part.retimed(late) for part in evidence.parts))
+
+
+def aligned(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]) -> State:
+    """Return the model with the shifts, within their bounds, at which it leaves least.
+
+    Where a cause is a matter of time all of the time is its: there nothing is shifted.
 
     Args:
-        gathered: Alignment, s → the logs.
-        start: Where to begin, s.
+        evidence: The logs.
+        causes: Causes of the model.
         modelled: Logs → the model, refitted.
     """
-    alignment, state = start, modelled(gathered(start))
+    timed = {cause.place for cause in causes if isinstance(cause, Delay | ActuatorLag)}
+    free = np.array([joint not in timed for joint in evidence.rig.joints])
+    late = shifts(evidence) * free
+    state = modelled(retimed(evidence, late))
     for _ in range(ROUNDS):
-        to = float(np.clip(alignment + late(state), start - FARTHEST, start + FARTHEST))
-        if abs(to - alignment) < SETTLED:
+        to = np.clip(late + later_by(state), EARLIEST, LATEST) * free
+        if np.max(np.abs(to - late)) < SETTLED:
             break
-        alignment, state = to, modelled(gathered(to))
-    return alignment, state
+        late, state = to, modelled(retimed(evidence, to))
+    return state

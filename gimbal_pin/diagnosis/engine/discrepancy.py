@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from gimbal_pin.diagnosis.evidence import Evidence
@@ -75,7 +76,9 @@ def rates(evidence: Evidence, joint: int) -> list[Array]:
     return [part.channels.v[:, joint] for part in evidence.parts]
 
 
-def unseen(free: Array, flexible: Array, target: Array, block: Array, ridges: Sequence[float] = RIDGES) -> Unseen:
+def unseen(
+    free: Array, flexible: Array, target: Array, block: Array | NDArray[np.intp], ridges: Sequence[float] = RIDGES
+) -> Unseen:
     """Predict each fold of blocks from the others: free columns without a penalty, flexible ones with a ridge.
 
     ``θ_k = argmin ‖y - A θ_a - X θ_x‖² + λ N ‖θ_x‖²`` on all but fold k, the columns of unit power: the errors there
@@ -133,11 +136,16 @@ class Lack(NamedTuple):
 
 
 def lack_of_fit(state: State, joint: int) -> Lack:
-    """``1 - Σ (r - δ)²/Σ r²`` over blocks that neither δ nor the model's coefficients have seen."""
+    """``1 - Σ (r - δ)²/Σ r²`` over blocks that δ has not seen, and where the model's coefficients may move beside it.
+
+    They move within the same ridge: free, a few blocks would send them far off where those were left out.
+    """
     evidence, rows = state.problem.evidence, state.fit.rows(joint)
+    used = float(evidence.used()[joint])
+    if used * evidence.rows < state.fit.stack.shape[1]:  # a joint that stands shows nothing
+        return Lack(0.0, 0.0)
     residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))
-    flexible = features(evidence, state.torque, joint)
-    after = unseen(stack, flexible, residual, evidence.block).error
-    before = unseen(stack, flexible[:, :0], residual, evidence.block, (1.0,)).error
-    share = 1.0 - float(after @ after) / max(float(before @ before), 1e-300)
-    return Lack(share, max(share, 0.0) * float(np.mean(residual**2)) / max(float(evidence.used()[joint]), 1e-3))
+    flexible = np.concatenate([stack, features(evidence, state.torque, joint)], axis=1)
+    error = unseen(stack[:, :0], flexible, residual, evidence.block).error
+    share = 1.0 - float(error @ error) / max(float(residual @ residual), 1e-300)
+    return Lack(share, max(share, 0.0) * float(np.mean(residual**2)) / used)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
-from gimbal_pin.diagnosis.engine.alignment import aligned
+from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, modelled
-from gimbal_pin.diagnosis.engine.rivals import Rival, rivals
+from gimbal_pin.diagnosis.engine.rivals import Rival, contested
 from gimbal_pin.diagnosis.engine.selection import Search, fitted, polished, pruned, selected
 from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import library
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause
+from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.threads import one_thread
 
@@ -28,7 +29,7 @@ class Explained:
     """A model of some logs.
 
     Attributes:
-        alignment: By how much later than its stamp the torque acts, s.
+        alignment: By how much later than it was gathered each joint's torque acts, s, (n,).
         search: The candidates, and from what gain one is a cause.
         first: The refitted rigid model with Coulomb and viscous friction, without any cause.
         state: The same with the causes.
@@ -37,7 +38,7 @@ class Explained:
         after: The same of `state`.
     """
 
-    alignment: float
+    alignment: Array
     search: Search
     first: State
     state: State
@@ -52,40 +53,36 @@ class Explained:
 
 
 @one_thread()
-def explain(
-    gathered: Callable[[float], Evidence], alignment: float, reduction: Reduction, causes: Mapping[str, type[Cause]]
-) -> Explained:
+def explain(evidence: Evidence, reduction: Reduction, causes: Mapping[str, type[Cause]]) -> Explained:
     """Find which causes explain some logs.
 
-    Alignment and the noise's spectrum are estimated before the search, and again with what it has found; then the
-    search goes on.
+    The torques' time and the noise's spectrum are estimated before the search, and again with what it has found; then
+    the search goes on.
 
     Args:
-        gathered: Alignment of the torque, s → the logs.
-        alignment: Where to begin, s.
+        evidence: The logs.
         reduction: Base parameters that their motion shows.
         causes: The causes to look for.
     """
+    given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
     found: tuple[Cause, ...] = ()
-    start = alignment
     for _ in range(PASSES):
-        alignment, plain = aligned(gathered, start, partial(refitted, reduction=reduction, causes=found))
+        plain = aligned(evidence, found, partial(refitted, given, found))
         search = listened(plain, library(plain.problem, causes))
-        state = selected(fitted(search.problem, found, plain), search)
+        state = selected(polished(fitted(search.problem, found, plain), search), search)
         if not state.causes:
             break
         found = state.causes
-    state = pruned(polished(state, search), search)
+    state, others = contested(pruned(polished(state, search), search), search)
     first = fitted(search.problem, (), state)
-    others = tuple(rivals(state, cause, search) for cause in state.causes)
     joints = range(first.problem.evidence.rig.n)
     before, after = (tuple(lack_of_fit(one, j) for j in joints) for one in (first, state))
-    return Explained(alignment, search, first, state, others, before, after)
+    return Explained(shifts(first.problem.evidence), search, first, state, others, before, after)
 
 
-def refitted(evidence: Evidence, reduction: Reduction, causes: Sequence[Cause]) -> State:
-    """Fit the rigid model with causes to logs; what reads the model's torque reads that of the rigid one first."""
-    problem = Problem.of(evidence, reduction)
+def refitted(given: Problem, causes: Sequence[Cause], evidence: Evidence) -> State:
+    """Fit the rigid model with causes to retimed logs; what reads the model's torque reads the rigid one's first."""
+    problem = replace(given, evidence=evidence)
     return fitted(problem, causes, solved(problem, ()))
 
 

@@ -2,12 +2,14 @@
 
 Third differences of a torque tell its noise only where that is white. Drives filter and quantise their currents, and
 their noise lies within the motion's band: its spectrum is taken from the residual of a cross-validated ridge over the
-rigid model (free), all candidate columns and δ, so that what any of them could explain is not whitened away.
+rigid model (free), all candidate columns and δ, so that what any of them could explain is not whitened away. Beside it
+stands the error of form that any model has: a share of its torque.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy import fft
@@ -22,6 +24,8 @@ from gimbal_pin.log import Array
 
 PASSES = 2
 """Rounds: the second ridge is fitted to rows that the first's spectrum has whitened."""
+FORM = 0.005
+"""Plausible error of a model's form, as a share of its torque: a good sensor would see it, and nobody would name it."""
 NARROW, WIDE = 8, 0.15
 """Frequencies to either side over which a spectrum is smoothed: so many, or that share of those below, if more."""
 
@@ -53,36 +57,43 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
             stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
             flexible = [rewhitened(own[j], evidence, now.evidence, j), features(now.evidence, fitted.torque, j)]
             error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block).error
-            power.append([x / max(used, 1e-3) for x in spectra(error, now.evidence, j)])
+            asked = evidence.whiten([x[:, j] for x in fitted.torque], j)
+            form = spectra(asked, evidence, j, np.mean)
+            noise = spectra(error, now.evidence, j, exponential)
+            power.append([(x + FORM**2 * y) / max(used, 1e-3) for x, y in zip(noise, form)])
         now = rewhitened_problem(problem, whitened(evidence, [np.stack(each) for each in zip(*power)]))
     return now
 
 
-def spectra(error: Array, evidence: Evidence, joint: int) -> list[Array]:
+def spectra(signal: Array, evidence: Evidence, joint: int, average: Callable[[Array], Any]) -> list[Array]:
     """Return the smooth spectrum of one joint's rows before they were whitened, (N m)², (f,) for each part.
 
     Where the band's edge takes off more than half the noise is as where it begins to: of the rest little is left.
     """
     out, first = [], 0
     for part in evidence.parts:
-        rows = error[first : first + part.rows]
+        rows = signal[first : first + part.rows]
         first += part.rows
         gain = part.whitener[joint]
         inside = int(np.sum(edge_of(evidence, part) >= 0.5))
         power = np.abs(fft.rfft(rows)[:inside]) ** 2 / part.rows / gain[:inside] ** 2
-        out.append(np.pad(smooth(power), (0, len(gain) - inside), mode="edge"))
+        out.append(np.pad(smooth(power, average), (0, len(gain) - inside), mode="edge"))
     return out
 
 
-def smooth(power: Array) -> Array:
-    """Return a smooth spectrum: medians over a width that grows with frequency, over ``ln 2``.
+def exponential(power: Array) -> float:
+    """Return the mean of a noise's power at some frequencies, exponentially distributed: its median over ``ln 2``.
 
-    A noise's power at one frequency is exponentially distributed: its mean is its median over ``ln 2``. A line, which
-    no noise has, does not move a median, and stays to be seen.
+    A line, which no noise has, does not move a median, and stays to be seen.
     """
+    return float(np.median(power) / np.log(2))
+
+
+def smooth(power: Array, average: Callable[[Array], Any]) -> Array:
+    """Return a smooth spectrum: averages over a width that grows with frequency, smoothed once more."""
     count = len(power)
     wide = np.maximum(NARROW, (WIDE * np.arange(count)).astype(int))
     ends = [(max(k - w, 0), min(k + w + 1, count)) for k, w in enumerate(wide.tolist())]
-    medians = np.array([np.median(power[low:high]) for low, high in ends]) / np.log(2)
-    means = [np.mean(medians[max(k - w // 2, 0) : k + w // 2 + 1]) for k, w in enumerate(wide.tolist())]
+    rough = np.array([average(power[low:high]) for low, high in ends])
+    means = [np.mean(rough[max(k - w // 2, 0) : k + w // 2 + 1]) for k, w in enumerate(wide.tolist())]
     return np.maximum(means, 1e-30)

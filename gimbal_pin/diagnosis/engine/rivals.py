@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gimbal_pin.diagnosis.engine.selection import Search, criterion, fitted, promising, without
+from gimbal_pin.diagnosis.engine.selection import MOST, Search, criterion, fitted, promising, without
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause
@@ -22,11 +22,13 @@ class Rival:
 
     Attributes:
         cause: It, refined.
+        state: The model with it.
         worse: How much higher the criterion is with it.
         z: Vuong's ratio: difference of the log likelihoods over its deviation by blocks.
     """
 
     cause: Cause
+    state: State
     worse: float
     z: float
 
@@ -42,8 +44,22 @@ def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
     for other in promising(less, search):
         if (other.name, other.place) != (cause.name, cause.place):
             new = fitted(search.problem, (*less.causes, refined(less, other)), less)
-            found.append(Rival(new.causes[-1], criterion(new) - criterion(state), vuong(state, new)))
+            found.append(Rival(new.causes[-1], new, criterion(new) - criterion(state), vuong(state, new)))
     return tuple(sorted(found, key=lambda one: one.worse))
+
+
+def contested(state: State, search: Search) -> tuple[State, tuple[tuple[Rival, ...], ...]]:
+    """Return a model in which no cause has a better rival, and the rivals of each of its causes.
+
+    What was found first was found beside less: a cause that another has been told from since gives way to it.
+    """
+    for _ in range(MOST):
+        others = tuple(rivals(state, cause, search) for cause in state.causes)
+        best = min((rival for each in others for rival in each), key=lambda one: one.worse, default=None)
+        if best is None or best.worse >= 0.0:
+            break
+        state = best.state
+    return state, others
 
 
 def vuong(state: State, other: State) -> float:

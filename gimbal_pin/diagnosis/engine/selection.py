@@ -85,7 +85,8 @@ def criterion(state: State) -> float:
 def passed_on(state: State, signal: Signal) -> float:
     """Return ``log ρ = ⟨log |S(f)|²⟩``, at most zero, over the band: what a signal makes of noise at its joint.
 
-    S is what it makes of a small noise of the estimated spectrum beside the measured torque: for a filter its gain.
+    S is what it makes of a small noise of the estimated spectrum beside the measured torque: for a filter its gain. A
+    limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
     """
     evidence = state.problem.evidence
     j = evidence.rig.joint_index(signal.joint)
@@ -97,7 +98,7 @@ def passed_on(state: State, signal: Signal) -> float:
         after, before = (np.abs(fft.rfft(part.whiten(x, j))) ** 2 for x in (change, noise))
         inside = slice(0, int(INSIDE * len(before)) // WIDTH * WIDTH)
         after, before = (np.mean(x[inside].reshape(-1, WIDTH), axis=1) for x in (after, before))
-        gains.append(np.log(np.clip(after / np.maximum(before, 1e-300), 1e-6, 1.0)))
+        gains.append(np.log(np.clip(after / np.maximum(before, 1e-300), 1e-300, 1.0)))
     return float(np.mean(np.concatenate(gains)))
 
 

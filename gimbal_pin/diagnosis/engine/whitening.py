@@ -57,4 +57,4 @@ def rewhitened_problem(problem: Problem, new: Evidence) -> Problem:
     """Return a problem with the same rigid columns, whitened by other evidence."""
     joints = range(new.rig.n)
     rigid = [rewhitened(problem.rigid[:, j], problem.evidence, new, j) for j in joints]
-    return Problem(new, problem.reduction, np.stack(rigid, axis=1), problem.rigid_full)
+    return replace(problem, evidence=new, rigid=np.stack(rigid, axis=1))
