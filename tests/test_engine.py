@@ -16,8 +16,7 @@ from gimbal_pin.diagnosis.diagnose import BAND
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.discrepancy import components, lack_of_fit, unit, unseen
 from gimbal_pin.diagnosis.engine.noise import exponential, smooth
-from gimbal_pin.diagnosis.engine.rivals import vuong
-from gimbal_pin.diagnosis.engine.selection import criterion, without
+from gimbal_pin.diagnosis.engine.selection import criterion, vuong, without
 from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened, whitened
 from gimbal_pin.diagnosis.evidence import Evidence, gather, later
 from gimbal_pin.effects import CAUSES, Cause

@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, modelled
 from gimbal_pin.diagnosis.engine.rivals import Rival, contested
 from gimbal_pin.diagnosis.engine.selection import Search, fitted, polished, pruned, selected
-from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened_problem
+from gimbal_pin.diagnosis.engine.whitening import flat, modelled_torque, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import library
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -64,6 +64,7 @@ def explain(evidence: Evidence, reduction: Reduction, causes: Mapping[str, type[
         reduction: Base parameters that their motion shows.
         causes: The causes to look for.
     """
+    evidence = modelled_torque(evidence)
     given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
     found: tuple[Cause, ...] = ()
     for _ in range(PASSES):

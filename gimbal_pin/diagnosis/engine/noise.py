@@ -16,6 +16,7 @@ from scipy import fft
 
 from gimbal_pin.diagnosis.columns import Columns, Load, build
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
+from gimbal_pin.diagnosis.engine.selection import passed_on
 from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened, rewhitened_problem, whitened
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -60,7 +61,8 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
             asked = evidence.whiten([x[:, j] for x in fitted.torque], j)
             form = spectra(asked, evidence, j, np.mean)
             noise = spectra(error, now.evidence, j, exponential)
-            power.append([(x + FORM**2 * y) / max(used, 1e-3) for x, y in zip(noise, form)])
+            shares = passed_on(fitted, j)  # the noise is the measured torque's, before the drives' signals
+            power.append([(x / p + FORM**2 * y) / max(used, 1e-3) for x, p, y in zip(noise, shares, form)])
         now = rewhitened_problem(problem, whitened(evidence, [np.stack(each) for each in zip(*power)]))
     return now
 

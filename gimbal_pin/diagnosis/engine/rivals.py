@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from gimbal_pin.diagnosis.engine.selection import MOST, Search, criterion, fitted, promising, without
+from gimbal_pin.diagnosis.engine.selection import MOST, Search, criterion, fitted, promising, vuong, without
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause
-from gimbal_pin.log import Array
 
 APART = 1.96
 """Deviations from which two models are told apart (Vuong, Econometrica 57, 1989; 95 %)."""
@@ -60,15 +57,3 @@ def contested(state: State, search: Search) -> tuple[State, tuple[tuple[Rival, .
             break
         state = best.state
     return state, others
-
-
-def vuong(state: State, other: State) -> float:
-    """``Σ_b d_b/(√B std d_b)``: by how much, in deviations, a model's log likelihood is above another's.
-
-    d_b is what block b adds to it: ``Σ_j (r'_j² - r_j²)/φ_j``, both weighted as the better one weighs its joints.
-    """
-    n = len(state.fit.scale)
-    weigh = np.tile(state.fit.scale / other.fit.scale, len(other.fit.residual) // n)
-    difference: Array = (other.fit.residual * weigh) ** 2 - state.fit.residual**2
-    blocks = state.fit.by_block(difference[:, None])[:, 0]
-    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(), 1e-12))

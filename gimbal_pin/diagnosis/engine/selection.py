@@ -1,9 +1,9 @@
 """Which causes: forward and backward with a beam, everything refitted at each step, compared by one criterion.
 
-``C = Σ_j N_j (log φ_j - Σ_s log ρ_js) + k log N``: twice the negative log likelihood of rows of unit noise, up to a
-constant, with the penalty of Schwarz (Ann. Statist. 6, 1978); φ_j is the dispersion at joint j, N_j its rows, k what
-the causes have free. A drive's signal s changes the measured torque, and the noise in it: ρ_js, the share of a noise's
-power that it passes on at each frequency, is its Jacobian. Without that any low-pass would explain half of any noise.
+``C = Σ_j N_j log φ_j + k log N``: twice the negative log likelihood of rows of unit noise, up to a constant, with the
+penalty of Schwarz (Ann. Statist. 6, 1978); N_j are joint j's rows, k what the causes have free, φ_j is the dispersion
+``⟨|R(f)|²/ρ(f)⟩`` of its residual. A drive's signal changes the measured torque, and the noise in it: ρ is the share of
+a noise's power that it passes on at each frequency. Without that any low-pass would explain half of any noise.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from gimbal_pin.diagnosis.engine.prediction import predicted
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import all_gained
@@ -72,34 +73,69 @@ def rows(state: State) -> Array:
 
 
 def criterion(state: State) -> float:
-    """Return ``Σ_j N_j (log φ_j - Σ_s log ρ_js) + k log N``."""
+    """Return ``Σ_j N_j log φ_j + k log N``."""
     count = rows(state)
     freedom = sum(free(cause) for cause in state.causes)
-    less = np.log(state.fit.dispersion)
-    for cause in state.causes:
-        if isinstance(cause, Signal):
-            less[state.problem.evidence.rig.joint_index(cause.joint)] -= passed_on(state, cause)
-    return float(count @ less + np.log(count.max()) * freedom)
+    return float(count @ np.log(dispersion(state)) + np.log(count.max()) * freedom)
 
 
-def passed_on(state: State, signal: Signal) -> float:
-    """Return ``log ρ = ⟨log |S(f)|²⟩``, at most zero, over the band: what a signal makes of noise at its joint.
+def dispersion(state: State) -> Array:
+    """Return each joint's ``φ = ⟨|R(f)|²/ρ(f)⟩``, (n,): residual power over the noise's, as the drives pass it on."""
+    found = state.fit.dispersion.copy()
+    for joint in {cause.joint for cause in state.causes if isinstance(cause, Signal)}:
+        evidence, first = state.problem.evidence, 0
+        j = evidence.rig.joint_index(joint)
+        own, power, fair = state.fit.residual[state.fit.rows(j)], 0.0, 0.0
+        for part, share in zip(evidence.parts, passed_on(state, j)):
+            spectrum = np.abs(fft.rfft(own[first : first + part.rows])) ** 2
+            first += part.rows
+            power, fair = power + spectrum.sum(), fair + float(np.sum(spectrum / share))
+        found[j] *= fair / max(power, 1e-300)
+    return found
 
-    S is what it makes of a small noise of the estimated spectrum beside the measured torque: for a filter its gain. A
-    limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
+
+def passed_on(state: State, joint: int) -> list[Array]:
+    """Return ρ at a joint, the share of a noise's power that its drive's signals pass on, (f,) for each part.
+
+    A small noise of the estimated spectrum is put beside the measured torque: for a filter ρ is its gain. A limit below
+    nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
     """
     evidence = state.problem.evidence
-    j = evidence.rig.joint_index(signal.joint)
-    bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
-    gains = []
-    for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
-        torque, noise = part.channels.tau[:, j], flattened(part, left[:, j], j)
-        change = part.acted(signal, torque, j, borne) - part.acted(signal, torque - noise, j, borne)
-        after, before = (np.abs(fft.rfft(part.whiten(x, j))) ** 2 for x in (change, noise))
-        inside = slice(0, int(INSIDE * len(before)) // WIDTH * WIDTH)
-        after, before = (np.mean(x[inside].reshape(-1, WIDTH), axis=1) for x in (after, before))
-        gains.append(np.log(np.clip(after / np.maximum(before, 1e-300), 1e-300, 1.0)))
-    return float(np.mean(np.concatenate(gains)))
+    shares: list[Array] = [np.ones(part.whitener.shape[1]) for part in evidence.parts]
+    for signal in state.causes:
+        if not isinstance(signal, Signal) or evidence.rig.joint_index(signal.joint) != joint:
+            continue
+        bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
+        for k, (part, left, borne) in enumerate(zip(evidence.parts, state.unexplained, bearing)):
+            torque, noise = part.channels.tau[:, joint], flattened(part, left[:, joint], joint)
+            change = part.acted(signal, torque, joint, borne) - part.acted(signal, torque - noise, joint, borne)
+            after, before = (np.abs(fft.rfft(part.whiten(x, joint))) ** 2 for x in (change, noise))
+            inside = slice(0, int(INSIDE * len(before)) // WIDTH * WIDTH)
+            after, before = (np.mean(x[inside].reshape(-1, WIDTH), axis=1) for x in (after, before))
+            share = np.repeat(np.clip(after / np.maximum(before, 1e-300), 1e-300, 1.0), WIDTH)
+            shares[k] *= np.pad(share, (0, len(shares[k]) - len(share)), mode="edge")
+    return shares
+
+
+def better(state: State, other: State, search: Search) -> bool:
+    """Whether a model is better than another by the threshold: in its fit, and on blocks that the fit has not seen."""
+    if criterion(other) - criterion(state) < search.threshold:
+        return False
+    foreseen = [rows(one) @ np.log(dispersion(one) * predicted(one)) for one in (state, other)]
+    return bool(foreseen[1] - foreseen[0] >= search.threshold)
+
+
+def vuong(state: State, other: State) -> float:
+    """``Σ_b d_b/(√B std d_b)``: by how much, in deviations, a model's log likelihood is above another's.
+
+    d_b is what block b adds to it: ``Σ_j (r'_j² - r_j²)/φ_j``, both over the noise as their drives pass it on.
+    """
+    known = dispersion(state)
+    size, than = (np.sqrt(dispersion(one) / known) for one in (state, other))
+    count = len(state.fit.residual) // len(known)
+    difference = (np.tile(than, count) * other.fit.residual) ** 2 - (np.tile(size, count) * state.fit.residual) ** 2
+    blocks = state.fit.by_block(difference[:, None])[:, 0]
+    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(ddof=1), 1e-12))
 
 
 def flattened(part: Part, signal: Array, joint: int) -> Array:
@@ -140,7 +176,7 @@ def selected(state: State, search: Search) -> State:
         for model in front:
             for cause in promising(model, search):
                 new = fitted(search.problem, (*model.causes, refined(model, cause)), model)
-                if criterion(model) - criterion(new) < search.threshold:
+                if not better(new, model, search):
                     continue
                 new = pruned(new, search)
                 key = frozenset((one.name, one.place) for one in new.causes)
@@ -154,13 +190,12 @@ def selected(state: State, search: Search) -> State:
 
 
 def pruned(state: State, search: Search) -> State:
-    """Drop the cause that is missed least, as long as the criterion rises by less than the threshold."""
-    while len(state.causes) > 1:
-        fewer = [without(state, cause, search) for cause in state.causes]
-        least = min(fewer, key=criterion)
-        if criterion(least) - criterion(state) >= search.threshold:
+    """Drop the cause that is missed least, as long as the model is not better with each that it has."""
+    while state.causes:
+        needless = [less for cause in state.causes if not better(state, less := without(state, cause, search), search)]
+        if not needless:
             break
-        state = least
+        state = min(needless, key=criterion)
     return state
 
 
@@ -170,10 +205,13 @@ def without(state: State, cause: Cause, search: Search) -> State:
 
 
 def polished(state: State, search: Search) -> State:
-    """Refine each cause's shape once more beside the others, where the criterion falls."""
+    """Refine each cause's shape once more beside the others, as long as the criterion falls by one bit."""
     for k in range(len(state.causes)):
-        cause = state.causes[k]
-        other = refined(without(state, cause, search), cause, STEP)
-        new = fitted(search.problem, [other if one is cause else one for one in state.causes], state)
-        state = min(state, new, key=criterion)
+        for _ in range(MOST):
+            cause = state.causes[k]
+            other = refined(without(state, cause, search), cause, STEP)
+            new = fitted(search.problem, [other if one is cause else one for one in state.causes], state)
+            if criterion(new) > criterion(state) - 2.0 * np.log(2.0):
+                break
+            state = new
     return state
