@@ -119,6 +119,7 @@ def test_what_is_planted_is_found_and_explains_what_was_there(seed: int) -> None
     assert criterion(less) - criterion(found.state) > found.search.threshold
     assert vuong(found.state, less) > 2.0 and vuong(found.state, found.state) == 0.0
     assert all(rival.parted(found.search.threshold) for rival in found.rivals[0])
+    assert found.named == (cause,) and not found.structured
 
 
 def test_what_no_candidate_explains_is_left_and_seen() -> None:
@@ -126,6 +127,8 @@ def test_what_no_candidate_explains_is_left_and_seen() -> None:
     kinds = {name: kind for name, kind in KINDS.items() if name != "cogging"}
     found = explain_log(log_of(0.01), kinds)
     assert found.after[0].share > 0.3 and found.left(0) > 0.5
+    assert found.structured == {Rig.load(RIG).joints[0]}
+    assert all(cause.place != Rig.load(RIG).joints[0] for cause in found.named)
 
 
 def test_the_unit_of_torque_changes_no_answer() -> None:

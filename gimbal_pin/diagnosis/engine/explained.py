@@ -10,7 +10,7 @@ from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, modelled
 from gimbal_pin.diagnosis.engine.rivals import Rival, contested
-from gimbal_pin.diagnosis.engine.selection import Search, fitted, polished, pruned, selected
+from gimbal_pin.diagnosis.engine.selection import MOST, Search, fitted, polished, pruned, selected
 from gimbal_pin.diagnosis.engine.whitening import flat, modelled_torque, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import library
@@ -20,6 +20,8 @@ from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.threads import one_thread
 
+STRUCTURED = 0.1
+"""Share of what is left from which it has a structure: δ predicts less of noise, see `lack_of_fit`."""
 PASSES = 2
 """Searches: the second begins with what the first has found, and with the noise that is left beside it."""
 
@@ -45,6 +47,23 @@ class Explained:
     rivals: tuple[tuple[Rival, ...], ...]
     before: tuple[Lack, ...]
     after: tuple[Lack, ...]
+
+    @property
+    def structured(self) -> frozenset[str]:
+        """Joints at which δ still predicts what the causes do not explain."""
+        joints = self.first.problem.evidence.rig.joints
+        return frozenset(joint for joint, lack in zip(joints, self.after) if lack.share > STRUCTURED)
+
+    @property
+    def named(self) -> tuple[Cause, ...]:
+        """Causes that deserve a name: none beside a structure, where one may stand for what nobody knows.
+
+        A search that was stopped, not ended, has sketched something with what it had.
+        """
+        if len(self.state.causes) >= MOST:
+            return ()
+        left = self.structured
+        return tuple(one for one in self.state.causes if (one.place not in left if one.of_joint else not left))
 
     def left(self, joint: int) -> float:
         """Structured power that is left at a joint over what there was before: one, where nothing was explained."""
