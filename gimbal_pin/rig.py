@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +18,7 @@ from gimbal_pin.config import Config, Limits, Motor
 from gimbal_pin.errors import RigError
 from gimbal_pin.floating import floating
 from gimbal_pin.log import Array
+from gimbal_pin.records import LARGEST
 from gimbal_pin.rig_files import YAML, find, payload_path, read
 from gimbal_pin.rig_files import bundled as bundled
 from gimbal_pin.rig_files import bundled_payloads as bundled_payloads
@@ -199,7 +201,8 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
 def joint_limits(joint: Any, override: Mapping[str, float], place: str) -> Limits:
     """Return the URDF's limits of a yourdfpy joint with the YAML's entries on top.
 
-    An effort or velocity of 0 counts as not stated: it is what exporters write who do not know it.
+    An effort or velocity of 0 counts as not stated: it is what exporters write who do not know it. One of 1e16 or more,
+    SDF's word for none, is none.
     """
     limit = joint.limit
     stated: dict[str, float] = {}
@@ -207,7 +210,8 @@ def joint_limits(joint: Any, override: Mapping[str, float], place: str) -> Limit
         keys = ("effort", "velocity") if joint.type == "continuous" else ("effort", "velocity", "lower", "upper")
         given = {key: getattr(limit, key) for key in keys}
         stated = {key: float(x) for key, x in given.items() if x or (x is not None and key in ("lower", "upper"))}
-    limits = Limits(**{**stated, **override})
+    every = {**stated, **override}
+    limits = Limits(**{key: math.copysign(math.inf, x) if abs(x) >= LARGEST else x for key, x in every.items()})
     if limits.lower > limits.upper:
         what = f"has lower limit {limits.lower:g} above upper {limits.upper:g}"
         raise RigError(f"{place}: limits.{joint.name}", what, "swap them")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -122,8 +123,8 @@ def check_numbers(robot: etree._Element, place: str) -> None:
 
 
 def numeric(text: str, count: int, largest: float) -> bool:
-    """Tell whether `text` is `count` decimal numbers of at most a size, parted by blanks."""
-    values = [decimal(word) for word in text.split()]
+    """Tell whether `text` is `count` decimal numbers of at most a size, parted by XML's blanks."""
+    values = [decimal(word) for word in re.split("[ \t\r\n]+", text.strip(" \t\r\n"))]
     return len(values) == count and all(x is not None and abs(x) <= largest for x in values)
 
 

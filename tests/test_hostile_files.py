@@ -177,6 +177,7 @@ HOSTILE = {
     "an entity as mass": '<!DOCTYPE robot [<!ENTITY m "1">]>' + in_one(MASS, '<mass value="&m;"/>'),
     "a file as entity": '<!DOCTYPE robot [<!ENTITY m SYSTEM "/etc/hostname">]>' + in_one(MASS, f"&m;{MASS}"),
     "digits of another script": in_one(MASS, '<mass value="١"/>'),
+    "a blank that is none to XML": in_one(MASS, '<mass value="1&#xa0;"/>'),
     "an underscore": in_one(MASS, '<mass value="1_0"/>'),
     "hexadecimal": in_one(MASS, '<mass value="0x10"/>'),
     "an endless number": in_one(MASS, f'<mass value="{10**5 * "1"}"/>'),
@@ -388,6 +389,7 @@ def test_a_mutated_model_or_controller_is_read_or_refused(tmp_path: Path, kind: 
 
 BAD_MODELS: Mapping[str, tuple[Callable[[Any], object], str]] = {
     "changes as a table": (lambda m: m.update(changes={"a": 1}), "changes"),
+    "a term that is but a name": (lambda m: m.update(terms=["coulomb"]), "no table of a cause"),
     "an unknown cause": (lambda m: m["drive"][0].update(effect="magic"), "'magic' is unknown"),
     "a cause outside its bounds": (lambda m: m["drive"][0].update(time=9.0), "time is 9 s"),
     "a cause at no joint": (lambda m: m["drive"][0].update(joint="nose"), "no joint 'nose'"),

@@ -367,6 +367,8 @@ def test_what_cannot_be_followed_is_refused() -> None:
         Online.of(rig, fading=0.0)
     with pytest.raises(UsageError, match="no uncertainty"):
         Online.of(rig, known=nominal(rig))
+    with pytest.raises(LogError, match="too short for a drive; if t has another unit"):
+        online.advance(online.start("a.csv"), replace(log, t=1e-3 * log.t))
     still = replace(log, q=np.zeros_like(log.q), v=np.zeros_like(log.q))
     with pytest.raises(DataError, match="move"):
         online.model(online.advance(online.start(), still))

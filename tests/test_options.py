@@ -25,7 +25,7 @@ from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageE
 from gimbal_pin.io import files
 from tests.command_line import Run, refused
 
-HOSTILE = ("nan", "inf", "-inf", "-1e11", "1e11", "1e300", "1" + "0" * 400, "9" * 6000, "", "x\x1b[31m", "None")
+HOSTILE = ("nan", "inf", "-inf", "-1e11", "1e11", "1e300", "1" + "0" * 400, "9" * 6000, "", "x\x1b[31m", "None", "١")
 
 
 def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[Any]]]]:

@@ -362,6 +362,15 @@ def test_numbers_in_a_yaml_arrive_as_written(tmp_path: Path, motor: dict[str, fl
     assert rig.limits[1] == Limits(**{**urdf_limits, **limit})
 
 
+@pytest.mark.parametrize("size", [1e16, 1e160, float("inf")])
+def test_a_limit_beyond_all_is_none(tmp_path: Path, size: float) -> None:
+    """1e16 is SDF's word for it; the squares of what is larger are no numbers."""
+    write(tmp_path, TWO)
+    limit = {"lower": -size, "upper": size, "velocity": size, "acceleration": size, "effort": size}
+    rig = Rig.load(write(tmp_path, yaml.safe_dump({"limits": {"tilt": limit}}), "two.yaml"))
+    assert rig.limits[1] == Limits()
+
+
 BAD_YAML = {
     "a model beside the URDF": ("kind: gimbal_pin model\nschema: 1", "not a rig's YAML", "rename it"),
     "unknown key": ("motor: {}", "unknown key 'motor'", "motors"),

@@ -31,7 +31,7 @@ def between(option: str, low: float, high: float, unit: str = "", kind: type[int
 
     def read(words: list[str]) -> float:
         try:
-            if low <= (value := kind(words[0])) <= high:
+            if words[0].isascii() and low <= (value := kind(words[0])) <= high:
                 return value
             said = words[0].strip()
         except (ValueError, OverflowError):

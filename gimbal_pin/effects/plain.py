@@ -17,7 +17,9 @@ def cause_from(data: Any) -> Cause:
         ModelError: An unknown cause, a field that it does not have or that is missing, or a value that it cannot have.
     """
     every: Mapping[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
-    name = data.get("effect") if isinstance(data, dict) else data
+    if not isinstance(data, dict):
+        raise ModelError("effect", "is no table of a cause and its values", "write it with to_dict")
+    name = data.get("effect")
     if not isinstance(name, str) or name not in every:
         raise ModelError("effect", f"{name!r} is unknown", f"the known ones are {', '.join(sorted(every))}")
     with placed(f"effect {name}", ModelError):

@@ -14,6 +14,8 @@ from gimbal_pin.rows.channels import Flags
 
 SLOW = 0.2
 """Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
+FAST = 2e-5
+"""Shortest, s: drives' current loops run at 50 kHz at most; below, t has another unit."""
 FAINT = 1e-12
 """A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
 DROWNED = 0.1
@@ -57,6 +59,9 @@ def check_sampling(name: str, dt: float, cutoff: float) -> None:
     if dt > SLOW:
         mend = "if t is in ms, map it: --map t=COLUMN*1e-3; else record twenty samples a second or more"
         raise LogError(name, f"has {dt:.3g} s between two samples, too long to see a rig move", mend)
+    if dt < FAST:
+        mend = "if t has another unit, map it: --map t=COLUMN*FACTOR; else keep every tenth sample or fewer"
+        raise LogError(name, f"has {dt:.3g} s between two samples, too short for a drive", mend)
     if cutoff * dt > 0.2:
         what = f"of {cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
         raise UsageError(f"{name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")

@@ -68,7 +68,7 @@ def open_parquet(path: Path) -> ParquetTable:
 
     try:
         file = parquet.ParquetFile(pyarrow.BufferReader(read_bytes(path, LogError)))
-    except (pyarrow.ArrowException, OSError) as error:
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(str(path), f"is not Parquet ({error})", "give it the suffix of its format") from error
     return ParquetTable(str(path), tuple(file.schema_arrow.names), file)
 
