@@ -105,7 +105,7 @@ def check_references(robot: etree._Element, place: str) -> None:
 def check_numbers(robot: etree._Element, place: str) -> None:
     """Raise `RigError` where an attribute is missing, or is not as many numbers of a size that can be as it should be.
 
-    See `REQUIRED` and `NUMBERS`.
+    See `REQUIRED` and `NUMBERS`. What is in order is written anew with single blanks: urdfdom takes none at the ends.
     """
     solids = "link/visual/origin | link/collision/origin | link/visual/geometry/* | link/collision/geometry/*"
     for element in robot.xpath(f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"):
@@ -115,16 +115,20 @@ def check_numbers(robot: etree._Element, place: str) -> None:
                 raise RigError(where, f"<{element.tag}> has no {attribute}", "give it")
         for attribute, (count, largest) in NUMBERS.get(element.tag, {}).items():
             text = element.get(attribute)
-            if text is not None and not numeric(text, count, largest):
+            if text is None:
+                continue
+            words = re.split("[ \t\r\n]+", text.strip(" \t\r\n"))
+            element.set(attribute, " ".join(words))
+            if not numeric(words, count, largest):
                 what = "a finite number" if count == 1 else f"{count} finite numbers"
                 short = text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
                 mend = f"write {what} up to {largest:g}, in digits"
                 raise RigError(where, f"<{element.tag}> has {attribute}='{short}'", mend)
 
 
-def numeric(text: str, count: int, largest: float) -> bool:
-    """Tell whether `text` is `count` decimal numbers of at most a size, parted by XML's blanks."""
-    values = [decimal(word) for word in re.split("[ \t\r\n]+", text.strip(" \t\r\n"))]
+def numeric(words: Sequence[str], count: int, largest: float) -> bool:
+    """Tell whether words are `count` decimal numbers of at most a size."""
+    values = [decimal(word) for word in words]
     return len(values) == count and all(x is not None and abs(x) <= largest for x in values)
 
 

@@ -225,6 +225,13 @@ def test_what_a_model_is_not_made_of_changes_nothing(
     assert capfd.readouterr() == ("", "")
 
 
+def test_blanks_around_a_number_change_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for old in (MASS, 'effort="1"', 'ixx="1"'):
+        (tmp_path / "x.urdf").write_text(in_one(old, old.replace('"1"', f'" &#9;1{1000 * " "}"')))
+        np.testing.assert_array_equal(Rig.load(tmp_path / "x.urdf").phi, spelled(chain(1, "revolute")).phi)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_names_in_any_script_and_an_encoding_wrongly_declared_are_taken(tmp_path: Path) -> None:
     for name in ("schwenk-achse", "俯仰", "arm/joint.1 (left)", "universe", "platform", "root_joint"):
         text = '<?xml version="1.0" encoding="iso-8859-1"?>' + in_one('name="j1"', f'name="{name}"')
