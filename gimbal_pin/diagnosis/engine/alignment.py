@@ -15,9 +15,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import Beside
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.effects import Cause
-from gimbal_pin.effects.actuator_lag import ActuatorLag
-from gimbal_pin.effects.delay import Delay
+from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Array
 
 EARLIEST, LATEST = -2e-2, 5e-3
@@ -62,14 +60,14 @@ def retimed(evidence: Evidence, late: Array) -> Evidence:
 def aligned(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]) -> State:
     """Return the model with the shifts, within their bounds, at which it leaves least.
 
-    Where a cause is a matter of time all of the time is its: there nothing is shifted.
+    Where a cause is a filter of the torque, such as a delay, all of the time is its: there nothing is shifted.
 
     Args:
         evidence: The logs.
         causes: Causes of the model.
         modelled: Logs → the model, refitted.
     """
-    timed = {cause.place for cause in causes if isinstance(cause, Delay | ActuatorLag)}
+    timed = {cause.place for cause in causes if isinstance(cause, Signal) and cause.linear}
     free = np.array([joint not in timed for joint in evidence.rig.joints])
     late = shifts(evidence) * free
     state = modelled(retimed(evidence, late))
