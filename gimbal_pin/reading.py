@@ -51,17 +51,22 @@ def readable(path: str | Path, kind: type[GimbalPinError]) -> Iterator[None]:
 def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int | None = None) -> bytes:
     """Return a file's content; an error of `kind` says why it cannot be read.
 
-    `most`: bytes; None: a quarter of the machine's memory, as a log's text, its lines and its numbers are held at once.
+    `most`: bytes; None: `largest`, as a log's text, its lines and its numbers are held at once.
     """
-    largest = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4 if most is None else most
+    most = largest() if most is None else most
     with readable(path, kind), open(path, "rb", opener=opened) as file:
         state = os.fstat(file.fileno())
         regular = stat.S_ISREG(state.st_mode)
-        whole = not regular or state.st_size <= largest
-        content = file.read(-1 if regular else largest + 1) if whole else b""
-    if not whole or len(content) > largest:
-        raise kind(str(path), f"is larger than {largest / 1e6:.0f} MB", "give a smaller file")
+        whole = not regular or state.st_size <= most
+        content = file.read(-1 if regular else most + 1) if whole else b""
+    if not whole or len(content) > most:
+        raise kind(str(path), f"is larger than {most / 1e6:.0f} MB", "give a smaller file")
     return content
+
+
+def largest() -> int:
+    """Return the most bytes that a file may have, packed or not: a quarter of the machine's memory."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
 
 
 def opened(path: str, flags: int) -> int:

@@ -204,7 +204,7 @@ BAD = {
     "comments only": ("# nothing\n\n", "", "is empty", "header"),
     "no rows": (f"# x\n{HEADER}\n\n", ":3", "no rows", "samples"),
     "binary": ("t,q\0\0", "", "is binary", "suffix"),
-    "one column": ("t q_yaw q_tilt\n0 1 2\n", ":1", "one column", "commas, semicolons or tabs"),
+    "one column": ("t\n0\n1\n", ":1", "one column", "commas, semicolons or tabs"),
     "no header": (
         ROWS,
         "",

@@ -16,7 +16,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 FILED = "reading meshes records log limited urdf_checks urdf config floating rig_files rig"
 DATA = f"errors threads digits parameter controllers {FILED}"
-SENSED = "signals platform aboard profile gyros eccentricity calibration regressor imu"
+SENSED = "naming clocks signals platform aboard profile gyros eccentricity calibration regressor imu"
 ROWS = "holes rows replay"
 LOOP = "sensors planting drive simulation"
 MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"

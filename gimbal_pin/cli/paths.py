@@ -54,10 +54,11 @@ class Writes:
 def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
     """Files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
     from gimbal_pin.io import split_payload
+    from gimbal_pin.io.formats import files_of
 
     for log in value if isinstance(value, tuple) else (str(value),):
         file, payload = (Path("/dev/stdin"), None) if log == "-" else split_payload(log)
-        yield file
+        yield from files_of(file)
         yield from () if payload is None else payloads(payload, given)
 
 

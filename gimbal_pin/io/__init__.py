@@ -1,9 +1,8 @@
-"""Logs and trajectories in files. A format is one file here and one line in `FORMATS`."""
+"""Logs and trajectories in files. A format is one file here and one line in `formats`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,8 @@ from gimbal_pin import urdf
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io.base import (
     IMU_COLUMNS,
-    Format,
     Group,
+    Table,
     columns_of,
     imu_groups,
     joint_group,
@@ -21,27 +20,19 @@ from gimbal_pin.io.base import (
     log_groups,
     read_groups,
 )
-from gimbal_pin.io.csv import open_csv, write_csv
+from gimbal_pin.io.formats import format_of, is_log, open_table
 from gimbal_pin.io.mapping import check_targets, read_mapping
-from gimbal_pin.io.parquet import open_parquet, write_parquet
 from gimbal_pin.io.units import check_units, pushed, strong
 from gimbal_pin.log import Array, Imu, Log, Motion
 from gimbal_pin.rig import Rig
-
-FORMATS: Mapping[str, Format] = {
-    ".csv": Format(open_csv, write_csv),
-    ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
-    ".txt": Format(open_csv, write_csv),
-    ".parquet": Format(open_parquet, write_parquet),
-}
-"""Suffix → format."""
 
 
 def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, need_tau: bool = True) -> Log:
     """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
 
     Args:
-        path: File, with the mounted payload behind an @ if there is one (``log.csv@cinema``).
+        path: File, or several joined by + (`formats.open_table`), with the mounted payload behind an @ if there is one
+            (``log.csv@cinema``).
         rig: Whose joints and links the columns are named after; other columns are ignored.
         mapping: ``target=column[*factor]``, or paths of YAML files that hold such a table (`mapping`).
         need_tau: Refuse a file without torques.
@@ -55,11 +46,19 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
     """
     file, payload = split_payload(path)
     links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
-    data = read_channels(file, rig, log_groups(rig.joints, links, need_tau), mapping)
-    return to_log(data, str(file), rig, links, payload)
+    table = open_table(file)
+    data = read_channels(table, rig, log_groups(rig.joints, links, need_tau), mapping)
+    return to_log(data, str(file), rig, links, payload, table.notes)
 
 
-def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str], payload: str | None) -> Log:
+def to_log(
+    data: Mapping[str, Array],
+    name: str,
+    rig: Rig,
+    links: Sequence[str],
+    payload: str | None,
+    notes: Sequence[str] = (),
+) -> Log:
     """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
     check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"))
     return Log(
@@ -73,7 +72,7 @@ def to_log(data: Mapping[str, Array], name: str, rig: Rig, links: Sequence[str],
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=(*strong(rig, data.get("tau")), *pushed(rig, data.get("tau"))),
+        events=(*notes, *strong(rig, data.get("tau")), *pushed(rig, data.get("tau"))),
     )
 
 
@@ -99,7 +98,7 @@ def read_motion(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = ()) 
     """
     groups = {"t": Group(("t",), True), "q": joint_group("q", rig.joints, True)}
     groups |= {"v": joint_group("dq", rig.joints), "a": joint_group("ddq", rig.joints)}
-    data = read_channels(Path(path), rig, groups, mapping)
+    data = read_channels(open_table(Path(path)), rig, groups, mapping)
     t, q = data["t"][:, 0], data["q"]
     if len(t) < 2 and not {"v", "a"} <= data.keys():
         raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")
@@ -126,7 +125,7 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path
     Raises:
         LogError: As `read_log`, and where the file holds nothing of that IMU.
     """
-    data = read_channels(Path(path), rig, {"t": Group(("t",), True), **imu_groups(link)}, mapping)
+    data = read_channels(open_table(Path(path)), rig, {"t": Group(("t",), True), **imu_groups(link)}, mapping)
     imu = to_imu(data, link)
     if imu is None:
         mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
@@ -137,18 +136,20 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path
 def split_payload(path: str | Path) -> tuple[Path, str | None]:
     """Return (file, payload) of ``log.csv@cinema``; a file that really bears that name is not split."""
     head, at, payload = str(path).rpartition("@")
-    if not at or Path(path).is_file() or Path(head).suffix.lower() not in FORMATS:
+    if not at or Path(path).is_file() or not is_log(Path(head)):
         return Path(path), None
     if not payload:
         raise UsageError(str(path), "names no payload behind the @", "write log.csv@PAYLOAD, or leave the @ out")
     return Path(head), payload
 
 
-def read_channels(file: Path, rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]) -> dict[str, Array]:
-    """Return key → (N, k) array of the groups that a file holds."""
+def read_channels(
+    table: Table, rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]
+) -> dict[str, Array]:
+    """Return key → (N, k) array of the groups that a table holds."""
     sources = read_mapping(mapping)
     check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
-    return read_groups(format_of(file).open(file), groups, sources)
+    return read_groups(table, groups, sources)
 
 
 def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
@@ -157,14 +158,6 @@ def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
     if write is None:
         raise UsageError(str(path), f"{Path(path).suffix} is a format that is only read", "write .csv or .parquet")
     write(columns, Path(path))
-
-
-def format_of(path: Path) -> Format:
-    """Return the format of a path's suffix; `UsageError` lists the known ones."""
-    if (suffix := path.suffix.lower()) not in FORMATS:
-        what = f"has the suffix '{suffix}', of no known format" if suffix else "has no suffix to tell its format by"
-        raise UsageError(str(path), what, f"use one of {', '.join(FORMATS)}")
-    return FORMATS[suffix]
 
 
 def to_imu(data: Mapping[str, Array], link: str) -> Imu | None:

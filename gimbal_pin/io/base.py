@@ -35,6 +35,10 @@ class Table(Protocol):
     def columns(self) -> tuple[str, ...]:
         """The names in the file's header; '' where one is missing."""
 
+    @property
+    def notes(self) -> Sequence[str]:
+        """Sentences on what was left out or changed to make the columns; those of `read` once it is done."""
+
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the named columns, (N,) each, N > 0, finite; `LogError` names the first place that is no number."""
 
@@ -49,10 +53,12 @@ class Format:
     Attributes:
         open: Reads what is needed to know a file's columns.
         write: Writes columns to a file, whole or not at all; None for formats that are only read.
+        magic: How its files begin, where that tells them from all others.
     """
 
     open: Callable[[Path], Table]
     write: Callable[[Mapping[str, Array], Path], None] | None = None
+    magic: tuple[bytes, ...] = ()
 
 
 @dataclass(frozen=True)

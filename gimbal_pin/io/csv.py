@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,10 +19,12 @@ from gimbal_pin.errors import LogError, visible
 from gimbal_pin.io.csv_text import as_utf8, flaw, lines, number_in, sound, split, uneven, uneven_mend
 from gimbal_pin.io.files import replacing, told
 from gimbal_pin.log import Array
-from gimbal_pin.reading import read_bytes
+from gimbal_pin.reading import largest, read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
+SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
+GZIP = b"\x1f\x8b"
 BLOCK = 1 << 22  # bytes read at a time
 LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
 ROWS = 1 << 14  # rows written at a time
@@ -35,13 +40,17 @@ class CsvTable:
         separator: One of `SEPARATORS`.
         body: What follows the header.
         first: Number of the body's first line in the file, from 1.
+        spaced: Whether spaces stand between values: read as tabs.
     """
+
+    notes: ClassVar[Sequence[str]] = ()
 
     name: str
     columns: tuple[str, ...]
     separator: str
     body: bytes
     first: int
+    spaced: bool = False
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the named columns, (N,) each; `LogError` names the line and column of the first flaw."""
@@ -72,11 +81,15 @@ class CsvTable:
             # Where a part is cut, its last line is the one that is too long.
             begin = body.rfind(b"\n", 0, len(body) - 1) + 1
             check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
-            if b"#" in body:
-                body = COMMENT.sub(b"", body)
+            body = self.plain(body)
             if body.strip():
                 yield replace(self, body=body, first=line)
             start, line = end, line + body.count(b"\n")
+
+    def plain(self, body: bytes) -> bytes:
+        """Return rows without comments, with tabs where spaces stand between the values."""
+        body = COMMENT.sub(b"", body) if b"#" in body else body
+        return SPACES.sub(lambda found: b"\t" if found[1] else b"", body) if self.spaced else body
 
     def numbers(self, index: Mapping[str, int]) -> dict[int, Array]:
         """Return column number → values of the columns `index`; `LogError` at the first flaw."""
@@ -104,7 +117,7 @@ class CsvTable:
 
     def records(self) -> Iterator[tuple[int, list[str]]]:
         """Yield (line number, fields) of every row that is not blank. Slow: for finding the place of an error."""
-        text = io.TextIOWrapper(io.BytesIO(COMMENT.sub(b"", self.body)), encoding="utf-8", errors="replace", newline="")
+        text = io.TextIOWrapper(io.BytesIO(self.plain(self.body)), encoding="utf-8", errors="replace", newline="")
         reader = csv.reader(text, delimiter=self.separator, skipinitialspace=True)
         line = self.first
         try:
@@ -137,10 +150,24 @@ def open_csv(path: Path) -> CsvTable:
     Raises:
         LogError: The file is missing, empty, binary, or has one column only.
     """
-    found = headed(str(path), as_utf8(read_bytes(path, LogError)))
+    found = headed(str(path), as_utf8(unzipped(read_bytes(path, LogError), str(path))))
     if found is None:
         raise LogError(str(path), "is empty", "give a file with a header and one row per sample")
     return found
+
+
+def unzipped(data: bytes, name: str) -> bytes:
+    """Return what gzip packed, at most `largest` bytes; other data as they are. `LogError` where it is damaged."""
+    if not data.startswith(GZIP):
+        return data
+    try:
+        with gzip.open(io.BytesIO(data)) as file:
+            content = file.read(largest() + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise LogError(name, f"is a damaged gzip file ({error})", "pack it again") from error
+    if len(content) > largest():
+        raise LogError(name, f"unfolds to more than {largest() / 1e6:.0f} MB", "give a smaller file")
+    return content
 
 
 def headed(name: str, data: bytes) -> CsvTable | None:
@@ -168,14 +195,16 @@ def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark:
     check_length(f"{name}:{number}", end - start)
     separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
     fields = split(line, separator)
+    if spaced := len(fields) < 2:
+        separator, fields = "\t", split(line.strip(), " ")
     if len(fields) < 2:
         raise LogError(f"{name}:{number}", "has one column only", "separate columns by commas, semicolons or tabs")
     begin, first = end, number + 1
     if all(number_in(field) is not None for field in fields if field):
         begin, first = start, number
-        names = split(remark, separator)
+        names = split(remark.strip(), " " if spaced else separator)
         fields = names if len(names) == len(fields) else [f"column{i + 1}" for i in range(len(fields))]
-    return CsvTable(name, tuple(fields), separator, data[begin:], first)
+    return CsvTable(name, tuple(fields), separator, data[begin:], first, spaced)
 
 
 def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:

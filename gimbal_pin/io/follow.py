@@ -18,6 +18,7 @@ from gimbal_pin.io import check_targets, columns_of, split_payload, to_log
 from gimbal_pin.io.base import Group, log_groups, read_groups
 from gimbal_pin.io.csv import BLOCK, COMMENT, CsvTable, headed
 from gimbal_pin.io.csv_text import as_utf8
+from gimbal_pin.io.formats import FORMATS, TEXT
 from gimbal_pin.io.mapping import Source, read_mapping
 from gimbal_pin.log import Array, Log
 from gimbal_pin.reading import readable
@@ -131,7 +132,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
     if str(path) == PIPE:
         yield sys.stdin.buffer
         return
-    if path.suffix.lower() == ".parquet":
-        raise UsageError(str(path), "is Parquet, which is written whole", "follow a CSV file")
+    if (suffix := path.suffix.lower()) in FORMATS and suffix not in TEXT:
+        raise UsageError(str(path), f"is {suffix}, which is written whole", "follow a CSV file")
     with readable(path, LogError), path.open("rb", buffering=0) as file:
         yield file

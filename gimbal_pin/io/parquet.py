@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class ParquetTable:
         file: The open `pyarrow.parquet.ParquetFile`.
     """
 
+    notes: ClassVar[Sequence[str]] = ()
     name: str
     columns: tuple[str, ...]
     file: Any

@@ -1,0 +1,96 @@
+"""Files read in a process of its own, which has bounds and may fail: their libraries are not made for strangers' files.
+
+A few kilobytes can end such a library in C code, fill the memory, or raise one of dozens of kinds of error.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from gimbal_pin.errors import GimbalPinError, LogError, UsageError
+from gimbal_pin.io.arrays import Stream, table_of
+from gimbal_pin.io.base import Table
+from gimbal_pin.reading import largest, readable
+
+MEMORY = 4 * 2**30
+"""Address space of the reading, bytes, beside twice the file's size: columns are held twice at most."""
+SECONDS = 20.0
+"""Processor time of the reading, s, of the smallest file."""
+RATE = 1e5
+"""Bytes a second that the slowest of readers, of bags of small messages, passes on: it takes 1 MB in 4 s."""
+
+
+def open_apart(path: Path, reader: str, kind: str, module: str, extra: str) -> Table:
+    """Return the table that ``streams(path)`` of the module `reader` beside this one reads.
+
+    Args:
+        path: The file or folder.
+        reader: Name of the module.
+        kind: What the format is called.
+        module: Package that it needs.
+        extra: The package's extra that brings it.
+
+    Raises:
+        LogError: The file is missing or damaged, or reading it takes more than it may.
+        UsageError: The package is not installed.
+    """
+    if find_spec(module) is None:
+        mend = f"install it (pip install 'gimbal_pin[{extra}]'), or write CSV"
+        raise UsageError(str(path), f"is {kind}, which needs the package {module}", mend)
+    with readable(path, LogError):
+        size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
+    if size > largest():
+        raise LogError(str(path), f"is larger than {largest() / 1e6:.0f} MB", "give a smaller file")
+    seconds = SECONDS + size / RATE
+    # The path of this process and no other: else a module in the working directory would be run.
+    code = f"import sys; sys.path[:] = {sys.path!r}; from gimbal_pin.io.apart import main; main(*sys.argv[1:])"
+    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread's stack is memory, too
+    with TemporaryDirectory() as folder:
+        bounds = (str(MEMORY + 2 * size), str(int(seconds)))
+        command = [sys.executable, "-c", code, reader, str(path.resolve()), folder, *bounds]
+        try:
+            done = subprocess.run(command, env=alone, capture_output=True, timeout=2 * seconds, check=False)
+        except subprocess.TimeoutExpired as error:
+            raise LogError(str(path), f"is not read in {2 * seconds:.0f} s", "give a shorter file") from error
+        if done.returncode:
+            last = (done.stderr.decode(errors="replace").strip().splitlines() or ["its reader was stopped"])[-1]
+            raise LogError(str(path), f"is damaged {kind} ({last[:120]})", "write it again, or give a shorter file")
+        told = json.loads(Path(folder, "index.json").read_text("utf-8"))
+        if "wrong" in told:
+            raise LogError(str(path), *told["wrong"])
+        arrays = [np.load(Path(folder, f"{k}.npy"), allow_pickle=False) for k in range(len(told["streams"]))]
+    streams = [Stream(one["time"], dict(zip(one["columns"], data))) for one, data in zip(told["streams"], arrays)]
+    return table_of(str(path), streams, told["notes"])
+
+
+def main(reader: str, path: str, folder: str, memory: str, seconds: str) -> None:
+    """Write the streams that a module reads into a folder: ``k.npy``, a row per column, and their names as JSON.
+
+    An error of the package's own is written as its words; any other ends this process with a status that is not zero.
+    """
+    for what, bound in (
+        (resource.RLIMIT_AS, int(memory)),
+        (resource.RLIMIT_CPU, int(seconds)),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        resource.setrlimit(what, (bound, bound))
+    index = Path(folder, "index.json")
+    try:
+        streams, notes = import_module(f"gimbal_pin.io.{reader}").streams(Path(path))
+    except GimbalPinError as error:
+        index.write_text(json.dumps({"wrong": [error.what, error.mend]}), "utf-8")
+        return
+    for k, (_, columns) in enumerate(streams):
+        np.save(Path(folder, f"{k}.npy"), np.array(list(columns.values()), dtype=np.float64), allow_pickle=False)
+    named = [{"time": time, "columns": list(columns)} for time, columns in streams]
+    index.write_text(json.dumps({"streams": named, "notes": list(notes)}), "utf-8")

@@ -1,0 +1,112 @@
+"""Several tables as one: columns of the others at the first's times, clocks that differ brought together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gimbal_pin.clocks import offset_between
+from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.io.base import Table
+from gimbal_pin.log import Array, untimely
+from gimbal_pin.naming import words
+
+TIMES = ("t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit")
+"""Words of which one stands in the name of a column of times."""
+HOLE = 10.0
+"""Median intervals of a table from which on there is nothing between two of its samples: what a line would invent."""
+
+
+def time_in(names: Iterable[str]) -> str | None:
+    """Return the name that is a time's: the first of those that hold one of `TIMES` and the fewest other words."""
+    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := words(name)) & set(TIMES)]
+    return min(found)[2] if found else None
+
+
+def time_of(table: Table) -> str:
+    """Return the column of a table's times, by its name, or else the first column if that increases."""
+    if (name := time_in(table.columns)) is not None:
+        return name
+    first = table.columns[0]
+    if untimely(table.read([first])[first]) is None:
+        return first
+    mend = "name the column of its times t in the header"
+    raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedTable:
+    """Tables of one motion.
+
+    Attributes:
+        name: What errors call it.
+        parts: The tables.
+        times: Name of the column of each one's times.
+        shared: Whether one clock gave all times; ``t`` is then the time of whatever else is read first.
+        notes: What was done to join them, as `read` did it.
+    """
+
+    name: str
+    parts: Sequence[Table]
+    times: Sequence[str]
+    shared: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of all tables, each once."""
+        names = [column for part in self.parts for column in part.columns]
+        return tuple(dict.fromkeys(["t", *names] if self.shared else names))
+
+    def read(self, columns: Sequence[str]) -> dict[str, Array]:
+        """Return the named columns, (N,) each, at the times of the first table of them that another's samples surround.
+
+        That is the table of the first column of times among them, or with ``t`` that of the first other column.
+        """
+        owner = {column: next(k for k, part in enumerate(self.parts) if column in part.columns)
+                 for column in columns if not self.virtual(column)}  # fmt: skip
+        first = next((owner[column] for column in owner if column in self.times), next(iter(owner.values()), 0))
+        asked = {k: [c for c in owner if owner[c] == k] for k in dict.fromkeys([first, *owner.values()])}
+        read = {k: self.parts[k].read(list(dict.fromkeys([self.times[k], *of]))) for k, of in asked.items()}
+        t = read[first][self.times[first]]
+        joined = {column: read[first][column] for column in asked[first]}
+        kept = np.ones(len(t), dtype=bool)
+        for k in list(asked)[1:]:
+            shift = 0.0 if self.shared else self.shift(first, k)
+            own, at = np.unique(read[k][self.times[k]] + shift, return_index=True)
+            joined |= {column: np.interp(t, own, read[k][column][at]) for column in asked[k]}
+            kept &= between(t, own)
+        if not kept.any():
+            raise LogError(self.name, "have no time in common", "give files of one recording, times in the same unit")
+        if not kept.all():
+            self.notes.append(f"{self.name}: {np.sum(~kept)} of {len(t)} samples are left out: not all files have them")
+        return {column: joined.get(column, t)[kept] for column in columns}
+
+    def virtual(self, column: str) -> bool:
+        """Tell whether a column is the time of whatever is read, and of no table."""
+        return self.shared and column == "t" and not any("t" in part.columns for part in self.parts)
+
+    def shift(self, first: int, other: int) -> float:
+        """Return what to add to another table's times to have them by the first's clock; tell it in `notes`."""
+        pair = [self.parts[k] for k in (first, other)]
+        data = [part.read(part.columns) for part in pair]
+        times = [data[0].pop(self.times[first]), data[1].pop(self.times[other])]
+        found = offset_between(times[0], data[0], times[1], data[1])
+        self.notes.append(f"{pair[1].name}: {found.sentence}")
+        return found.seconds
+
+    def place(self, row: int, column: str) -> str:
+        """Return ``files sample S column 'name'``, joined samples counted from 1."""
+        return f"{self.name} sample {row + 1} column '{column}'"
+
+
+def between(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Tell which of the times `t` lie between two of the increasing times `own` that no hole parts, or on one."""
+    after = np.clip(np.searchsorted(own, t), 1, max(len(own) - 1, 1))
+    if len(own) < 2:
+        return np.isin(t, own)
+    width = own[after] - own[after - 1]
+    near = (width <= HOLE * np.median(np.diff(own))) | np.isin(t, own)
+    return near & (t >= own[0]) & (t <= own[-1])

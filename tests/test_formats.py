@@ -1,0 +1,374 @@
+"""Every ecosystem's own writer of the same motion gives the same log."""
+
+from __future__ import annotations
+
+import gzip
+import struct
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas
+import pyarrow
+import pytest
+import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import parquet
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from gimbal_pin import bench_run, identify, io, nominal
+from gimbal_pin.errors import GimbalPinError, LogError
+from gimbal_pin.io import apart
+from gimbal_pin.io.base import log_columns
+from gimbal_pin.log import Imu, Log
+from gimbal_pin.rig import Rig
+from tests.command_line import Run, refused
+from tests.test_io import same
+
+Columns = Mapping[str, np.ndarray]
+TURRET = Rig.load("turret")
+SOON = 5.0
+"""Longest that a damaged file may take, s: a process and a library begin in less than one."""
+
+
+def motion(rows: int = 60) -> Log:
+    """A log on whole microseconds, with the rates of an IMU at its base."""
+    rng = np.random.default_rng(1)
+    t = np.arange(rows) * 2000 / 1e6
+    q, v, tau = (0.1 * np.cumsum(rng.normal(size=(rows, TURRET.n)), axis=0) for _ in range(3))
+    imu = Imu(rng.normal(size=(rows, 3)), rng.normal(size=(rows, 3)), np.tile([1.0, 0, 0, 0], (rows, 1)))
+    return Log("made", TURRET.joints, t, q, v, tau, imus={TURRET.base: imu})
+
+
+def as_records(columns: Columns) -> np.ndarray:
+    return np.rec.fromarrays(list(columns.values()), names=list(columns))
+
+
+def as_hdf5(columns: Columns, path: Path) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("log")
+        for name, values in columns.items():
+            group.create_dataset(name, data=values[None, :], compression="gzip")  # as MATLAB does, transposed
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+
+
+def as_npy(columns: Columns, path: Path) -> None:
+    with path.open("wb") as file:
+        np.save(file, np.column_stack(list(columns.values())))
+
+
+def as_bag(kind: str) -> Callable[[Columns, Path], None]:
+    """Write what a log's columns say as JointState and Imu messages, as ROS 1, or ROS 2 with one of its storages."""
+
+    def write(columns: Columns, path: Path) -> None:
+        store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+        types = store.types
+        header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+        joints, imu = types["sensor_msgs/msg/JointState"], types["sensor_msgs/msg/Imu"]
+        sequence = {"seq": 0} if kind == "ros1" else {}
+        base = TURRET.base
+        with (
+            Writer1(path)
+            if kind == "ros1"
+            else Writer2(path, version=9, storage_plugin=StoragePlugin[kind.upper()]) as bag
+        ):
+            links = [bag.add_connection(topic, of.__msgtype__, typestore=store)
+                     for topic, of in (("/joint_states", joints), ("/imu", imu))]  # fmt: skip
+            for k, t in enumerate(columns["t"]):
+                at = round(t * 1e9)
+                for link, message in zip(links, (
+                    joints(header(**sequence, stamp=stamp(*divmod(at, 10**9)), frame_id=""), list(TURRET.joints),
+                           *(np.array([columns[f"{of}_{j}"][k] for j in TURRET.joints]) for of in ("q", "dq", "tau"))),
+                    imu(header(**sequence, stamp=stamp(*divmod(at, 10**9)), frame_id=base),
+                        quaternion(*(columns[f"quat_{base}_{a}"][k] for a in "xyzw")), np.zeros(9),
+                        vector(*(columns[f"gyro_{base}_{a}"][k] for a in "xyz")), np.zeros(9),
+                        vector(*(columns[f"accel_{base}_{a}"][k] for a in "xyz")), np.zeros(9)),
+                )):  # fmt: skip
+                    name = type(message).__msgtype__
+                    content = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(message, name)
+                    bag.write(link, at, content)
+
+    return write
+
+
+def as_ulog(columns: Columns, path: Path) -> None:
+    """Write a ULog as its published layout has it: magic, version, start; flag bits, format, subscription, data."""
+
+    def message(kind: bytes, content: bytes) -> bytes:  # fmt: skip
+        return struct.pack("<HB", len(content), kind[0]) + content
+
+    names = [name for name in columns if name != "t"]
+    layout = "uint64_t timestamp;" + "".join(f"double {name};" for name in names)
+    parts = [
+        b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0),
+        message(b"B", bytes(40)),
+        message(b"F", f"rig:{layout}".encode()),
+        message(b"A", struct.pack("<BH", 0, 7) + b"rig"),
+    ]
+    for k, t in enumerate(columns["t"]):
+        values = [columns[name][k] for name in names]
+        parts.append(message(b"D", struct.pack(f"<HQ{len(values)}d", 7, round(t * 1e6), *values)))
+    path.write_bytes(b"".join(parts))
+
+
+def frame(columns: Columns) -> pandas.DataFrame:
+    return pandas.DataFrame(dict(columns))
+
+
+def plain_text(separator: str, header: bool = True) -> Callable[[Columns, Path], None]:
+    return lambda columns, path: frame(columns).to_csv(path, sep=separator, index=False, header=header)
+
+
+WRITERS: Mapping[str, tuple[str, Callable[[Columns, Path], None]]] = {
+    "csv": ("log.csv", plain_text(",")),
+    "semicolons": ("log.txt", plain_text(";")),
+    "tabs": ("log.tsv", plain_text("\t")),
+    "spaces": ("log.txt", plain_text(" ")),
+    "no header": ("log.csv", plain_text(",", header=False)),
+    "savetxt": ("log.txt", lambda c, path: np.savetxt(path, np.column_stack(list(c.values())), header=" ".join(c),
+                                                      fmt="%25.17g")),
+    "csv.gz": ("log.csv.gz", lambda c, path: frame(c).to_csv(path, index=False)),
+    "parquet of pandas": ("log.parquet", lambda c, path: frame(c).to_parquet(path)),
+    "parquet": ("log", lambda c, path: parquet.write_table(pyarrow.table(dict(c)), path)),
+    "npy": ("log.npy", as_npy),
+    "npy by columns": ("log.npy", lambda c, path: np.save(path, np.array(list(c.values())).T)),
+    "record array": ("log.npy", lambda c, path: np.save(path, as_records(c))),
+    "npz": ("log.npz", lambda c, path: np.savez(path, **c)),
+    "packed npz": ("log", lambda c, path: path.with_suffix(".npz").rename(path)
+                   if np.savez_compressed(path.with_suffix(".npz"), **c) is None else None),
+    "mat": ("log.mat", lambda c, path: scipy.io.savemat(path, dict(c), do_compression=True)),
+    "mat of a structure": ("log.mat", lambda c, path: scipy.io.savemat(path, {"log": dict(c)})),
+    "mat 4": ("log.mat", lambda c, path: scipy.io.savemat(path, {k[:18]: v for k, v in c.items()}, format="4")),
+    "mat 7.3": ("log.mat", as_hdf5),
+    "ros1": ("log.bag", as_bag("ros1")),
+    "ros2 sqlite3": ("log", as_bag("sqlite3")),
+    "ros2 mcap": ("log", as_bag("mcap")),
+    "ulog": ("log.ulg", as_ulog),
+}  # fmt: skip
+
+
+def maps(writer: str, columns: Columns) -> list[str]:
+    """What a format without names, or with longer ones, is mapped by."""
+    if writer in ("no header", "npy", "npy by columns"):
+        first, name = (1, "column") if writer == "no header" else (0, "c")
+        return [f"{column}={name}{k}" for k, column in enumerate(columns, start=first)]
+    if writer == "ulog":
+        return ["t=rig.timestamp", *(f"{name}=rig.{name}" for name in columns if name != "t")]
+    return [f"{name}=log.{name}" for name in columns] if writer in ("mat of a structure", "mat 7.3") else []
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_every_writer_gives_the_same_log(writer: str, tmp_path: Path) -> None:
+    log = motion()
+    columns = log_columns(log)
+    name, write = WRITERS[writer]
+    write(columns, tmp_path / name)
+    same(io.read_log(tmp_path / name, TURRET, maps(writer, columns)), log)
+
+
+def test_a_bags_file_is_a_bag_by_its_first_bytes(tmp_path: Path) -> None:
+    log = motion(20)
+    for kind, found in (("sqlite3", "*.db3"), ("mcap", "*.mcap")):
+        as_bag(kind)(log_columns(log), tmp_path / kind)
+        only = next((tmp_path / kind).glob(found)).rename(tmp_path / f"{kind}.log")
+        same(io.read_log(only, TURRET), log)
+
+
+def test_the_same_motion_identifies_the_same_rig(tmp_path: Path) -> None:
+    ran = bench_run(nominal(TURRET), rng=np.random.default_rng(0), seconds=10)
+    still = Imu(np.zeros((len(ran), 3)), np.tile([0, 0, 9.81], (len(ran), 1)), np.tile([1.0, 0, 0, 0], (len(ran), 1)))
+    columns = log_columns(replace(ran, t=np.round(ran.t, 6), q_ref=None, temperature=None, imus={TURRET.base: still}))
+    theta = []
+    for writer in ("csv", "ros2 mcap"):
+        name, write = WRITERS[writer]
+        write(columns, tmp_path / f"{writer}-{name}")
+        estimated = identify(TURRET, [io.read_log(tmp_path / f"{writer}-{name}", TURRET)]).model.estimated
+        assert estimated is not None
+        theta.append(estimated.theta)
+    np.testing.assert_allclose(theta[1], theta[0], rtol=1e-9)
+
+
+# --- What is damaged, hostile or not installed ----------------------------------------------------------------------
+
+BINARY = ("csv.gz", "parquet", "npy", "record array", "npz", "packed npz")
+APART = ("mat", "mat 7.3", "ros1", "ulog")
+"""Formats that are read in this process, and those that are read in one of their own."""
+
+
+def soon(read: Callable[[], Log]) -> None:
+    """Read, or refuse in one line, at once."""
+    start = time.perf_counter()
+    try:
+        read()
+    except GimbalPinError as error:
+        assert "\n" not in str(error)
+    assert time.perf_counter() - start < SOON
+
+
+class Files(dict[str, bytes]):
+    """Format → a good file's bytes, which no failure prints."""
+
+    def __repr__(self) -> str:
+        return "good files"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    """The bytes of a good file of each kind."""
+    folder, columns, found = tmp_path_factory.mktemp("whole"), log_columns(motion(20)), Files()
+    for writer in (*BINARY, *APART):
+        name, write = WRITERS[writer]
+        path = folder / writer / name
+        path.parent.mkdir()
+        write(columns, path)
+        found[writer] = path.read_bytes()
+    for kind, pattern in (("sqlite3", "*.db3"), ("mcap", "*.mcap")):
+        as_bag(kind)(columns, folder / kind)
+        found[kind] = next((folder / kind).glob(pattern)).read_bytes()
+    return found
+
+
+@pytest.mark.parametrize("writer", BINARY)
+@given(data=st.data())
+def test_a_damaged_file_is_refused_in_one_line(writer: str, data: st.DataObject, whole: Files, tmp_path: Path) -> None:
+    path, content = tmp_path / WRITERS[writer][0], bytearray(whole[writer])
+    for _ in range(data.draw(st.integers(0, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    path.write_bytes(content[: data.draw(st.sampled_from([len(content)]) | st.integers(0, len(content)))])
+    soon(lambda: io.read_log(path, TURRET))
+
+
+@pytest.mark.parametrize("writer", [*APART, "sqlite3", "mcap"])
+def test_a_damaged_file_is_refused_by_a_process_of_its_own(writer: str, whole: Files, tmp_path: Path) -> None:
+    rng, content = np.random.default_rng(2), bytearray(whole[writer])
+    path = tmp_path / "log"
+    path.write_bytes(content[: len(content) // 2])
+    soon(lambda: io.read_log(path, TURRET))
+    for place in rng.integers(16, len(content), size=20):
+        content[place] ^= 0x55
+    path.write_bytes(content)
+    soon(lambda: io.read_log(path, TURRET))
+
+
+def test_what_unfolds_without_measure_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    most = 2**20
+    for module in ("gimbal_pin.reading", "gimbal_pin.io.csv", "gimbal_pin.io.npy"):
+        monkeypatch.setattr(f"{module}.largest", lambda: most)
+    monkeypatch.setattr(apart, "MEMORY", 2**29)
+    zeros = np.zeros(most)
+    (tmp_path / "bomb.csv.gz").write_bytes(gzip.compress(bytes(4 * most)))
+    np.savez_compressed(tmp_path / "bomb.npz", t=zeros)
+    scipy.io.savemat(tmp_path / "bomb.mat", {"t": np.zeros(2**28, np.int8)}, do_compression=True)
+    for name, word in (("bomb.csv.gz", "unfolds"), ("bomb.npz", "unfolds"), ("bomb.mat", "MemoryError")):
+        with pytest.raises(LogError, match=word):
+            io.read_log(tmp_path / name, TURRET)
+
+
+def test_objects_and_shapes_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "objects.npy", np.array([{}, 1], dtype=object), allow_pickle=True)
+    np.savez(tmp_path / "objects.npz", t=np.array([[], 1], dtype=object))
+    np.save(tmp_path / "line.npy", np.zeros(9))
+    huge = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 9), }\n"
+    (tmp_path / "huge.npy").write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", len(huge)) + huge)
+    for name, word in (("objects.npy", "objects"), ("objects.npz", "objects"), ("line.npy", "1 dimension"),
+                       ("huge.npy", "damaged")):  # fmt: skip
+        with pytest.raises(LogError, match=word):
+            io.read_log(tmp_path / name, TURRET)
+
+
+@pytest.mark.parametrize(("name", "extra"), [("x.bag", "ros"), ("x.ulg", "px4"), ("x.h5", "mat")])
+def test_a_missing_library_is_one_line(
+    name: str, extra: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / name).write_bytes(b"\x89HDF\r\n\x1a\n" if extra == "mat" else b"")
+    monkeypatch.setattr(apart, "find_spec", lambda module: None)
+    refused(run("identify", "turret", tmp_path / name), 2, f"pip install 'gimbal_pin[{extra}]'")
+
+
+# --- Several files are one log --------------------------------------------------------------------------------------
+
+
+OFFSET = 0.1372
+
+
+def swing(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates of two joints that never repeat, (N, 2) each."""
+    terms = [(0.5, 1.1, 0.3), (0.3, 2.3, 1.1), (0.2, 4.7, 2.0), (0.1, 7.9, 0.7)]
+    q = sum(np.column_stack([a * np.sin(w * t + p), a * np.sin(1.3 * w * t + 2 * p)]) for a, w, p in terms)
+    v = sum(
+        np.column_stack([a * w * np.cos(w * t + p), 1.3 * a * w * np.cos(1.3 * w * t + 2 * p)]) for a, w, p in terms
+    )
+    return np.asarray(q), np.asarray(v)
+
+
+def two_files(folder: Path, shared: bool, offset: float, rate: float = 730.0) -> Path:
+    """Write angles and torques in one file, rates by another clock and at another rate in a second one."""
+    t, u = np.arange(0, 20, 0.002), np.arange(3, 16, 1 / rate)
+    (q, v), (_, w) = swing(t), swing(u)
+    one = {"t": t, **{f"q_{j}": q[:, k] for k, j in enumerate(TURRET.joints)}}
+    one |= {f"tau_{j}": np.cos(t) for j in TURRET.joints} | ({"gyro": v[:, 0]} if shared else {})
+    other = {"t": u + offset, **{f"dq_{j}": w[:, k] for k, j in enumerate(TURRET.joints)}, "gyro": w[:, 0]}
+    frame(one).to_csv(folder / "a.csv", index=False)
+    frame(other).to_csv(folder / "b.csv", index=False)
+    return Path(f"{folder / 'a.csv'}+{folder / 'b.csv'}")
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("offset", [OFFSET, -41.5, 0.0])
+def test_the_offset_of_two_clocks_is_found_and_told(shared: bool, offset: float, tmp_path: Path) -> None:
+    log = io.read_log(two_files(tmp_path, shared, offset), TURRET)
+    assert log.v is not None
+    # Between samples the rate bends by less than max|d²v/dt²| h²/8 = 0.2e-3; 0.2 ms of clock are at most 8e-3 rad/s.
+    np.testing.assert_allclose(log.v, swing(log.t)[1], atol=9e-3)
+    assert 3 <= log.t[0] < 3.01 and 15.99 < log.t[-1] <= 16
+    clock = next(event for event in log.events if "b.csv: " in event)
+    assert (f"{offset:+.3g}"[:5] in clock) if offset else "first file's clock" in clock
+    assert any("samples are left out" in event for event in log.events)
+
+
+def test_a_clock_that_cannot_be_known_is_taken_as_it_is_and_said(tmp_path: Path) -> None:
+    t, rng = np.arange(0, 5, 0.01), np.random.default_rng(0)
+    one = {"t": t} | {f"{of}_{j}": rng.normal(size=len(t)) for of in ("q", "tau") for j in TURRET.joints}
+    frame(one).to_csv(tmp_path / "a.csv", index=False)
+    other = {"t": t + 0.003} | {f"dq_{j}": rng.normal(size=len(t)) for j in TURRET.joints}
+    frame(other).to_csv(tmp_path / "b.csv", index=False)
+    log = io.read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", TURRET)
+    assert any("taken as zero" in event for event in log.events)
+
+
+def test_files_of_one_clock_are_joined_exactly_and_holes_stay(tmp_path: Path) -> None:
+    log = motion(200)
+    columns = log_columns(log)
+    split = [name for name in columns if name.startswith("dq")]
+    frame({name: values for name, values in columns.items() if name not in split}).to_csv(tmp_path / "a.csv")
+    rows = np.r_[0:80, 120:200]
+    frame({name: columns[name][rows] for name in ["t", *split]}).to_parquet(tmp_path / "b.parquet")
+    same(io.read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.parquet'}", TURRET), log.part(rows))
+
+
+def test_topics_of_several_rates_are_joined_at_the_joints_times(tmp_path: Path) -> None:
+    """The first column that is asked for says whose times they are."""
+    t, u = np.arange(0, 2, 0.01), np.arange(0, 2, 0.0037)
+    q = swing(t)[0]
+    arrays = {"t": t, "q": q, "tau": np.cos(q), "imu": {"time": u, "gyro": swing(u)[1][:, [0, 1, 1]]}}
+    scipy.io.savemat(tmp_path / "log.mat", arrays)
+    named = [f"{of}_{j}={of}[{k}]" for of in ("q", "tau") for k, j in enumerate(TURRET.joints)]
+    named += [f"gyro_{TURRET.base}_{a}=imu.gyro[{k}]" for k, a in enumerate("xyz")]
+    log = io.read_log(tmp_path / "log.mat", TURRET, named)
+    inside = t <= u[-1]
+    np.testing.assert_array_equal(log.t, t[inside])
+    np.testing.assert_allclose(log.imus[TURRET.base].gyro, swing(t)[1][inside][:, [0, 1, 1]], atol=1e-3)
+
+
+def test_a_verb_writes_over_no_file_of_several(tmp_path: Path, run: Run) -> None:
+    log = two_files(tmp_path, True, 0.0)
+    refused(run("identify", "turret", log, "-o", tmp_path / "b.csv"), 2, "would write over")
