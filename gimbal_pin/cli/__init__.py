@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import inspect
 import io
 import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from inspect import getdoc, signature
 from typing import Any
 
 import tyro
@@ -24,6 +24,7 @@ from gimbal_pin.cli.demo import demo
 from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.identify import identify
+from gimbal_pin.cli.inspect import inspect
 from gimbal_pin.cli.present import complain, say
 from gimbal_pin.cli.rigs import rigs
 from gimbal_pin.cli.simulate import simulate
@@ -33,7 +34,7 @@ from gimbal_pin.errors import GimbalPinError, UsageError
 
 VERBS: Mapping[str, Callable[..., None]] = {
     verb.__name__: verb
-    for verb in (rigs, check, base, excite, simulate, identify, diagnose, tune, track, animate, auto, demo)
+    for verb in (inspect, rigs, check, base, excite, simulate, identify, diagnose, tune, track, animate, auto, demo)
 }
 
 
@@ -101,7 +102,7 @@ def parse(arguments: Sequence[str]) -> Callable[[], None]:
 
 def overview() -> str:
     """Name every verb with the first sentence of its docstring: quick, since no verb's arguments are looked at."""
-    lines = [f"  {name:<10}{(inspect.getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
+    lines = [f"  {name:<10}{(getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
     return "\n".join([(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines])
 
 
@@ -113,7 +114,7 @@ def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
 
     @functools.wraps(verb)
     def keep(*args: Any, **kwargs: Any) -> Callable[[], None]:
-        paths.check(verb, inspect.signature(verb).bind(*args, **kwargs).arguments)
+        paths.check(verb, signature(verb).bind(*args, **kwargs).arguments)
         return functools.partial(verb, *args, **kwargs)
 
     return keep

@@ -54,7 +54,11 @@ RigName = Annotated[
 Logs = Annotated[
     Positional[tuple[str, ...]],
     Reads(logs),
-    arg(metavar="LOG …", help="CSV or Parquet; LOG@PAYLOAD names its payload", help_behavior_hint="(at least one)"),
+    arg(
+        metavar="LOG …",
+        help="CSV, Parquet, NumPy, MATLAB, ROS bag or ULog; A.csv+B.csv: one log; LOG@PAYLOAD names its payload",
+        help_behavior_hint="(at least one)",
+    ),
 ]
 Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
 Page = Annotated[Path | None, Writes(over=(".html",))]

@@ -10,8 +10,9 @@ import numpy as np
 from gimbal_pin.clocks import offset_between
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io.base import Table
-from gimbal_pin.log import Array, untimely
+from gimbal_pin.log import Array
 from gimbal_pin.naming import words
+from gimbal_pin.recognise import time_unit
 
 TIMES = ("t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit")
 """Words of which one stands in the name of a column of times."""
@@ -30,7 +31,7 @@ def time_of(table: Table) -> str:
     if (name := time_in(table.columns)) is not None:
         return name
     first = table.columns[0]
-    if untimely(table.read([first])[first]) is None:
+    if (np.diff(table.read([first])[first]) > 0).all():
         return first
     mend = "name the column of its times t in the header"
     raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
@@ -74,8 +75,8 @@ class JoinedTable:
         joined = {column: read[first][column] for column in asked[first]}
         kept = np.ones(len(t), dtype=bool)
         for k in list(asked)[1:]:
-            shift = 0.0 if self.shared else self.shift(first, k)
-            own, at = np.unique(read[k][self.times[k]] + shift, return_index=True)
+            scale, shift = (1.0, 0.0) if self.shared else self.clock(first, k)
+            own, at = np.unique(read[k][self.times[k]] * scale + shift, return_index=True)
             joined |= {column: np.interp(t, own, read[k][column][at]) for column in asked[k]}
             kept &= between(t, own)
         if not kept.any():
@@ -88,14 +89,16 @@ class JoinedTable:
         """Tell whether a column is the time of whatever is read, and of no table."""
         return self.shared and column == "t" and not any("t" in part.columns for part in self.parts)
 
-    def shift(self, first: int, other: int) -> float:
-        """Return what to add to another table's times to have them by the first's clock; tell it in `notes`."""
-        pair = [self.parts[k] for k in (first, other)]
-        data = [part.read(part.columns) for part in pair]
-        times = [data[0].pop(self.times[first]), data[1].pop(self.times[other])]
-        found = offset_between(times[0], data[0], times[1], data[1])
-        self.notes.append(f"{pair[1].name}: {found.sentence}")
-        return found.seconds
+    def clock(self, first: int, other: int) -> tuple[float, float]:
+        """Return factor and offset that turn another table's times into the first's; tell the offset in `notes`."""
+        pair = [(self.parts[k], self.times[k]) for k in (first, other)]
+        data = [part.read(part.columns) for part, _ in pair]
+        times = [one.pop(name) for one, (_, name) in zip(data, pair)]
+        scale, its = (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
+        factor = 1.0 if its == scale else its / scale
+        found = offset_between(times[0] * scale, data[0], times[1] * its, data[1])
+        self.notes.append(f"{pair[1][0].name}: {found.sentence}")
+        return factor, found.seconds / scale
 
     def place(self, row: int, column: str) -> str:
         """Return ``files sample S column 'name'``, joined samples counted from 1."""

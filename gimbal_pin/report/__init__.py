@@ -15,6 +15,7 @@ from gimbal_pin.report.full import moving as moving
 from gimbal_pin.report.sections import animation as animation
 from gimbal_pin.report.sections import data as data
 from gimbal_pin.report.sections import excitation as excitation
+from gimbal_pin.report.sections import inspection as inspection
 from gimbal_pin.report.sections import margins as margins
 from gimbal_pin.report.sections import parameters as parameters
 from gimbal_pin.report.sections import pointing as pointing
