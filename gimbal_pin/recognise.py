@@ -63,6 +63,8 @@ NEAR = 0.1
 """Relative error of k up to which it is a ratio of units: slow filters of a rate take some of its size."""
 EXPLAINED = 0.5
 """Least share of a column that a joint's motion explains for it to be that joint's torque."""
+OFF = 3.0
+"""Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
 FAST = 6.0
 """A platform that turns faster, rad/s rms, is most likely given in degrees (as `aboard` refuses it)."""
 AVERAGED = 0.05
@@ -109,6 +111,7 @@ class Guess:
     factor: str = ""
     wanted: bool = False
     rate_of: str = ""
+    scale: float = 1.0
     reasons: list[str] = field(default_factory=list)
 
     def say(self, reason: str) -> None:
@@ -157,7 +160,7 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     limits = [] if rig is None else [limit.upper - limit.lower for limit in rig.limits]
     units(ties, guesses, [room for room in limits if isfinite(room)], bool(limits))
     for guess in guesses.values():
-        if guess.kind in ("rate", "gyro") and guess.unit != "rpm":
+        if guess.kind in ("rate", "gyro") and guess.unit in ("rad", "deg", "turns"):
             guess.unit += "/s"
     found = (
         Assignment(t, guesses, rig, urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link"))
@@ -258,25 +261,25 @@ def relations(t: Array, guesses: Sequence[Guess]) -> list[Tie]:
     return sorted(found, reverse=True)
 
 
-def by_motion(ties: Iterable[Tie], guesses: Mapping[str, Guess]) -> None:
-    """Say of columns that their names leave open which are angles and which rates; and of rates, whose."""
-    for tie in ties:
-        x, v = guesses[tie.x], guesses[tie.v]
-        if x.rate_of or v.rate_of or not {x.kind, v.kind} <= {"position", "rate", "unknown"}:
-            continue
-        open_one = x.kind == "unknown" or v.kind == "unknown"
-        if x.kind == "rate" or v.kind == "position" or (open_one and same_unit(tie.ratio) is None):
-            continue
-        if any(guess.rate_of == x.column for guess in guesses.values()):
-            continue
-        if not open_one and (x.wanted != v.wanted or not alike(x.column, v.column)):
-            continue
-        x.kind, v.kind, v.rate_of = "position", "rate", x.column
+def by_motion(ties: Sequence[Tie], guesses: Mapping[str, Guess]) -> None:
+    """Say of columns that their names leave open which are angles and which rates; and of rates, whose.
+
+    Of two that their names call angle and rate, those first that differ in nothing else.
+    """
+    for strict in (True, False):
+        for tie in ties:
+            x, v = guesses[tie.x], guesses[tie.v]
+            free = x.kind == "unknown" or v.kind == "unknown"
+            taken = x.rate_of or v.rate_of or x.column in {guess.rate_of for guess in guesses.values()}
+            if taken or x.kind not in ("position", "unknown") or v.kind not in ("rate", "unknown"):
+                continue
+            if same_unit(tie.ratio) is not None if free else x.wanted == v.wanted and alike(x.column, v.column, strict):
+                x.kind, v.kind, v.rate_of = "position", "rate", x.column
 
 
-def alike(one: str, other: str) -> bool:
-    """Tell whether two names have the same numbers and qualifiers: of one joint, and of one way to know it."""
-    strip = KINDS["position"] | KINDS["rate"]
+def alike(one: str, other: str, strict: bool) -> bool:
+    """Tell whether names have the same numbers and joints, and if that is asked for say the same way to know it."""
+    strip = KINDS["position"] | KINDS["rate"] | (frozenset() if strict else RANK.keys())
     return set(words(one)) - strip == set(words(other)) - strip
 
 
@@ -296,15 +299,12 @@ def units(ties: Sequence[Tie], guesses: Mapping[str, Guess], rooms: Sequence[flo
         if guess.kind == "rate" and guess.rate_of:
             x = guesses[guess.rate_of]
             tie = next(tie for tie in ties if (tie.x, tie.v) == (guess.rate_of, guess.column))
-            per = VALUES.get(x.unit)
-            fits = [
-                u for u in ("rad", "deg", "turns", "rpm") if per and abs(abs(tie.ratio) * per / VALUES[u] - 1) < NEAR
-            ]
-            if fits and not guess.unit:
-                guess.unit = fits[0]
+            true = tie.ratio * x.scale  # rad/s in a unit of the column
+            guess.unit = guess.unit or next((u for u, v in VALUES.items() if abs(abs(true) / v - 1) < NEAR), "")
             guess.say(f"{digits(tie.ratio, 3)} times it adds up to '{x.column}' (correlation {tie.correlation:.3f})")
-            sign = "-" if tie.ratio < 0 else ""
-            guess.factor = sign + FACTORS.get(guess.unit, "")
+            guess.factor = ("-" if true < 0 else "") + FACTORS.get(guess.unit, "")
+            if not guess.unit and not 1 / OFF < abs(true) < OFF:
+                guess.factor = f"{true:.4g}"
         elif guess.kind == "rate":
             guess.unit = guess.unit or "rad"
             guess.factor = FACTORS.get(guess.unit, "")
@@ -325,7 +325,7 @@ def unit_of_angle(guess: Guess, room: float, with_rig: bool) -> None:
     step = quantum(x)
     if guess.unit == "counts":
         turn = next((2**k for k in POWERS if 0.98 * 2**k <= np.abs(x).max() <= 1.001 * 2**k), None)
-        guess.factor = f"2*pi/{turn}" if turn else ""
+        guess.factor, guess.scale = (f"2*pi/{turn}", 2 * pi / turn) if turn else ("", 1.0)
         guess.say(f"goes to {digits(float(np.abs(x).max()), 4)}: {turn} counts a turn" if turn
                   else "how many counts a turn has does not show: multiply by 2*pi/(counts per turn)")  # fmt: skip
         return
@@ -348,7 +348,7 @@ def unit_of_angle(guess: Guess, room: float, with_rig: bool) -> None:
         else:
             guess.unit = "rad"
             guess.say(f"goes {digits(way, 3)}" + (" and on: it turns" if way > 4 * pi else ", as radians do"))
-    guess.factor = FACTORS.get(guess.unit, "")
+    guess.factor, guess.scale = FACTORS.get(guess.unit, ""), VALUES.get(guess.unit, 1.0)
 
 
 def unit_of_gyro(guess: Guess, ties: Sequence[Tie], guesses: Mapping[str, Guess]) -> None:
@@ -483,9 +483,7 @@ class Assignment:
             return np.convolve(x, np.ones(width) / width, "valid")
 
         rates = [averaged(self.guesses[v[joint]].values) for joint in self.rig.joints]
-        angles = [
-            self.guesses[q[joint]].values * VALUES.get(self.guesses[q[joint]].unit, 1.0) for joint in self.rig.joints
-        ]
+        angles = [self.guesses[q[joint]].values * self.guesses[q[joint]].scale for joint in self.rig.joints]
         sums = [averaged(x) for x in np.cumsum(angles, axis=0)]
         at = averaged(self.t)
         parts = [np.ones_like(at), *(np.gradient(x, at) for x in rates), *rates, *map(np.sign, rates)]

@@ -197,9 +197,8 @@ def summary(stream: Stream) -> Sequence[str]:
         said.append(f"gaps: {facts['gaps']}, the longest interval {digits(facts['longest_interval_s'], 3)} s")
     if facts["times_not_increasing"]:
         where = facts["first_time_not_increasing"]
-        said.append(
-            f"times that do not increase: {facts['times_not_increasing']}, the first at sample {where}; delete such rows"
-        )
+        count = facts["times_not_increasing"]
+        said.append(f"times that do not increase: {count}, the first at sample {where}; delete such rows")
     if facts["repeated_rows"]:
         said.append(f"rows that repeat the one before in all but their time: {facts['repeated_rows']}")
     return said

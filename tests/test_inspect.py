@@ -1,0 +1,159 @@
+"""`inspect`: what is planted in a log's columns is found, and the mapping that is proposed reads the log."""
+
+from __future__ import annotations
+
+import sys
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin import io
+from gimbal_pin.io.inspection import expression, inspect
+from gimbal_pin.io.mapping import Source, parse_expression, read_mapping
+from gimbal_pin.recognise import recognise
+from gimbal_pin.rig import Rig
+from tests.command_line import Run, refused, result
+from tests.test_formats import TURRET, swing
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+from real_data.cases import Case, measured
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+UNITS = {"rad": (1.0, 1.0), "deg": (pi / 180, pi / 180), "deg and rpm": (pi / 180, pi / 30), "turns": (2 * pi, 1.0)}
+"""How angles and rates are written → radians and radians per second in one unit of them."""
+CLOCKS = {"t": 1.0, "time_ms": 1e-3, "stamp_us": 1e-6, "timestamp": 1e-9}
+
+
+def written(folder: Path, unit: str, clock: str, names: tuple[str, str, str], order: int = 1) -> Path:
+    """Write 10 s of motion of the turret, torques that follow from it, in these units and under these names."""
+    t = np.arange(0, 10, 0.002)
+    q, v = swing(t)
+    a = np.gradient(v, t, axis=0)
+    tau = 0.3 * a + 0.1 * np.sign(v) + np.column_stack([0 * t, np.sin(q.sum(axis=1))])
+    per = UNITS[unit]
+    columns = {clock: t / CLOCKS[clock]}
+    for name, values in zip(names, (q / per[0], v / per[1], tau)):
+        columns |= {name.format(j=joint, k=k + 1): values[:, k] for k, joint in enumerate(TURRET.joints)}
+    if names == NAMES["none"]:
+        columns = {f"column{k + 1}": values for k, values in enumerate(columns.values())}
+    pandas.DataFrame(dict(list(columns.items())[::order])).to_csv(folder / "log.csv", index=False)
+    return folder / "log.csv"
+
+
+NAMES = {
+    "joints": ("pos_{j}", "vel_{j}", "tau_{j}"),
+    "numbers": ("MeasuredAngle{k}", "Speed{k}", "MotorTorque{k}"),
+    "the contract": ("q_{j}", "dq_{j}", "tau_{j}"),
+    "none": ("x{k}", "y{k}", "z{k}"),
+}
+
+
+@pytest.mark.parametrize(("names", "unit", "clock"), [
+    *(("joints", "rad", clock) for clock in CLOCKS), *(("numbers", "deg and rpm", clock) for clock in CLOCKS),
+    ("the contract", "turns", "t"), ("none", "rad", "t"), ("none", "deg", "t"),
+])  # fmt: skip
+def test_the_mapping_that_is_proposed_reads_the_log(names: str, unit: str, clock: str, tmp_path: Path) -> None:
+    rig = TURRET
+    if unit == "turns":  # nothing in the data says so: the name does
+        path = written(tmp_path, unit, clock, ("q_{j}_turns", "dq_{j}", "tau_{j}"))
+    else:
+        path = written(tmp_path, unit, clock, NAMES[names])
+    found = inspect(path, rig)
+    assert found.missing == ()
+    (tmp_path / "map.yaml").write_text(found.yaml, encoding="utf-8")
+    log = io.read_log(path, rig, [tmp_path / "map.yaml"])
+    np.testing.assert_allclose(log.t, np.arange(0, 10, 0.002), atol=1e-9)
+    q, v = swing(log.t)
+    np.testing.assert_allclose(log.q, q, atol=1e-8)
+    assert log.v is not None
+    np.testing.assert_allclose(log.v, v, atol=1e-8)
+
+
+def test_the_order_of_the_columns_says_nothing_where_names_do(tmp_path: Path) -> None:
+    one, other = (inspect(written(tmp_path, "deg", "time_ms", NAMES["numbers"], order), TURRET) for order in (1, -1))
+    assert dict(one.mapping) == dict(other.mapping)
+
+
+def test_a_rate_of_the_other_sign_or_of_an_unknown_unit_is_turned_into_its_angles() -> None:
+    t = np.arange(0, 10, 0.002)
+    q, v = swing(t)
+    data = {"t": t, "pos1": q[:, 0], "pos2": q[:, 1], "vel1": -v[:, 0], "vel2": v[:, 1] / 0.0042}
+    mapping = recognise("t", data, TURRET).mapping
+    assert mapping["dq_pan"][:2] == ("vel1", "-")
+    assert float(mapping["dq_tilt"][1]) == pytest.approx(0.0042, rel=1e-3)
+
+
+def test_a_step_that_parts_a_turn_tells_degrees_from_radians() -> None:
+    t = np.arange(0, 10, 0.002)
+    for turn, unit in ((2 * pi, "rad"), (360.0, "deg")):
+        step, q = turn / 2**14, 0.2 * swing(t)[0] * turn / (2 * pi)
+        data = {"t": t, **{f"pos{k}": step * np.round(q[:, k] / step) for k in (0, 1)}}
+        assert [channel.unit for channel in recognise("t", data, TURRET).channels[1:]] == [unit, unit]
+
+
+@given(st.text(min_size=1, max_size=30).filter(lambda name: not ("'" in name and '"' in name)),
+       st.sampled_from(["", "pi/180", "-", "-2*pi/8192", "1e-6"]))  # fmt: skip
+def test_any_columns_name_reads_back_from_an_expression(name: str, factor: str) -> None:
+    plain = parse_expression(f"x*{factor.lstrip('-') or '1'}", "").factor
+    expected = Source(name, -plain if factor.startswith("-") else plain, "")
+    assert parse_expression(expression(name, factor), "") == expected
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs the measured logs in ../shared/data")
+def test_every_mapping_written_by_hand_is_proposed(tmp_path: Path) -> None:
+    """Columns and factors, but for the torque constants of motors, which no log holds."""
+    by_log = {log: case for case in measured(DATA, tmp_path) for log in case.logs if "makers" not in case.name}
+    by_log = {log: case for log, case in by_log.items() if log.parent != tmp_path}
+    assert len(by_log) == 19
+    wrong = [(log.name, target) for log, case in by_log.items() for target in differing(log, case)]
+    assert wrong == []
+
+
+def differing(log: Path, case: Case) -> list[str]:
+    """Targets for which another column or factor is proposed than was written by hand."""
+    found, wrong = inspect(log, Rig.load(str(case.rig))).mapping, []
+    for target, source in read_mapping(case.maps).items():
+        column, factor, remark = found.get(target, ("", "", ""))
+        scale = parse_expression(expression(column or "x", factor), "").factor
+        fits = "torque constant" in remark or scale == pytest.approx(source.factor, rel=1e-12)
+        wrong += [] if column == source.column and fits else [target]
+    return wrong
+
+
+def test_the_verb_writes_a_mapping_a_picture_and_a_page(tmp_path: Path, run: Run) -> None:
+    log = written(tmp_path, "deg", "time_ms", NAMES["joints"])
+    found = result(run, "inspect", log, "--rig", "turret", "--yaml", tmp_path / "m.yaml", "-o", tmp_path / "x.png")
+    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
+    assert found["files"][0]["mapping"] == {
+        target: f"{source.column}" + {"t": "*1e-3", "q": "*pi/180", "dq": "*pi/180", "tau": ""}[target.split("_")[0]]
+        for target, source in read_mapping([tmp_path / "m.yaml"]).items()
+    }
+    code, out, _ = run("inspect", log, "--rig", "turret", "-o", tmp_path / "x.html")
+    page = (tmp_path / "x.html").read_text()
+    assert code == 0 and "q_pan: pos_pan*pi/180" in out and "q_pan: pos_pan*pi/180" in page and "<svg" in page
+
+
+def test_gaps_repeats_and_times_that_go_back_are_counted(tmp_path: Path, run: Run) -> None:
+    t = np.arange(0, 4, 0.01)
+    t[200:] += 1
+    t[300] = t[299]
+    x = np.sin(t)
+    x[50:55] = x[50]
+    pandas.DataFrame({"t": t, "angle": x, "note": "a"}).to_csv(tmp_path / "log.csv", index=False)
+    (stream,) = result(run, "inspect", tmp_path / "log.csv")["files"][0]["streams"]
+    counted = {key: stream[key] for key in ("samples", "gaps", "repeated_rows", "times_not_increasing")}
+    assert counted == {"samples": 400, "gaps": 1, "repeated_rows": 5, "times_not_increasing": 1}
+    assert stream["first_time_not_increasing"] == 301 and stream["rate_hz"] == pytest.approx(100)
+
+
+def test_what_cannot_be_inspected_is_one_line(tmp_path: Path, run: Run) -> None:
+    log = written(tmp_path, "rad", "t", NAMES["joints"])
+    refused(run("inspect", log, "--yaml", tmp_path / "m.yaml"), 2, "--rig")
+    refused(run("inspect"), 2, "at least one file")
+    refused(run("inspect", tmp_path / "none.csv"), 2, "does not exist")
