@@ -506,10 +506,12 @@ class Assignment:
         found: dict[str, tuple[str, str, str]] = {}
         for guess in self.guesses.values():
             split = words(guess.column)
-            if guess.kind == kind and split and split[-1] in axes:
+            last = split[-1] if split else ""
+            axis = axes[int(last)] if last in ("0", "1", "2") else last
+            if guess.kind == kind and axis in (*axes,):
                 links = [link for link in self.links if set(words(link)) <= set(split)]
                 link = max(links, key=len, default=self.rig.base)
-                found.setdefault(f"{kind}_{link}_{split[-1]}", (guess.column, guess.factor, guess.reasons[-1]))
+                found.setdefault(f"{kind}_{link}_{axis}", (guess.column, guess.factor, guess.reasons[-1]))
         ends = {target[:-2] for target in found}
         whole = {end for end in ends if all(f"{end}_{axis}" in found for axis in axes)}
         return {target: found[target] for target in sorted(found) if target[:-2] in whole}

@@ -97,6 +97,15 @@ def test_a_step_that_parts_a_turn_tells_degrees_from_radians() -> None:
         assert [channel.unit for channel in recognise("t", data, TURRET).channels[1:]] == [unit, unit]
 
 
+def test_an_imus_axes_are_of_the_link_that_is_named_or_of_the_base() -> None:
+    t, rng = np.arange(0, 10, 0.004), np.random.default_rng(0)
+    flown = {f"sensor_combined.gyro_rad[{k}]": rng.normal(size=len(t)) for k in range(3)}
+    head = {f"acc_head_mount_{a}": rng.normal(scale=0.1, size=len(t)) + (a == "z") for a in "xyz"}
+    mapping = recognise("timestamp", {"timestamp": t, **flown, **head}, TURRET).mapping
+    assert [mapping[f"gyro_{TURRET.base}_{a}"][:2] for a in "xyz"] == [(name, "") for name in flown]
+    assert [mapping[f"accel_head_mount_{a}"][:2] for a in "xyz"] == [(name, "9.80665") for name in head]
+
+
 @given(st.text(min_size=1, max_size=30).filter(lambda name: not ("'" in name and '"' in name)),
        st.sampled_from(["", "pi/180", "-", "-2*pi/8192", "1e-6"]))  # fmt: skip
 def test_any_columns_name_reads_back_from_an_expression(name: str, factor: str) -> None:

@@ -116,8 +116,8 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     notes: list[str] = list(table.notes)
     parts = list(table.parts) if isinstance(table, JoinedTable) else [table]
     pairs = [stream_of(part, rig, notes) for part in parts]
-    # The stream with the most joints' angles gives the times; the others' channels are joined to it.
-    pairs.sort(key=lambda pair: -sum(target.startswith("q_") for target in pair[1].mapping))
+    # The stream with the most joints' angles, or channels, gives the times; the others' channels are joined to it.
+    pairs.sort(key=lambda pair: (-sum(name.startswith("q_") for name in pair[1].mapping), -len(pair[1].mapping)))
     mapping: dict[str, tuple[str, str, str]] = {}
     for _, found in pairs:
         mapping = {**found.mapping, **mapping}
