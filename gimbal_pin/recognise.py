@@ -301,7 +301,7 @@ def units(ties: Sequence[Tie], guesses: Mapping[str, Guess], rooms: Sequence[flo
             tie = next(tie for tie in ties if (tie.x, tie.v) == (guess.rate_of, guess.column))
             true = tie.ratio * x.scale  # rad/s in a unit of the column
             guess.unit = guess.unit or next((u for u, v in VALUES.items() if abs(abs(true) / v - 1) < NEAR), "")
-            guess.say(f"{digits(tie.ratio, 3)} times it adds up to '{x.column}' (correlation {tie.correlation:.3f})")
+            guess.say(f"adds up to '{x.column}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})")
             guess.factor = ("-" if true < 0 else "") + FACTORS.get(guess.unit, "")
             if not guess.unit and not 1 / OFF < abs(true) < OFF:
                 guess.factor = f"{true:.4g}"
@@ -358,7 +358,7 @@ def unit_of_gyro(guess: Guess, ties: Sequence[Tie], guesses: Mapping[str, Guess]
     most = max(float(np.sqrt(np.mean(other.values**2))) for other in beside)
     if tie is not None and same_unit(tie.ratio) == ("rad", "rad"):
         guess.unit = guesses[tie.x].unit
-        guess.say(f"{digits(tie.ratio, 3)} times it adds up to '{tie.x}' (correlation {tie.correlation:.3f})")
+        guess.say(f"adds up to '{tie.x}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})")
     else:
         guess.unit = "deg" if most > FAST else "rad"
         guess.say(

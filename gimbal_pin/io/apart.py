@@ -31,7 +31,7 @@ RATE = 5e5
 files at 4 MB/s (2.5 GHz, start of the process included), and machines are busy with other work."""
 
 
-def open_apart(path: Path, reader: str, kind: str, module: str, extra: str) -> Table:
+def open_apart(path: Path, reader: str, kind: str, module: str, extra: str, *, streamed: bool = False) -> Table:
     """Return the table that ``streams(path)`` of the module `reader` beside this one reads.
 
     Args:
@@ -40,6 +40,7 @@ def open_apart(path: Path, reader: str, kind: str, module: str, extra: str) -> T
         kind: What the format is called.
         module: Package that it needs.
         extra: The package's extra that brings it.
+        streamed: Whether a file may be larger than memory, as its reader keeps a little of it only.
 
     Raises:
         LogError: The file is missing or damaged, or reading it takes more than it may.
@@ -50,7 +51,7 @@ def open_apart(path: Path, reader: str, kind: str, module: str, extra: str) -> T
         raise UsageError(str(path), f"is {kind}, which needs the package {module}", mend)
     with readable(path, LogError):
         size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
-    if size > largest():
+    if size > largest() and not streamed:
         raise LogError(str(path), f"is larger than {largest() / 1e6:.0f} MB", "give a smaller file")
     seconds = SECONDS + size / RATE
     # The path of this process and no other: else a module in the working directory would be run.

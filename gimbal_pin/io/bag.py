@@ -18,12 +18,14 @@ import numpy as np
 
 from gimbal_pin.io.apart import open_apart
 from gimbal_pin.io.arrays import DEEPEST, WIDEST, Stream
-from gimbal_pin.io.base import Table
+from gimbal_pin.io.base import Table, listed
 
 SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 """How a bag's file begins → the suffix that rosbags knows it by."""
 JOINT_STATE = {"position": "q", "velocity": "dq", "effort": "tau"}
 IMU = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
+BIGGEST = 2**16
+"""Bytes of a message from which on it is a picture or a cloud of points, and no drive's."""
 EXACT = 2**53
 """Nanoseconds that a double holds exactly, 104 days: later stamps count from the whole second of the bag's first."""
 Columns: TypeAlias = "dict[str, array[float]]"
@@ -31,7 +33,7 @@ Columns: TypeAlias = "dict[str, array[float]]"
 
 def open_bag(path: Path) -> Table:
     """Read a bag; the time of each message is its header's stamp, or when it was recorded where it has none."""
-    return open_apart(path, "bag", "a ROS bag", "rosbags", "ros")
+    return open_apart(path, "bag", "a ROS bag", "rosbags", "ros", streamed=True)
 
 
 def streams(path: Path) -> tuple[list[Stream], list[str]]:
@@ -48,14 +50,19 @@ def streams(path: Path) -> tuple[list[Stream], list[str]]:
             path = Path(folder, f"bag{suffix}")
             path.symlink_to(file.name)
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
-            for connection, recorded, content in bag.messages():
+            known = [connection for connection in bag.connections if connection.msgtype in bag.typestore.fielddefs]
+            lost = sorted({connection.topic for connection in bag.connections if connection not in known})
+            for connection, recorded, content in bag.messages(known) if known else ():
+                if len(content) > BIGGEST:
+                    continue
                 message = bag.deserialize(content, connection.msgtype)
                 values = dict(named(message, connection.msgtype, connection.topic))
                 stamps, columns = found.setdefault((connection.topic, tuple(values)), ([], {}))
                 stamps.append(stamp(message) or recorded)
                 for name, value in values.items():
                     columns.setdefault(name, array("d")).append(value)
-    return timed({key: one for key, one in found.items() if one[1]})
+    kept, notes = timed({key: one for key, one in found.items() if one[1]})
+    return kept, [*notes, *([f"no definition of the types of {listed(lost)}: left out"] if lost else [])]
 
 
 def timed(found: dict[tuple[str, tuple[str, ...]], tuple[list[int], Columns]]) -> tuple[list[Stream], list[str]]:
