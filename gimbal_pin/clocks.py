@@ -13,8 +13,8 @@ SURE = 0.9
 """Least correlation of two channels that tells an offset: what has less in common is not the same motion."""
 ALONE = 0.98
 """Share of the best correlation that another offset may reach: beyond, a periodic motion does not tell its periods."""
-MOST = 2**16
-"""Samples of the common grid: the transform of a pair takes 5 ms."""
+COARSE, FINE = 2**12, 2**16
+"""Samples of the common grid on which pairs are compared, and of the one for the best pair: 2 ms and 50 ms a pair."""
 CHANNELS = 16
 """Channels of a recorder that are compared with each of the other's."""
 
@@ -47,10 +47,14 @@ def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[
         return Offset(0.0, "has the times of the first file: one clock")
     if min(len(t), len(u)) < 8:
         return Offset(0.0, "has too few samples to tell its clock's offset: taken as zero")
-    step = float(max(np.median(np.diff(t)), np.median(np.diff(u)), max(np.ptp(t), np.ptp(u)) / MOST))
-    if not step > 0:
+    usual, span = max(np.median(np.diff(t)), np.median(np.diff(u))), max(np.ptp(t), np.ptp(u))
+    if not usual > 0:
         return Offset(0.0, "has times that do not increase: its clock's offset is taken as zero")
-    best = max((peak(*pair) for pair in pairs(t, one, u, other, step)), default=None)
+    step, most = (float(max(usual, span / size)) for size in (FINE, COARSE))
+    best = max((peak(*pair) for pair in pairs(t, one, u, other, most)), default=None)
+    if best is not None and step < most:
+        a, b = best.channels
+        best = max(peak(*pair) for pair in pairs(t, {a: one[a]}, u, {b: other[b]}, step))
     if best is None or best.correlation < SURE:
         return Offset(0.0, "has no channel that is alike in the first file: its clock's offset is taken as zero")
     if best.rival > ALONE * best.correlation:
@@ -62,32 +66,35 @@ def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[
 
 
 class Peak(NamedTuple):
-    """The best lag of a pair of channels: correlation there, lag in steps, the best of any other peak, and names."""
+    """The best lag of a pair of channels: correlation there, lag in steps, the best of any other peak, and the pair."""
 
     correlation: float
     lag: float
     rival: float
     names: str
+    channels: tuple[str, str]
 
 
-Pair = tuple[Array, Array, str]
+Pair = tuple[Array, Array, str, tuple[str, str]]
 
 
 def pairs(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array], step: float) -> Iterator[Pair]:
-    """Yield two sampled channels and their names: those of one name, or where there are none rates against channels."""
+    """Yield two sampled channels, what they are, and their names: of one name, or else rates against channels."""
     grids = [(x[0] + step * np.arange(int(np.ptp(x) / step) + 1)) for x in (t, u)]
     a = {name: np.interp(grids[0], t, x) for name, x in list(one.items())[:CHANNELS] if np.ptp(x)}
     b = {name: np.interp(grids[1], u, x) for name, x in list(other.items())[:CHANNELS] if np.ptp(x)}
     if both := a.keys() & b.keys():
-        yield from ((np.gradient(a[name], step), np.gradient(b[name], step), name) for name in sorted(both))
+        yield from (
+            (np.gradient(a[name], step), np.gradient(b[name], step), name, (name, name)) for name in sorted(both)
+        )
         return
     for name, x in a.items():
         for its, y in b.items():
-            yield np.gradient(x, step), y, f"{its} and the rate of {name}"
-            yield x, np.gradient(y, step), f"{name} and the rate of {its}"
+            yield np.gradient(x, step), y, f"{its} and the rate of {name}", (name, its)
+            yield x, np.gradient(y, step), f"{name} and the rate of {its}", (name, its)
 
 
-def peak(x: Array, y: Array, names: str) -> Peak:
+def peak(x: Array, y: Array, names: str, channels: tuple[str, str]) -> Peak:
     """Return the lag by which y, (M,), comes after its like in x, (N,), where at least half of the shorter overlaps."""
     size = 1 << (len(x) + len(y) - 1).bit_length()
     x, y = x - x.mean(), y - y.mean()
@@ -112,4 +119,4 @@ def peak(x: Array, y: Array, names: str) -> Peak:
     if 0 < k < len(values) - 1 and values[k - 1] > -1 and values[k + 1] > -1:
         before, at, after = values[k - 1 : k + 2]
         bend = 0.5 * (before - after) / curve if (curve := before - 2 * at + after) < 0 else 0.0
-    return Peak(float(values[k]), float(lags[k] + bend), float(max(others, default=-1.0)), names)
+    return Peak(float(values[k]), float(lags[k] + bend), float(max(others, default=-1.0)), names, channels)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -66,7 +67,10 @@ def open_apart(path: Path, reader: str, kind: str, module: str, extra: str, *, s
             raise LogError(str(path), f"is not read in {2 * seconds:.0f} s", "give a shorter file") from error
         if done.returncode:
             last = (done.stderr.decode(errors="replace").strip().splitlines() or ["its reader was stopped"])[-1]
-            raise LogError(str(path), f"is damaged {kind} ({last[:120]})", "write it again, or give a shorter file")
+            why = re.sub(r"^(\w+\.)+", "", last)[:120]  # the kind of error without its modules
+            raise LogError(
+                str(path), f"is {kind} that cannot be read ({why})", "write it again, or give a shorter file"
+            )
         told = json.loads(Path(folder, "index.json").read_text("utf-8"))
         if "wrong" in told:
             raise LogError(str(path), *told["wrong"])

@@ -27,5 +27,7 @@ def streams(path: Path) -> tuple[list[Stream], list[str]]:
         columns = {f"{name}.{field}": values for field, values in topic.data.items()}
         columns[f"{name}.timestamp"] = topic.data["timestamp"] / 1e6
         found.append(Stream(f"{name}.timestamp", columns))
-    missing = sum(dropout.duration for dropout in log.dropouts)
-    return found, [f"{len(log.dropouts)} dropouts of {missing} ms in all"] if log.dropouts else []
+    notes = ["is damaged: what could be read of it is used"] if log.file_corruption else []
+    if log.dropouts:
+        notes.append(f"{len(log.dropouts)} dropouts of {sum(dropout.duration for dropout in log.dropouts)} ms in all")
+    return found, notes
