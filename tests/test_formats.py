@@ -348,7 +348,7 @@ def two_files(folder: Path, shared: bool, offset: float, rate: float = 730.0) ->
     one |= {f"tau_{j}": np.cos(t) for j in TURRET.joints} | ({"gyro": v[:, 0]} if shared else {})
     other = {"t": u + offset, **{f"dq_{j}": w[:, k] for k, j in enumerate(TURRET.joints)}, "gyro": w[:, 0]}
     frame(one).to_csv(folder / "a.csv", index=False)
-    frame(other).to_csv(folder / "b.csv", index=False)
+    frame(other).assign(note="turning").to_csv(folder / "b.csv", index=False)
     return Path(f"{folder / 'a.csv'}+{folder / 'b.csv'}")
 
 

@@ -136,7 +136,7 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path
 def split_payload(path: str | Path) -> tuple[Path, str | None]:
     """Return (file, payload) of ``log.csv@cinema``; a file that really bears that name is not split."""
     head, at, payload = str(path).rpartition("@")
-    if not at or Path(path).is_file() or not is_log(Path(head)):
+    if not at or Path(path).exists() or not is_log(Path(head)):
         return Path(path), None
     if not payload:
         raise UsageError(str(path), "names no payload behind the @", "write log.csv@PAYLOAD, or leave the @ out")

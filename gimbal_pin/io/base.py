@@ -125,6 +125,27 @@ def read_groups(table: Table, groups: Mapping[str, Group], sources: Mapping[str,
     return arrays
 
 
+def readable(table: Table) -> tuple[dict[str, Array], list[str]]:
+    """Return the columns of a table that hold numbers, (N,) each, and why the others do not.
+
+    Raises:
+        LogError: None does.
+    """
+    names = [name for name in dict.fromkeys(table.columns) if table.columns.count(name) == 1]
+    try:
+        return table.read(names), []
+    except LogError as error:
+        data, flaws, last = dict[str, Array](), list[str](), error
+    for name in names:
+        try:
+            data |= table.read([name])
+        except LogError as error:
+            flaws.append(str(error))
+    if not data:
+        raise last
+    return data, flaws
+
+
 def check_values(key: str, values: Array, table: Table, sources: Sequence[Source]) -> None:
     """Raise `LogError` at the first value, (N, k), that this channel has on no machine."""
     channel = key if key in REACH else key.split("_")[0]

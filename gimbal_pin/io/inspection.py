@@ -13,8 +13,8 @@ import yaml
 
 from gimbal_pin.aboard import HOLE
 from gimbal_pin.digits import digits
-from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.io.base import Table
+from gimbal_pin.errors import UsageError
+from gimbal_pin.io.base import Table, listed, readable
 from gimbal_pin.io.formats import open_table
 from gimbal_pin.io.joined import JoinedTable, time_of
 from gimbal_pin.io.mapping import FACTOR
@@ -132,8 +132,12 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
 
 
 def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, Recognised]:
-    """Return a table's columns and what they are; what cannot be read is told in `notes`."""
-    data = readable(table, notes)
+    """Return a table's columns and what they are; what cannot be used is told in `notes`."""
+    data, flaws = readable(table)
+    notes += flaws
+    if odd := [name for name in data if "'" in name and '"' in name]:
+        notes.append(f"{table.name}: no mapping can name {listed(odd)}; rename them")
+        data = {name: values for name, values in data.items() if name not in odd}
     try:
         time = time_of(table)
     except UsageError as error:
@@ -147,31 +151,6 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
     if time == ROW:
         found = replace(found, channels=found.channels[1:])
     return Stream(time, data.pop(time) * unit, data, found.channels), found
-
-
-def readable(table: Table, notes: list[str]) -> dict[str, Array]:
-    """Return the columns that hold numbers; why others do not is told in `notes`.
-
-    Raises:
-        LogError: None does.
-    """
-    names = [name for name in dict.fromkeys(table.columns) if table.columns.count(name) == 1]
-    if odd := [name for name in names if "'" in name and '"' in name]:
-        notes.append(f"{table.name}: no mapping can name {', '.join(odd)}; rename them")
-        names = [name for name in names if name not in odd]
-    try:
-        return table.read(names)
-    except LogError:
-        data: dict[str, Array] = {}
-    for name in names:
-        try:
-            data |= table.read([name])
-        except LogError as error:
-            notes.append(str(error))
-            last = error
-    if not data:
-        raise last
-    return data
 
 
 def expression(column: str, factor: str) -> str:

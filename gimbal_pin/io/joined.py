@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.clocks import offset_between
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.io.base import Table
+from gimbal_pin.io.base import Table, readable
 from gimbal_pin.log import Array
 from gimbal_pin.naming import words
 from gimbal_pin.recognise import time_unit
@@ -92,7 +92,7 @@ class JoinedTable:
     def clock(self, first: int, other: int) -> tuple[float, float]:
         """Return factor and offset that turn another table's times into the first's; tell the offset in `notes`."""
         pair = [(self.parts[k], self.times[k]) for k in (first, other)]
-        data = [part.read(part.columns) for part, _ in pair]
+        data = [readable(part)[0] for part, _ in pair]
         times = [one.pop(name) for one, (_, name) in zip(data, pair)]
         scale, its = (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
         factor = 1.0 if its == scale else its / scale
