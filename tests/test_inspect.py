@@ -11,8 +11,11 @@ import pandas
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
-from gimbal_pin import io
+from gimbal_pin import io, text
+from gimbal_pin.errors import GimbalPinError
+from gimbal_pin.io.files import to_json
 from gimbal_pin.io.inspection import expression, inspect
 from gimbal_pin.io.mapping import Source, parse_expression, read_mapping
 from gimbal_pin.recognise import recognise
@@ -104,6 +107,25 @@ def test_an_imus_axes_are_of_the_link_that_is_named_or_of_the_base() -> None:
     mapping = recognise("timestamp", {"timestamp": t, **flown, **head}, TURRET).mapping
     assert [mapping[f"gyro_{TURRET.base}_{a}"][:2] for a in "xyz"] == [(name, "") for name in flown]
     assert [mapping[f"accel_head_mount_{a}"][:2] for a in "xyz"] == [(name, "9.80665") for name in head]
+
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e300, 5e-324])
+HEADS = st.sampled_from(["t", "time_ms", "pos1", "pos2", "vel1", "vel2", "gyro_x", "acc_x", "counts", "x", "iq"])
+
+
+@given(heads=st.lists(HEADS, min_size=2, max_size=8, unique=True), rows=st.integers(1, 30), data=st.data())
+def test_any_numbers_are_described_or_refused(heads: list[str], rows: int, data: st.DataObject, tmp_path: Path) -> None:
+    values = data.draw(hnp.arrays(np.float64, (rows, len(heads)), elements=NUMBERS, fill=NUMBERS))
+    if data.draw(st.booleans()):
+        values[:, 0] = np.arange(rows)
+    np.savetxt(tmp_path / "log.csv", values, delimiter=",", header=",".join(heads), comments="", fmt="%.17g")
+    try:
+        found = inspect(tmp_path / "log.csv", TURRET)
+    except GimbalPinError as error:
+        assert "\n" not in str(error)
+    else:
+        read_mapping([f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()])
+        assert to_json(found.to_dict()) and text.inspected(found)
 
 
 @given(st.text(min_size=1, max_size=30).filter(lambda name: not ("'" in name and '"' in name)),

@@ -29,7 +29,7 @@ def inspect(
     yaml: Annotated[
         Path | None,
         Writes(over=(".yaml", ".yml")),
-        optional("FILE", "write the mapping that is proposed for the first file, to edit and give with --map"),
+        optional("FILE", "write the mapping that is proposed for the first file, to look through and edit"),
     ] = None,
     json: Json = None,
 ) -> None:
@@ -54,6 +54,6 @@ def inspect(
         from gimbal_pin.report.sections.inspection import draw
 
         with replacing(output) as temporary:
-            draw(found[0], temporary, output.name)
+            draw(found[0], temporary)
     result = {"schema": 1, "rig": None if loaded is None else loaded.name, "files": [one.to_dict() for one in found]}
     present("\n\n".join(map(text.inspected, found)), result, json)

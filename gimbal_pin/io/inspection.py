@@ -18,12 +18,14 @@ from gimbal_pin.io.base import Table, listed, readable
 from gimbal_pin.io.formats import open_table
 from gimbal_pin.io.joined import JoinedTable, time_of
 from gimbal_pin.io.mapping import FACTOR
-from gimbal_pin.log import Array
+from gimbal_pin.log import NOTHING, Array
 from gimbal_pin.recognise import Channel, Recognised, recognise
 from gimbal_pin.rig import Rig
 
 PLAIN = re.compile(r"[^\W\d][\w .\[\]]*")
 """Names that an expression of a mapping holds without quotes."""
+HUGE = 1e30
+"""More than any column holds: of nanoseconds since 1970 there are 2e18, of counts a day at 1e5 rad/s 2e14."""
 ROW = "(row)"
 """Stands for the times of a stream that has none: its rows' numbers."""
 
@@ -135,6 +137,9 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
     """Return a table's columns and what they are; what cannot be used is told in `notes`."""
     data, flaws = readable(table)
     notes += flaws
+    # What no machine has in any unit must not overflow in what is made of it.
+    bounded = {name: np.clip(values, -HUGE, HUGE) for name, values in data.items()}
+    data = {name: np.where(np.abs(values) < NOTHING, 0.0, values) for name, values in bounded.items()}
     if odd := [name for name in data if "'" in name and '"' in name]:
         notes.append(f"{table.name}: no mapping can name {listed(odd)}; rename them")
         data = {name: values for name, values in data.items() if name not in odd}

@@ -55,10 +55,10 @@ def channels(found: Inspected) -> plots.Figure:
     return figure
 
 
-def draw(found: Inspected, path: Path, name: str) -> None:
-    """Write the picture alone, in the format of the suffix of `name`."""
+def draw(found: Inspected, path: Path) -> None:
+    """Write the picture alone, in the format of the suffix; PNG where there is none."""
     with style():
         figure = channels(found)
         for axes in figure.axes:
             axes.grid(color="#dde1e6")
-        figure.savefig(path, format=Path(name).suffix[1:].lower(), facecolor="white", dpi=150)
+        figure.savefig(path, format=path.suffix[1:].lower() or "png", facecolor="white", dpi=150)
