@@ -160,14 +160,16 @@ def unzipped(data: bytes, name: str) -> bytes:
     """Return what gzip packed, at most `largest` bytes; other data as they are. `LogError` where it is damaged."""
     if not data.startswith(GZIP):
         return data
+    parts, room = list[bytes](), largest()
     try:
         with gzip.open(io.BytesIO(data)) as file:
-            content = file.read(largest() + 1)
+            while part := file.read(BLOCK):
+                parts.append(part)
+                if (room := room - len(part)) < 0:
+                    raise LogError(name, f"unfolds to more than {largest() / 1e6:.0f} MB", "give a smaller file")
     except (OSError, EOFError, zlib.error) as error:
         raise LogError(name, f"is a damaged gzip file ({error})", "pack it again") from error
-    if len(content) > largest():
-        raise LogError(name, f"unfolds to more than {largest() / 1e6:.0f} MB", "give a smaller file")
-    return content
+    return b"".join(parts)
 
 
 def headed(name: str, data: bytes) -> CsvTable | None:
