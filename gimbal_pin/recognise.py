@@ -44,6 +44,7 @@ RANK = {
 UNITS: Mapping[str, Mapping[str, str]] = {
     "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
                  "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad"},
+    "gyro": {"rad": "rad", "deg": "deg", "dps": "deg"},
     "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "rpm": "rpm", "rps": "turns", "turns": "turns"},
 }  # fmt: skip
 """Words in a name that say its unit."""
@@ -58,11 +59,12 @@ SLOWEST = 5.0
 INTERVALS = 300
 """Over so many intervals rates are added up: each holds noise of the angle twice only."""
 ALIKE = 0.9
-"""Least correlation of an angle's ways with its rate's sums."""
+"""Least correlation of an angle's ways with its rate's sums: in the measured logs of the tests it is over 0.97."""
 NEAR = 0.1
 """Relative error of k up to which it is a ratio of units: slow filters of a rate take some of its size."""
 EXPLAINED = 0.5
-"""Least share of a column that a joint's motion explains for it to be that joint's torque."""
+"""Least share of a column that the joints' motion explains for it to be a torque: in the measured logs of the tests,
+names taken away, torques and currents have 0.79 to 1 (two have 0.45), references and supply voltages 0.36 at most."""
 OFF = 3.0
 """Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
 FAST = 6.0
@@ -331,6 +333,7 @@ def unit_of_angle(guess: Guess, room: float, with_rig: bool) -> None:
         return
     if not guess.unit:
         parts = {unit: turn / step for unit, turn in (("rad", 2 * pi), ("deg", 360.0)) if step}
+        # By chance a step is that near to one of the 19 powers of two in 1 of 3500 logs (2e-4 / log 2).
         exact = [unit for unit, n in parts.items() if any(abs(n / 2**k - 1) < 1e-4 for k in POWERS)]
         goes_on = abs(x[-1] - x[0]) > 0.5 * way
         if exact:
@@ -356,14 +359,13 @@ def unit_of_gyro(guess: Guess, ties: Sequence[Tie], guesses: Mapping[str, Guess]
     tie = next((tie for tie in ties if tie.v == guess.column and guesses[tie.x].kind == "attitude"), None)
     beside = [other for other in guesses.values() if other.kind == "gyro"]
     most = max(float(np.sqrt(np.mean(other.values**2))) for other in beside)
-    if tie is not None and same_unit(tie.ratio) == ("rad", "rad"):
+    if not guess.unit and tie is not None and same_unit(tie.ratio) == ("rad", "rad"):
         guess.unit = guesses[tie.x].unit
         guess.say(f"adds up to '{tie.x}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})")
-    else:
+    elif not guess.unit:
         guess.unit = "deg" if most > FAST else "rad"
-        guess.say(
-            f"the gyro's largest axis has {digits(most, 3)} rms" + (", too fast for rad/s" if most > FAST else "")
-        )
+        fast = ", too fast for rad/s" if most > FAST else ""
+        guess.say(f"the gyro's largest axis has {digits(most, 3)} rms{fast}")
     guess.factor = FACTORS[guess.unit]
 
 
@@ -380,7 +382,7 @@ def quantum(x: Array) -> float:
     distinct = np.unique(x)
     steps = np.diff(distinct)
     steps = steps[steps > 1e-9 * max(np.abs(distinct).max(), 1e-300)]
-    if len(steps) < 5 or len(distinct) > 0.98 * len(x):
+    if len(steps) < 5 or len(distinct) > 0.98 * len(x):  # nearly all values differ: no step shows
         return 0.0
     one = float(np.median(steps[steps <= 1.5 * np.quantile(steps, 0.05)]))
     count = np.round(steps / one)
