@@ -23,7 +23,8 @@ WORDS = {
     "temperature": "temp temps temperature celsius",
     "gyro": "gyr gyro gyros angvel",
     "accel": "acc accel accelerometer",
-    "attitude": "euler rpy quat quaternion orientation attitude",
+    "quaternion": "quat quaternion orientation",
+    "attitude": "euler rpy attitude",
     "torque": "tau torque torques effort trq moment",
     "current": "iq current currents curr amps amp ampere",
     "voltage": "uq ud vsupply voltage volt volts vbus",
@@ -422,8 +423,8 @@ class Assignment:
                 if prefix == "tau" and guess.kind == "current":
                     remark = "a current, A: multiply it by the motor's torque constant, N m per A"
                 found[f"{prefix}_{joint}"] = (column, guess.factor, remark)
-        for kind, axes in (("gyro", "xyz"), ("accel", "xyz")):
-            found |= self.imu(kind, axes)
+        for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
+            found |= self.imu(kind, prefix, axes)
         return found
 
     def joints(self, kind: str, wanted: bool) -> dict[str, str]:
@@ -503,17 +504,17 @@ class Assignment:
             guess.kind = "torque"
         return dict(zip(self.rig.joints, (guess.column for guess in explained)))
 
-    def imu(self, kind: str, axes: str) -> dict[str, tuple[str, str, str]]:
+    def imu(self, kind: str, prefix: str, axes: str) -> dict[str, tuple[str, str, str]]:
         """Return target → column of a sensor of three axes, of the link that its name holds or of the base."""
         found: dict[str, tuple[str, str, str]] = {}
         for guess in self.guesses.values():
             split = words(guess.column)
             last = split[-1] if split else ""
-            axis = axes[int(last)] if last in ("0", "1", "2") else last
+            axis = axes[int(last)] if last in ("0", "1", "2") and len(axes) == 3 else last
             if guess.kind == kind and axis in (*axes,):
                 links = [link for link in self.links if set(words(link)) <= set(split)]
                 link = max(links, key=len, default=self.rig.base)
-                found.setdefault(f"{kind}_{link}_{axis}", (guess.column, guess.factor, guess.reasons[-1]))
+                found.setdefault(f"{prefix}_{link}_{axis}", (guess.column, guess.factor, guess.reasons[-1]))
         ends = {target[:-2] for target in found}
         whole = {end for end in ends if all(f"{end}_{axis}" in found for axis in axes)}
         return {target: found[target] for target in sorted(found) if target[:-2] in whole}

@@ -104,7 +104,9 @@ def test_an_imus_axes_are_of_the_link_that_is_named_or_of_the_base() -> None:
     t, rng = np.arange(0, 10, 0.004), np.random.default_rng(0)
     flown = {f"sensor_combined.gyro_rad[{k}]": rng.normal(size=len(t)) for k in range(3)}
     head = {f"acc_head_mount_{a}": rng.normal(scale=0.1, size=len(t)) + (a == "z") for a in "xyz"}
-    mapping = recognise("timestamp", {"timestamp": t, **flown, **head}, TURRET).mapping
+    turned = {f"head_mount.orientation.{a}": np.full(len(t), 0.5) for a in "xyzw"}
+    mapping = recognise("timestamp", {"timestamp": t, **flown, **head, **turned}, TURRET).mapping
+    assert [mapping[f"quat_head_mount_{a}"][0][-1] for a in "wxyz"] == list("wxyz")
     assert [mapping[f"gyro_{TURRET.base}_{a}"][:2] for a in "xyz"] == [(name, "") for name in flown]
     assert [mapping[f"accel_head_mount_{a}"][:2] for a in "xyz"] == [(name, "9.80665") for name in head]
 
