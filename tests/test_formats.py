@@ -25,12 +25,13 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from gimbal_pin import bench_run, identify, io, nominal
+from gimbal_pin import identify, io, nominal
 from gimbal_pin.errors import GimbalPinError, LogError
 from gimbal_pin.io import apart
 from gimbal_pin.io.base import log_columns
 from gimbal_pin.log import Imu, Log
 from gimbal_pin.rig import Rig
+from tests.bench_logs import prescribed
 from tests.command_line import Run, refused
 from tests.test_io import same
 
@@ -216,7 +217,7 @@ def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(
 
 
 def test_the_same_motion_identifies_the_same_rig(tmp_path: Path) -> None:
-    ran = bench_run(nominal(TURRET), rng=np.random.default_rng(0), seconds=10).part(slice(None, None, 4))
+    ran = prescribed(nominal(TURRET), 1, seconds=10.0, dt=5e-3)
     still = Imu(np.zeros((len(ran), 3)), np.tile([0, 0, 9.81], (len(ran), 1)), np.tile([1.0, 0, 0, 0], (len(ran), 1)))
     columns = log_columns(replace(ran, t=np.round(ran.t, 6), q_ref=None, temperature=None, imus={TURRET.base: still}))
     theta = []

@@ -48,7 +48,8 @@ SHARED = {
 READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
-HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "meshcat", "pandas"}
+HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
+HEAVY |= {"h5py", "rosbags", "pyulog"}
 NAMELESS = {"identification", "planting", "drive", "simulation", "diagnosis"}
 """Verbs that know causes, but none of them by name."""
 
