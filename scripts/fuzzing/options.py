@@ -17,6 +17,7 @@ from tyro.conf import Positional
 from fuzzing.junk import ABSURD, NO_NUMBERS, number, one, text
 
 LINES: Mapping[str, tuple[float, str]] = {
+    "inspect": (10, "log.csv --rig pan.yaml"),
     "rigs": (2, ""),
     "check": (6, "pan.yaml"),
     "base": (6, "pan.yaml"),
@@ -35,7 +36,7 @@ THERE = ("log.csv", "map.yaml", "model.yaml", "controller.yaml", "platform.csv",
 """Files that options may name."""
 LEFT_OUT = {"live", "yes", "force", "jobs"}
 """Options that open a port, allow what would be refused, or start processes."""
-OUTPUTS = ("--output", "--json", "--urdf", "--plot", "--report", "--animation")
+OUTPUTS = ("--output", "--json", "--urdf", "--plot", "--report", "--animation", "--yaml")
 """Options that are written to."""
 
 PATHS = (
@@ -53,6 +54,7 @@ SOUND: Mapping[str, tuple[str, ...]] = {
     "effect": ("cogging:pan:amplitude=0.1,harmonic=12", "delay:pan:time=0.002", "base-tilt:roll=0.02",
     "backlash:pan:gap=0.001", "help"),
     "fault": ("frozen:platform-imu:3:4", "nan:camera-gyro:2", "dropped:3:3.01", "clock:3:-1"),
+    "files": ("log.csv", "log.csv+platform.csv"),
     "map": ("q_pan=q_pan*1", "t=t", "tau_pan=tau_pan/2", "map.yaml", "gyro_base_x=gyro_base_x*pi/180"),
     "holdout": ("last-third", "none", "log:1", "log:2"),
     "controllers": ("pid-world", "computed-torque", "all", "pid-world,switch"),
