@@ -78,7 +78,7 @@ def test_a_ridge_predicts_each_fold_from_the_others(columns: int) -> None:
     rng = np.random.default_rng(3)
     A, X, y = rng.standard_normal((200, 3)), rng.standard_normal((200, columns)), rng.standard_normal(200)
     block, ridge = np.arange(200) // 10, 0.1
-    found = unseen(A, X, y, block, (ridge,)).error
+    found = unseen(A, X, y, block, (ridge,))
     Z = np.hstack([unit(A), unit(X)])
     root = np.sqrt(np.repeat([1e-9, ridge], [3, columns]) * 200)
     for k in range(10):

@@ -16,7 +16,7 @@ from gimbal_pin.recognise import time_unit
 
 TIMES = ("t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit")
 """Words of which one stands in the name of a column of times."""
-HOLE = 10.0
+TORN = 10.0
 """Median intervals of a table from which on there is nothing between two of its samples: what a line would invent."""
 
 
@@ -111,5 +111,5 @@ def between(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     if len(own) < 2:
         return np.isin(t, own)
     width = own[after] - own[after - 1]
-    near = (width <= HOLE * np.median(np.diff(own))) | np.isin(t, own)
+    near = (width <= TORN * np.median(np.diff(own))) | np.isin(t, own)
     return near & (t >= own[0]) & (t <= own[-1])

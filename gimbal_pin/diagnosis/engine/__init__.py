@@ -5,8 +5,9 @@
 - `whitening`: rows whitened by other gains, without another pass over the log.
 - `discrepancy`: δ, and how much of a residual it predicts where it has seen nothing.
 - `noise`: the spectrum of n, from what no function of the state predicts.
-- `alignment`: when the measured torque acts.
+- `alignment`: when each joint's measured torque acts.
 - `selection`: which causes, forward and backward with a beam, by one criterion.
+- `prediction`: what a model predicts of blocks that it has not seen.
 - `rivals`: which causes the log does not part from those.
 - `explained`: all of it, for some logs.
 """

@@ -29,18 +29,6 @@ ANGLES, RATES, TORQUES, TIMES, OTHERS = 24, 12, 10, 6, 7
 """Bumps over each variable: a turn in steps of 15°; drift slower than a tenth of the log; another joint's motion."""
 
 
-class Unseen(NamedTuple):
-    """Errors of prediction on blocks that were left out.
-
-    Attributes:
-        error: Each row's, (rows,).
-        ridge: The ridge that was taken.
-    """
-
-    error: Array
-    ridge: float
-
-
 def bumps(values: Array, knots: Array) -> Array:
     """``exp(-(x - k)²/2 w²)``, w the distance between knots, (rows, knots)."""
     width = np.maximum(np.gradient(knots), 1e-12)
@@ -78,8 +66,10 @@ def rates(evidence: Evidence, joint: int) -> list[Array]:
 
 def unseen(
     free: Array, flexible: Array, target: Array, block: Array | NDArray[np.intp], ridges: Sequence[float] = RIDGES
-) -> Unseen:
-    """Predict each fold of blocks from the others: free columns without a penalty, flexible ones with a ridge.
+) -> Array:
+    """Return the errors, (rows,), of predicting each fold of blocks from the others: free columns without a penalty.
+
+    Flexible ones have a ridge, the one that predicts best.
 
     ``θ_k = argmin ‖y - A θ_a - X θ_x‖² + λ N ‖θ_x‖²`` on all but fold k, the columns of unit power: the errors there
     are ``(I - H_kk)⁻¹ (y - ŷ)_k`` of the fit to all (Cook and Weisberg, Residuals and Influence, 1982).
@@ -95,7 +85,7 @@ def unseen(
     Z, fold = np.concatenate([A, X], axis=1), block % FOLDS
     gram, moment = Z.T @ Z, Z.T @ target
     parts = [rows for k in range(FOLDS) if (rows := fold == k).any()]
-    found = []
+    found: list[Array] = []
     for ridge in ridges:
         penalty = np.repeat([1e-9, ridge], [A.shape[1], X.shape[1]]) * len(target)
         factor = cho_factor(gram + np.diag(penalty))
@@ -103,8 +93,8 @@ def unseen(
         error = np.empty(len(target))
         for rows in parts:
             error[rows] = np.linalg.solve(np.eye(rows.sum()) - Z[rows] @ inside[:, rows], left[rows])
-        found.append(Unseen(error, ridge))
-    return min(found, key=lambda one: float(one.error @ one.error))
+        found.append(error)
+    return min(found, key=lambda one: float(one @ one))
 
 
 def unit(columns: Array) -> Array:
@@ -146,6 +136,6 @@ def lack_of_fit(state: State, joint: int) -> Lack:
         return Lack(0.0, 0.0)
     residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))
     flexible = np.concatenate([stack, features(evidence, state.torque, joint)], axis=1)
-    error = unseen(stack[:, :0], flexible, residual, evidence.block).error
+    error = unseen(stack[:, :0], flexible, residual, evidence.block)
     share = 1.0 - float(error @ error) / max(float(residual @ residual), 1e-300)
     return Lack(share, max(share, 0.0) * float(np.mean(residual**2)) / used)

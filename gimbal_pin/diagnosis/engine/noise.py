@@ -57,7 +57,7 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
             rows, used = fitted.fit.rows(j), float(now.evidence.used()[j])
             stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
             flexible = [rewhitened(own[j], evidence, now.evidence, j), features(now.evidence, fitted.torque, j)]
-            error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block).error
+            error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block)
             asked = evidence.whiten([x[:, j] for x in fitted.torque], j)
             form = spectra(asked, evidence, j, np.mean)
             noise = spectra(error, now.evidence, j, exponential)

@@ -16,11 +16,11 @@ from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Array
 
 
-def predicted(state: State) -> Array:
+def overfit(state: State) -> Array:
     """Return each joint's residual on blocks that were left out over that of the fit to all, power over power, (n,)."""
     fit = state.fit
     columns = [fit.stacked(tangent[:, :, None]) for cause in state.causes for tangent in tangents(state, cause)]
-    error = unseen(np.concatenate([fit.stack, *columns], axis=1), fit.stack[:, :0], fit.target, fit.block, (1.0,)).error
+    error = unseen(np.concatenate([fit.stack, *columns], axis=1), fit.stack[:, :0], fit.target, fit.block, (1.0,))
     joints = [fit.rows(j) for j in range(len(fit.scale))]
     power = [(float(error[k] @ error[k]), float(fit.residual[k] @ fit.residual[k])) for k in joints]
     return np.array([after / max(before, 1e-300) for after, before in power])

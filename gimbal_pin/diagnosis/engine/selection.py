@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.engine.prediction import predicted
+from gimbal_pin.diagnosis.engine.prediction import overfit
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import all_gained
@@ -121,7 +121,7 @@ def better(state: State, other: State, search: Search) -> bool:
     """Whether a model is better than another by the threshold: in its fit, and on blocks that the fit has not seen."""
     if criterion(other) - criterion(state) < search.threshold:
         return False
-    foreseen = [rows(one) @ np.log(dispersion(one) * predicted(one)) for one in (state, other)]
+    foreseen = [rows(one) @ np.log(dispersion(one) * overfit(one)) for one in (state, other)]
     return bool(foreseen[1] - foreseen[0] >= search.threshold)
 
 

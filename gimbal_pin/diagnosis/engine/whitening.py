@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.evidence import Evidence, Part, band_edge
 from gimbal_pin.diagnosis.state import Problem
 from gimbal_pin.log import Array
@@ -51,14 +50,6 @@ def rewhitened(rows: Array, old: Evidence, new: Evidence, joint: int) -> Array:
         ratio[: len(was)] = np.divide(now, was, out=np.zeros_like(now), where=was > 0)
         out.append(fft.irfft(own * (ratio[:, None] if own.ndim == 2 else ratio), before.rows, axis=0))
     return np.concatenate(out)
-
-
-def rewhitened_columns(columns: Columns, old: Evidence, new: Evidence) -> Columns:
-    """Return a cause's columns that `old` has whitened, as `new` whitens them."""
-    if columns.joint is not None:
-        return replace(columns, own=rewhitened(columns.own, old, new, columns.joint))
-    each = [rewhitened(columns.own[:, j], old, new, j) for j in range(columns.own.shape[1])]
-    return replace(columns, own=np.stack(each, axis=1))
 
 
 def rewhitened_problem(problem: Problem, new: Evidence) -> Problem:
