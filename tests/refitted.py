@@ -1,4 +1,4 @@
-"""The refitted model of a log of some terms: where a search begins."""
+"""The refitted model of a log of some terms: where the search begins."""
 
 from __future__ import annotations
 

@@ -10,11 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
-from gimbal_pin.diagnosis.alternatives import widened
 from gimbal_pin.diagnosis.clusters import BINS, beyond, binned, clustered, clusters, covariance
 from gimbal_pin.diagnosis.diagnose import BAND
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import Cause
@@ -40,7 +38,6 @@ def orthonormal(seed: int, rows: int, width: int) -> Array:
 RIG = Rig.load("turret")
 COGGING, UNEVEN = Cogging("pan", (6.0,)), AsymmetricFriction("pan")
 PLANTED = {"amplitude": 0.05, "coulomb": 0.02}
-STIFFNESS = 0.05
 
 
 @pytest.fixture(scope="module")
@@ -127,16 +124,6 @@ def test_planted_figures_lie_in_their_intervals_over_several_seeds(log: Log) -> 
 def test_of_two_shapes_of_which_only_the_product_matters_neither_has_a_deviation(log: Log) -> None:
     said = told(fitted(log, Backlash("pan", 0.01, 1e-3, 0.2)))
     assert np.isnan(said["gap"].std) and np.isnan(said["inertia"].std) and said["rotor_share"].std > 0
-
-
-def test_a_linear_spring_is_as_unsure_as_the_stiffening_one_that_would_do_as_well(log: Log) -> None:
-    state = fitted(log, COGGING, UNEVEN, CableSpring("tilt"))
-    shelf = Library(state.problem, [CableSpring("tilt"), CableSpring("tilt", stiffening=True)])
-    alone = parameters(state, state.causes[-1])
-    both = widened(state, state.causes[-1], alone, shelf)
-    stiffness = next(p for p in both if p.name == "stiffness")
-    assert abs(alone[0].value - STIFFNESS) > 1.96 * alone[0].std and alone[0].name == "stiffness"
-    assert abs(stiffness.value - STIFFNESS) < 1.96 * stiffness.std < 2 * stiffness.value
 
 
 def test_clusters_label_every_row(log: Log) -> None:

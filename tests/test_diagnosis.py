@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from gimbal_pin.diagnosis.diagnose import unjudged
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
-from gimbal_pin.diagnosis.score import chance
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError
@@ -103,21 +102,6 @@ def test_mixed_torque_lies_between_its_sources(evidence: Evidence) -> None:
         assert np.all((part.trust >= 0) & (part.trust <= 1))
 
 
-@pytest.mark.parametrize(("width", "blocks"), [(1, 20), (2, 40), (4, 40)])
-def test_chance_is_uniform_under_noise(width: int, blocks: int) -> None:
-    """Hotelling's T² of pure noise: its chances are uniform, a hundredth of them under a hundredth."""
-    rng = np.random.default_rng(0)
-    x = rng.standard_normal((20_000, blocks, width))
-    s = x.sum(axis=1)
-    centred = x - x.mean(axis=1, keepdims=True)
-    scatter = np.einsum("tbi,tbj->tij", centred, centred)
-    p = np.asarray(
-        chance(np.einsum("ti,tij,tj->t", s, np.linalg.inv(scatter), s) * (blocks - 1) / blocks, width, blocks)
-    )
-    assert np.mean(p) == pytest.approx(0.5, abs=0.01)
-    assert np.mean(p < 0.01) == pytest.approx(0.01, abs=0.003)
-
-
 def test_inertias_that_no_body_has_are_not_simulated(rig: Rig, evidence: Evidence) -> None:
     """What slow motion makes of an inertia that it does not show may be negative: that denies no cause."""
     sound, absurd = (Extended(nominal(rig.with_phi(size * rig.phi))) for size in (1.0, -0.2))
@@ -140,31 +124,44 @@ def test_nothing_is_found_where_nothing_is(nothing: Diagnosis) -> None:
     assert found.baseline == found.extended
 
 
-DRIVE = ("actuator-lag", "delay", "joint-flexibility", "backlash", "armature", "torque-gain", "saturation")
 FRICTION = (*(name for name in CAUSES if "friction" in name), "stribeck", "presliding", "torque-bias")
+ANGLE = ("cogging", "cable-spring", "torque-ripple", "position-dependent-friction")
 PLANTED: list[tuple[tuple[str, ...], Iterable[str]]] = [
     (("cogging:pan:amplitude=0.02,harmonic=14", "stribeck:tilt:extra=0.03,speed=0.2"), CAUSES),
     (
         ("position-dependent-friction:pan:amplitude=0.02,harmonic=3", "dead-zone:tilt:width=0.02"),
-        (*FRICTION, "cogging", "cable-spring", "dead-zone", "backlash"),
+        ("position-dependent-friction", "load-dependent-friction", "cogging", "dead-zone"),
     ),
-    (("actuator-lag:tilt:time_constant=0.012",), DRIVE),
+    (("actuator-lag:tilt:time_constant=0.012",), ("actuator-lag", "delay", "saturation")),
     (("load-dependent-friction:tilt:mu=0.1",), FRICTION),
+    (("saturation:pan:limit=0.45",), ("saturation", "dead-zone", "torque-gain")),
+    (("saturation:pan:limit=0.55",), ("saturation", "dead-zone")),
+    (("torque-ripple:tilt:amplitude=0.3,harmonic=9",), ("torque-ripple", "cogging", "saturation")),
 ]
-"""What one log hides, a cause a joint, and among which it is looked for: all, or its kin, which are its rivals."""
-IDS = [" and ".join(text.split(":")[0] for text in texts) for texts, _ in PLANTED]
+"""What one log hides, and among which it is looked for: all, or its kin, which are its rivals."""
+MISSED = [
+    pytest.param((text,), causes, marks=pytest.mark.xfail(reason=told, strict=True))
+    for text, causes, told in (
+        (
+            "backlash:pan:gap=0.02,inertia=0.005,rotor_share=0.3",
+            ("backlash", "delay", "dead-zone"),
+            "a delay of 17 ms and a dead-zone, both named",
+        ),
+    )
+]
+"""The same, of which something else is told."""
+IDS = [" and ".join(row[0]) for row in (*PLANTED, *(one.values for one in MISSED))]
 
 
-@pytest.mark.parametrize(("texts", "causes"), PLANTED, ids=IDS)
+@pytest.mark.parametrize(("texts", "causes"), [*PLANTED, *MISSED], ids=IDS)
 def test_what_is_planted_is_found(rig: Rig, motion: Motion, texts: tuple[str, ...], causes: Iterable[str]) -> None:
-    """The right name, or a class that holds it; its figures within four deviations or a tenth; a gain."""
+    """The right name, or a class that holds it, and no other; its figures within four deviations or a tenth; a gain."""
     found = said(rig, recorded(rig, motion, texts, seed=2), causes)
-    assert found.verdict in ("named", "ambiguous")
-    assert found.findings[0].joint in {text.split(":")[1] for text in texts}
+    assert found.verdict in ("named", "ambiguous") and len(found.findings) == len(texts)
     for text in texts:
         cause, joint, figures = text.split(":")
-        first = next(one for one in found.findings if one.joint == joint)
-        assert cause in first.alike
+        own = [one for one in found.findings if one.joint == joint and cause in one.alike]
+        first = min(own, key=lambda one: one.alike.index(cause))
         assert first.gain["torque_rmse_after"] < 0.8 * first.gain["torque_rmse_before"]
         assert first.gain["rollout_rmse_after"] < 1.05 * first.gain["rollout_rmse_before"]
         if first.cause == cause:
@@ -172,6 +169,82 @@ def test_what_is_planted_is_found(rig: Rig, motion: Motion, texts: tuple[str, ..
             for parameter in (p for p in first.parameters if p.name in true):
                 away = abs(parameter.value - true[parameter.name])
                 assert away < max(4 * np.nan_to_num(parameter.std), 0.1 * true[parameter.name])
+
+
+def test_a_difference_that_sets_in_with_the_rate_is_found_and_nothing_beside_it(rig: Rig, motion: Motion) -> None:
+    text = "asymmetric-friction:pan:coulomb=0.05,speed=0.3"
+    found = said(rig, recorded(rig, motion, (text,), seed=2), ("asymmetric-friction", "torque-gain"))
+    assert [(one.joint, "asymmetric-friction" in one.alike) for one in found.findings] == [("pan", True)]
+
+
+@pytest.mark.xfail(reason="drag 0.1115 ± 0.0021 at a power of 1.5: the power has no deviation", strict=True)
+def test_a_drag_is_found_beside_stribecks_friction_with_its_power(rig: Rig, motion: Motion) -> None:
+    texts = ("stribeck:tilt:extra=0.1,speed=0.25", "quadratic-drag:tilt:drag=0.06,power=1.75")
+    found = said(rig, recorded(rig, motion, texts, seed=2), ("stribeck", "quadratic-drag"))
+    assert {one.cause for one in found.findings} == {"stribeck", "quadratic-drag"}
+    (drag,) = (p for one in found.findings for p in one.parameters if p.name == "drag")
+    assert abs(drag.value - 0.06) < 4 * drag.std
+
+
+def test_a_base_that_leans_about_both_axes_is_one_finding(rig: Rig, motion: Motion) -> None:
+    found = said(rig, recorded(rig, motion, ("base-tilt:roll=0.02,pitch=0.012",), seed=2), ("base-tilt", "cogging"))
+    assert [(one.cause, one.joint) for one in found.findings] == [("base-tilt", None)]
+    figures = {p.name: p.value for p in found.findings[0].parameters}
+    assert figures["roll"] == pytest.approx(0.02, abs=1e-3) and figures["pitch"] == pytest.approx(0.012, abs=1e-3)
+
+
+def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
+    """``g`` at one joint and ``1/g`` at all others are the same log: the fewest are told."""
+    rig = Rig.load("thesis")
+    plant = plant_with(nominal(rig), [parse_effect("torque-gain:tilt:gain=0.8", rig)]).plant
+    log = prescribed(plant, seconds=16.0, torque_noise=0.01, dt=0.002)
+    few = {name: CAUSES[name] for name in ("torque-gain", "armature")}
+    found = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0))
+    assert [(one.cause, one.joint) for one in found.findings] == [("torque-gain", "tilt")]
+    assert found.findings[0].parameters[0].value == pytest.approx(0.8, abs=0.01)
+
+
+# what no rig knows of: the unit, and how loud a sensor is
+
+
+FEW = ("cogging", "stribeck", "torque-bias", "cable-spring")
+
+
+@pytest.fixture(scope="module")
+def cogged(rig: Rig, motion: Motion) -> Log:
+    return recorded(rig, motion, ("cogging:pan:amplitude=0.02,harmonic=14",), seed=3)
+
+
+@pytest.fixture(scope="module")
+def plainly(rig: Rig, cogged: Log) -> Diagnosis:
+    return said(rig, cogged, FEW)
+
+
+def test_the_unit_of_torque_changes_no_finding(rig: Rig, cogged: Log, plainly: Diagnosis) -> None:
+    other = said(rig, replace(cogged, tau=8.0 * np.asarray(cogged.tau)), FEW)
+    assert [(one.cause, one.joint, one.status) for one in plainly.findings] == [("cogging", "pan", "named")]
+    assert [(one.cause, one.joint, one.status) for one in other.findings] == [("cogging", "pan", "named")]
+    for one, scaled in zip(plainly.findings[0].parameters, other.findings[0].parameters):
+        factor = 8.0 if one.unit == "N m" else 1.0
+        assert scaled.value == pytest.approx(factor * one.value, rel=0.01, abs=0.01)
+
+
+def test_more_noise_makes_nobody_surer(rig: Rig, cogged: Log, plainly: Diagnosis) -> None:
+    """Names go, and none come; deviations and what would be found grow."""
+    noise, tau = np.random.default_rng(9).standard_normal(cogged.q.shape), np.asarray(cogged.tau)
+    before, names = plainly, {(one.cause, one.joint) for one in plainly.findings}
+    for size in (0.02, 0.5):
+        found = said(rig, replace(cogged, tau=tau + size * noise), FEW)
+        own = {(one.cause, one.joint) for one in found.findings}
+        assert own <= names
+        assert all(found.detection_limit[joint] > before.detection_limit[joint] for joint in rig.joints)
+        for one in found.findings:
+            assert one.parameters[0].std > before.findings[0].parameters[0].std
+        before, names = found, own
+    assert not names
+
+
+# what cannot be told
 
 
 def test_bias_and_asymmetric_friction_are_one_class(rig: Rig, motion: Motion) -> None:
@@ -182,36 +255,74 @@ def test_bias_and_asymmetric_friction_are_one_class(rig: Rig, motion: Motion) ->
     assert found.findings[0].next_experiment
 
 
-@pytest.mark.parametrize(
-    ("planted", "rivals"),
-    [
-        ("torque-bias:pan:bias=0.03", ("torque-bias", "base-tilt", "cable-spring")),
-        ("torque-bias:tilt:bias=0.05", ("torque-bias", "asymmetric-friction")),
-    ],
-)
-def test_what_agrees_within_a_third_of_a_radian_is_not_told_apart(
-    rig: Rig, planted: str, rivals: tuple[str, ...]
-) -> None:
-    """A leaning base is as good as a constant there, whatever joint it acts at, and gravity hides most of a bias."""
+@pytest.mark.parametrize("planted", ["torque-bias:pan:bias=0.03", "torque-bias:tilt:bias=0.05"])
+def test_what_a_small_motion_hides_is_told_as_a_class_or_as_untestable(rig: Rig, planted: str) -> None:
+    """Within a third of a radian gravity hides most of a bias."""
     motion = fourier(rig, 0, 15.0, DT)
     middle = motion.q.mean(axis=0)
     size = 0.3 / np.abs(motion.q - middle).max(axis=0)
     small = Motion(motion.t, (motion.q - middle) * size, motion.v * size, motion.a * size)
-    log = recorded(rig, small, (planted,), seed=0)
-    found = said(rig, log, rivals)
-    assert found.verdict == "ambiguous"
-    assert set(rivals[:2]) <= set(found.findings[0].alike)
+    rivals, joint = ("torque-bias", "asymmetric-friction", "base-tilt", "cable-spring"), planted.split(":")[1]
+    found = said(rig, recorded(rig, small, (planted,)), rivals)
+    assert not any(one.status == "named" for one in found.findings)
+    classes = [one.alike for one in found.findings if one.joint in (joint, None)]
+    hidden = {(row.cause, row.joint) for row in found.untestable}
+    assert any("torque-bias" in alike for alike in classes) or ("torque-bias", joint) in hidden
 
 
-def test_foreign_torque_is_unknown(rig: Rig, motion: Motion) -> None:
-    """A resonance that no cause of the library makes: unknown, and said to be structured."""
-    log = recorded(rig, motion, seed=8)
-    t = log.t
-    slosh = 0.3 * np.sin(2 * np.pi * 3.1 * t + 4 * np.sin(0.7 * t))
-    foreign = replace(log, tau=np.asarray(log.tau) + np.stack([slosh, 0 * slosh], axis=1))
-    found = said(rig, foreign)
-    assert not any(f.status == "named" for f in found.findings)
-    assert found.residual["pan"].state == "structured"
+@pytest.fixture(scope="module")
+def other(rig: Rig, motion: Motion) -> Log:
+    return recorded(rig, motion, seed=8)
+
+
+def slosh(log: Log) -> Array:
+    """A resonance that wanders."""
+    return np.asarray(0.3 * np.sin(2 * np.pi * 3.1 * log.t + 4 * np.sin(0.7 * log.t)))
+
+
+def hum(log: Log) -> Array:
+    """A tone that has nothing to do with the motion."""
+    return np.asarray(0.1 * np.std(log.tau[:, 0]) * np.sin(2 * np.pi * 7.3 * log.t))  # type: ignore[index]
+
+
+def knock(log: Log) -> Array:
+    """A blow every 1.7 s that rings at 5 Hz and dies away."""
+    since = log.t % 1.7
+    return np.asarray(np.std(log.tau[:, 0]) * np.exp(-since / 0.1) * np.sin(2 * np.pi * 5 * since))  # type: ignore[index]
+
+
+def beat(log: Log) -> Array:
+    """A gain that swings over some seconds."""
+    return np.asarray(0.3 * np.sin(2 * np.pi / 6.0 * log.t) * log.tau[:, 0])  # type: ignore[index]
+
+
+def jumps(log: Log) -> Array:
+    """A torque that jumps at times of its own, with some of every harmonic."""
+    times = np.cumsum(np.random.default_rng(0).exponential(0.4, 200))
+    return np.asarray(0.1 * (-1.0) ** np.searchsorted(times, log.t))
+
+
+NAMED_WRONGLY = [pytest.param(beat, marks=pytest.mark.xfail(reason="pan: saturation, named", strict=True))]
+
+
+@pytest.mark.parametrize("foreign", [hum, knock, slosh, jumps, *NAMED_WRONGLY])
+def test_what_the_library_does_not_have_gets_no_name_of_it(
+    rig: Rig, other: Log, foreign: Callable[[Log], Array]
+) -> None:
+    tau = np.array(other.tau)
+    tau[:, 0] += foreign(other)
+    found = said(rig, replace(other, tau=tau), ("saturation", "delay", *FEW))
+    assert not found.findings and found.verdict in ("nothing", "unknown")
+    assert found.residual["tilt"].state == "noise"
+
+
+def test_a_stop_that_rubs_has_at_most_its_pull_named(rig: Rig, other: Log) -> None:
+    """Of a stiff cable with friction in proportion to its pull nobody may take the friction for a bearing's."""
+    q, v = other.q[:, 0], np.asarray(other.v)[:, 0]
+    push = 0.3 * np.maximum(q - 0.1, 0.0) * (1 + 0.5 * np.sign(v))
+    rubbed = replace(other, tau=np.asarray(other.tau) + np.stack([push, 0 * push], axis=1))
+    found = said(rig, rubbed, ("cable-spring", "position-dependent-friction", "load-dependent-friction"))
+    assert all("cable-spring" in one.alike for one in found.findings if one.status == "named")
 
 
 def test_json_holds_what_others_read(nothing: Diagnosis) -> None:

@@ -736,3 +736,15 @@ def test_shapes_out_of_bounds_and_foreign_files_are_refused() -> None:
 def test_a_link_that_swings_slower_than_any_resonance_swings_at_the_slowest() -> None:
     """A rotor of next to nothing of a slow joint: the search may try it, and no bound of the link's stops it."""
     assert JointFlexibility("tilt", 0.6, 0.01, 0.01).held.frequency == JointFlexibility.shapes[0].lower
+
+
+def test_planted_bristles_are_the_joints_dry_friction() -> None:
+    rig, joint = Rig.load("turret"), "pan"
+    plain = nominal(rig)
+    plant = plant_with(plain, [Term(Presliding(joint, 0.02), (0.1,))]).plant
+    coulomb, before = (
+        {t.effect.joint: t.values[0] for t in model.terms if isinstance(t.effect, Coulomb)} for model in (plant, plain)
+    )
+    assert coulomb == {**before, joint: 0.0} and before[joint] > 0
+    none = plant_with(plain, [Term(Presliding(joint, 0.02), (0.0,))]).plant
+    assert none.terms[: 2 * rig.n] == plain.terms

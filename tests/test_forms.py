@@ -1,8 +1,9 @@
-"""Laws of forms beyond a cause's first: gains of one direction, ripple of many poles, large turns, angles not seen."""
+"""Laws of forms beyond a cause's first: gains of one direction, ripple of many poles, large turns, slack cables."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,13 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import BAND
-from gimbal_pin.diagnosis.confirmed import familiar
-from gimbal_pin.diagnosis.contenders import contenders, net
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, settled
 from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library, library
-from gimbal_pin.diagnosis.shapes import measure, moved, refined, shape_names, worth
+from gimbal_pin.diagnosis.shapes import free, moved, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, consistent, sized, solved, without
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
@@ -41,6 +40,7 @@ from gimbal_pin.model import Model, nominal
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
+from tests.candidates import measure, refined, worth
 
 ALIGNED = replace(BAND, alignment=0.0)
 SEEN = Seen(60.0, 0.002, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
@@ -112,7 +112,8 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
     grid = [cause for cause in library(found.problem, kinds) if cause not in tooth.above()]
-    assert contenders(found, Library(found.problem, grid))[0][1] == second
+    shown = [one.cause for one in Library(found.problem, grid).columns(found)]
+    assert second in shown and max(shown, key=partial(worth, found)) == second
     assert not [one for one in Library(found.problem, grid).columns(without(found, tooth)) if one.cause == second]
     assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
 
@@ -143,11 +144,11 @@ ANY_LOG = st.builds(
 @pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not kind.of_given_model))
 @given(seen=ANY_LOG, factor=st.floats(1e-9, 1e9))
 def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(name: str, seen: Seen, factor: float) -> None:
-    """Nor moved there, nor in another form: a cause outside its bounds is refused with figures that nobody gave."""
+    """Nor moved there: a cause outside its bounds is refused with figures that nobody gave."""
     tried = CAUSES[name].tried("pan", seen)
     for cause in (*tried[:: max(1, len(tried) // 8)], *tried[-1:]):
         moves = [cause.moved(shape, factor * getattr(cause, shape)) for shape in shape_names(cause)]
-        assert all(one.name == name for one in (*moves, *cause.akin(seen), cause.plain(), cause.mirrored()))
+        assert all(one.name == name for one in moves)
 
 
 @pytest.mark.parametrize("peak", [1.2, 4.0, 40.0])
@@ -246,18 +247,17 @@ def test_a_switch_is_found_from_a_gap_that_is_none(start: DeadZone) -> None:
     assert best.width == pytest.approx(low, rel=0.01)
 
 
-def test_what_the_fit_has_never_seen_denies_nothing() -> None:
-    """Held-out angles beyond the trained ones are left out where they are many, and all is kept where they are few."""
-    whole = evidence(nominal(RIG))
-    (part,) = whole.parts
-    q = part.channels.q[:, 0]
-    half = whole.parts[0]._replace(channels=part.channels._replace(q=np.minimum(part.channels.q, np.median(q))))
-    known = familiar(whole, replace(whole, parts=(half,)))
-    beyond = q > np.median(q)
-    assert not np.any(known.parts[0].gate[beyond, 0]) and known.parts[0].channels.lost is not None
-    np.testing.assert_array_equal(known.parts[0].gate[~beyond, 0], part.gate[~beyond, 0])
-    np.testing.assert_array_equal(known.parts[0].channels.lost[beyond], True)
-    assert familiar(whole, whole) is whole
+@pytest.mark.parametrize("cause", [EncoderOffset(RIG.joints[1], 1e-3), BaseTilt(1e-3, 0.0), BaseTilt(0.0, 1e-3)])
+def test_a_rig_is_changed_within_its_bounds(cause: EncoderOffset | BaseTilt) -> None:
+    columns = fitted(nominal(RIG)).columns(cause)
+    shape = cause.shapes[0]
+    assert columns.lower.tolist() == [shape.lower] and columns.upper.tolist() == [shape.upper]
+
+
+@pytest.mark.parametrize(("given", "side"), [("", 0), (",side=1", 1), (",side=-1", -1), (",side=0", 0)])
+def test_the_side_of_a_limit_can_be_planted(given: str, side: int) -> None:
+    planted = parse_effect(f"saturation:tilt:limit=0.5{given}", RIG)
+    assert planted == Saturation("tilt", 0.5, side)
 
 
 @pytest.mark.parametrize(("knee", "side"), [(1.5, 0), (2.0, 0), (2.0, 1), (4.0, -1)])
@@ -274,12 +274,6 @@ def test_a_soft_limit_is_a_clip_that_begins_early(knee: float, side: int) -> Non
     within = np.abs(y) < 0.49
     np.testing.assert_allclose([soft.command(one) for one in y[within].tolist()], x[within], rtol=1e-9, atol=1e-12)
     assert Saturation("tilt", 0.5, side, 20.0).passed(0.2) == pytest.approx(clip.passed(0.2), rel=1e-6)
-
-
-def test_a_soft_limit_sags_by_what_its_limit_takes() -> None:
-    soft, x, step = Saturation("tilt", 0.5, 0, 2.0), np.linspace(-3.0, 3.0, 61), 1e-6
-    slope = (np.asarray(replace(soft, limit=0.5 + step).passed(x)) - np.asarray(soft.passed(x))) / step
-    np.testing.assert_allclose(soft.sagging(x, np.ones_like(x)), np.abs(slope), atol=1e-5)
 
 
 def growing(joint: str, stiffness: float, rest: float, growth: float) -> Term:
@@ -306,6 +300,11 @@ def test_a_pull_that_grows_is_found_where_powers_of_the_angle_are_hidden_by_the_
     found = [(worth(state, at := refined(state, one)), at) for one in CableSpring.tried(joint, seen)]
     best = max(found, key=lambda row: row[0])[1]
     assert isinstance(best, CableSpring) and best.growth == pytest.approx(0.12, rel=0.05)
+
+
+def net(state: State, cause: Cause) -> float:
+    """What a cause gains, in units of the noise, less what its parameters gain by luck."""
+    return worth(state, cause) - free(cause) * float(np.log(state.problem.evidence.rows))
 
 
 def slack(joint: str, above: float, below: float, upper: float, lower: float) -> Term:
@@ -338,7 +337,7 @@ def test_where_a_cable_comes_taut_is_found(joint: int, above: float, below: floa
     state = fitted(Model(RIG, (term,)))
     seen = state.problem.evidence.seen[joint]
     tried = [refined(state, one) for one in CableSpring.tried(term.effect.joint, seen)]
-    best = max(tried, key=lambda one: net(measure(state, one), one))
+    best = max(tried, key=partial(net, state))
     assert isinstance(best, CableSpring) and isinstance(term.effect, CableSpring) and best.taut == term.effect.taut
     assert (best.upper, best.lower) == pytest.approx((term.effect.upper, term.effect.lower), abs=0.02)
     assert measure(state, best).beta == pytest.approx(term.values, rel=0.1)
@@ -351,7 +350,7 @@ def test_a_spring_that_is_never_slack_is_not_told_as_one_that_is(given: str) -> 
     assert isinstance(term, Term)
     state = fitted(Model(RIG, (term,)))
     tried = [refined(state, one) for one in CableSpring.tried(joint, state.problem.evidence.seen[0])]
-    best = max(tried, key=lambda one: net(measure(state, one), one))
+    best = max(tried, key=partial(net, state))
     assert isinstance(best, CableSpring) and not best.taut
 
 

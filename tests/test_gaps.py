@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from math import sqrt
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.gaps import flown
-from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.search import forward
-from gimbal_pin.diagnosis.shapes import worth
+from gimbal_pin.diagnosis.gaps import axes, flown
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
@@ -28,6 +27,7 @@ from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import simulate
 from gimbal_pin.tuning import tune
 from tests.bench_logs import fourier
+from tests.candidates import refined, worth
 
 RIG = Rig.load("turret")
 JOINT = RIG.joints[-1]
@@ -97,8 +97,8 @@ def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(3), drive=(true,))
     first = plain(replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape)))
     assert np.max(first.fit.dispersion) > 10
-    shelf = Library(first.problem, Backlash.tried(true.joint, first.problem.evidence.seen[0]))
-    found = forward(first, shelf).causes[0]
+    tried = Backlash.tried(true.joint, first.problem.evidence.seen[0])
+    found = refined(first, max(tried, key=partial(worth, first)))
     assert isinstance(found, Backlash) and not found.rotor_share
     # What the rotor crosses under a torque goes by their product alone.
     assert found.gap * found.inertia == pytest.approx(true.gap * true.inertia, rel=0.02)
@@ -109,6 +109,16 @@ def test_flanks_that_nothing_comes_of_are_refused() -> None:
         parse_effect(f"backlash:{JOINT}:gap=0.02,inertia=0.01,flank=8", RIG)
     made = parse_effect(f"backlash:{JOINT}:gap=0.02,inertia=0.01,flank=8,rotor_share=0.3", RIG)
     assert isinstance(made, Backlash) and made.springy
+
+
+def test_a_round_rotor_is_felt_along_the_axes_of_what_carries_it() -> None:
+    q = np.random.default_rng(0).uniform(-1, 1, (20, RIG.n))
+    for j in range(RIG.n):
+        found, data = axes(RIG, q, j), RIG.model.createData()
+        for angles, row in zip(q, found):
+            jacobian = pin.computeJointJacobians(RIG.model, data, angles)[3:]
+            np.testing.assert_allclose(row[: j + 1], (jacobian.T @ jacobian[:, j])[: j + 1], atol=1e-9)
+            np.testing.assert_allclose(row[j + 1 :], 0.0, atol=1e-9)
 
 
 def plain(log: Log) -> State:

@@ -1,25 +1,15 @@
-"""Laws of what used to lose true causes: short strokes, short delays, warm friction, gaps at rest, bent springs."""
+"""Laws of what is easily lost: short strokes, short delays, warm friction, gaps at rest."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import verdict
-from gimbal_pin.diagnosis.contenders import outbends, swells
-from gimbal_pin.diagnosis.score import NOTHING
-from gimbal_pin.diagnosis.search import polished, pruned, reshaped
-from gimbal_pin.diagnosis.shapes import measure, refined, worth
-from gimbal_pin.diagnosis.state import Problem, State, solved, without
+from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.backlash import Backlash
-from gimbal_pin.effects.base import Effect, Sample, Term
-from gimbal_pin.effects.cable_spring import CableSpring
+from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.friction_drift import FrictionDrift
@@ -27,37 +17,14 @@ from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.effects.torque_ripple import TorqueRipple
-from gimbal_pin.log import Array
 from gimbal_pin.model import Model, nominal
-from gimbal_pin.parameter import Parameter
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
+from tests.candidates import measure, refined
 from tests.test_forms import ALIGNED, gather, prescribed
 
 RIG = Rig.load("turret")
 SEEN = Seen(60.0, 0.005, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
-
-
-@dataclass(frozen=True)
-class Winding(Effect):
-    """``exp(1.5 q)``: a cable that winds up, which no polynomial of the library is."""
-
-    name: ClassVar[str] = "winding"
-    linear: ClassVar[tuple[Parameter, ...]] = (Parameter("size", 0.0, "N m", 0.0, np.inf),)
-
-    def basis(self, at: Sample) -> tuple[float | Array, ...]:
-        """The curve."""
-        return (np.exp(1.5 * np.asarray(at.q)),)
-
-    @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
-        """Itself."""
-        return (cls(joint),)
-
-    def says(self, values: tuple[float, ...] = ()) -> str:  # type: ignore[override]
-        """Nothing."""
-        return ""
 
 
 def first(*terms: Term, seed: int = 3) -> State:
@@ -76,9 +43,7 @@ def test_a_short_stroke_shows_though_bristles_slide_most_of_the_time(joint: int,
     score = measure(state, found)
     assert found.stroke == pytest.approx(6e-3, rel=0.1)
     assert score.beta[0] == pytest.approx(level, rel=0.3)
-    assert score.visible > 0.01 and not outbends(state, score, found)
-    short = Presliding(place, 2e-3)
-    assert outbends(state, measure(state, short), short) or not len(measure(state, short).beta)
+    assert score.visible > 0.01
 
 
 @pytest.mark.parametrize("kind", [Delay, ActuatorLag])
@@ -105,36 +70,3 @@ def test_a_gap_at_rest_does_not_knock_at_the_noise_of_a_rate() -> None:
     np.testing.assert_allclose(gap.along(command, 2e-3, held), command)
     assert np.abs(gap.along(command, 2e-3, Borne(brake, load)) - command).max() > 0.5
     np.testing.assert_array_equal(Borne.along(brake, load, command, np.full(count, False)).brake, brake)
-
-
-def test_a_spring_outlasts_the_harmonics_that_mend_its_form() -> None:
-    place = RIG.joints[0]
-    state = first(Term(Winding(place), (0.3,)))
-    spring, teeth = CableSpring(place, stiffening=True), Cogging(place, (2.0, 3.0, 4.0))
-    both = polished(solved(state.problem, (spring, teeth), state))
-    alone = measure(solved(state.problem, (teeth,), both, keep=True), spring)
-    assert alone.gain == 0.0, "beside the harmonics no spring stands"
-    kept, _ = pruned(both, 1e-5, verdict.material)
-    assert spring in kept.causes
-
-
-def test_a_shape_that_stood_on_what_is_left_out_is_refined_again() -> None:
-    """Bristles of too short a stroke ask for damping that would push: they are none as they are, and not so far off."""
-    place = RIG.joints[0]
-    state = first(Term(Presliding(place, 2e-2, damped=True), (0.5, 0.1)))
-    short = solved(state.problem, (Presliding(place, 1.6e-2, damped=True),), state)
-    assert worth(without(short, short.causes[0]), short.causes[0]) == 0.0
-    found = reshaped(short)
-    (bristles,) = found.causes
-    assert isinstance(bristles, Presliding) and bristles.stroke == pytest.approx(2e-2, rel=0.05)
-    assert worth(without(found, bristles), bristles) > 0 and reshaped(found) is found
-
-
-@pytest.mark.parametrize(("depth", "swollen"), [(0.05, False), (0.6, False), (0.75, True), (1.5, True)])
-def test_no_motor_gives_five_times_as_much_at_one_angle_as_at_another(depth: float, swollen: bool) -> None:
-    """``(1 + s)/(1 - s)``, whatever the phase, and of a gain that inverts the torque none."""
-    state, place = first(), RIG.joints[0]
-    for phase in np.linspace(0.0, 2 * np.pi, 5):
-        found = NOTHING._replace(beta=depth * np.array([np.cos(phase), np.sin(phase)]))
-        assert swells(state, found, TorqueRipple(place, (18.0,))) == swollen
-        assert not swells(state, found, Cogging(place, (18.0,)))

@@ -15,6 +15,7 @@ from gimbal_pin.audit.samples import taken
 from gimbal_pin.audit.stuck_channel import denied_torque
 from gimbal_pin.base import base
 from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.experiment import perturbed
 from gimbal_pin.identification import given_beta, identify, moved
@@ -177,7 +178,7 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float, m
     clean = carried(nominal(rig), swaying(times(12.0), size), 12.0)
     assert clean.tau is not None
     log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape))
-    found = diagnose(rig, [log], {}, rng=rng)
+    found = diagnose(rig, [log], {"cogging": CAUSES["cogging"]}, rng=rng)
     assert [one.cause for one in found.findings] == ["platform-motion"] * (size > 0)
     for one in found.findings:
         assert one.gain["torque_rmse_after"] < 0.5 * one.gain["torque_rmse_before"]
@@ -191,6 +192,12 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float, m
     assert "nothing more can be found" in page(found).html and "missing" not in page(found).html
     monkeypatch.setattr(import_module(modelled.__module__), "diagnose", lambda *_, **__: found)
     assert modelled(rig, log, Asked(find=True)) == (None, ())
+
+
+def test_without_a_cause_to_look_for_nothing_is_found() -> None:
+    rig = bundled("turret")
+    log = carried(nominal(rig), swaying(times(12.0), 0.0), 12.0)
+    assert diagnose(rig, [log], {}, rng=np.random.default_rng(0)).verdict == "nothing"
 
 
 def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_deviations() -> None:

@@ -53,7 +53,7 @@ def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
 def test_what_is_left_out_of_a_long_log_is_a_pause() -> None:
     found = chosen(counted(130_000, 0.005))
     steps = np.diff(found.log.t)
-    assert np.all((steps < 0.006) | (steps > PAUSE)) and "12 stretches of 25 s out of 10.8 min" in found.note
+    assert np.all((steps < 0.006) | (steps > PAUSE)) and "8 stretches of 15 s out of 10.8 min" in found.note
 
 
 @pytest.mark.parametrize("name", bundled_rigs())

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.plainer import plainer
-from gimbal_pin.diagnosis.search import replaced
-from gimbal_pin.diagnosis.shapes import refined
-from gimbal_pin.diagnosis.state import State, consistent, solved, without
+from gimbal_pin.diagnosis.state import solved
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.parse import parse_effect
@@ -19,8 +13,8 @@ from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import UsageError
 from gimbal_pin.model import nominal
 from gimbal_pin.planting import plant_with
+from tests.candidates import refined
 from tests.refitted import RIG, first
-from tests.test_forms import SEEN
 
 RATE = np.linspace(-3.0, 3.0, 61)
 MOVING = Sample(0.0, 0.0, RATE, 0.0, slide=np.sign(RATE), tau=0.0)
@@ -49,45 +43,19 @@ def test_its_sentence_holds_the_figures_that_stand_below_it() -> None:
     assert "in the negative direction friction is up to 0.1 N m (-0.02 N m per rad/s) above the mean" in told
 
 
-def test_speeds_are_tried_from_what_the_rates_noise_hides_to_the_fastest() -> None:
-    noisy = SEEN._replace(rate_std=0.01)
-    forms = [one for one in AsymmetricFriction("tilt").akin(noisy) if isinstance(one, AsymmetricFriction)]
-    for thin in (False, True):
-        speeds = [one.speed for one in forms if one.thin == thin]
-        assert speeds[0] == pytest.approx(3 * noisy.rate_std) and speeds[-1] == pytest.approx(SEEN.rate)
-        assert all(b / a < 2 for a, b in pairwise(speeds))
-        others = AsymmetricFriction("tilt", 0.4, thin).akin(noisy)
-        assert others == tuple(one for one in forms if one.thin != thin), "all but the form that it has"
-
-
-@pytest.mark.parametrize(("size", "speed"), [(0.05, 0.4), (-0.1, 0.1)])
-def test_a_difference_that_sets_in_with_the_rate_is_found_with_its_speed(size: float, speed: float) -> None:
-    """From where the form without a speed stands."""
-    plain = standing(Term(AsymmetricFriction(JOINT, speed), (size,)))
-    found = replaced(plain, plain.causes, Library(plain.problem, ()))
-    assert found is not None and found.fit.dispersion[0] < 2 < plain.fit.dispersion[0]
-    (cause,) = found.causes
-    assert isinstance(cause, AsymmetricFriction) and cause.speed == pytest.approx(speed, rel=0.1)
-    assert found.coefficients(cause)[0] == pytest.approx(size, rel=0.1)
-
-
-@pytest.mark.parametrize(("values", "speed"), [((0.05, 0.03), 0.3), ((0.05, -0.03), 0.3), ((-0.1, -0.02), 0.2)])
-def test_a_film_that_thins_and_is_viscous_is_found_with_both(values: tuple[float, float], speed: float) -> None:
-    """The one form alone is taken up by another speed, far from the true one."""
-    plain = standing(Term(AsymmetricFriction(JOINT, speed, thin=True), values))
-    found = replaced(plain, plain.causes, Library(plain.problem, ()))
-    assert found is not None
-    (cause,) = plainer(found).causes
-    assert isinstance(cause, AsymmetricFriction) and cause.thin and cause.speed == pytest.approx(speed, rel=0.1)
-    assert found.coefficients(cause).tolist() == pytest.approx(values, rel=0.1)
-
-
-@pytest.mark.parametrize(("size", "speed"), [(0.05, 0.4), (-0.1, 0.1)])
-def test_a_film_that_only_thins_is_told_no_viscous_part(size: float, speed: float) -> None:
-    plain = standing(Term(AsymmetricFriction(JOINT, speed), (size,)))
-    both = refined(without(plain, plain.causes[0]), AsymmetricFriction(JOINT, speed, thin=True))
-    (cause,) = plainer(consistent(solved(plain.problem, (both,), plain))).causes
-    assert isinstance(cause, AsymmetricFriction) and not cause.thin
+@pytest.mark.parametrize(
+    ("values", "speed", "thin"),
+    [((0.05,), 0.4, False), ((-0.1,), 0.1, False), ((0.05, 0.03), 0.3, True), ((-0.1, -0.02), 0.2, True)],
+)
+def test_a_difference_that_sets_in_with_the_rate_is_fitted_with_its_speed(
+    values: tuple[float, ...], speed: float, thin: bool
+) -> None:
+    state = first(Term(AsymmetricFriction(JOINT, speed, thin), values))
+    found = refined(state, AsymmetricFriction(JOINT, 1.5 * speed, thin))
+    assert isinstance(found, AsymmetricFriction) and found.speed == pytest.approx(speed, rel=0.1)
+    after = solved(state.problem, (found,), state)
+    assert after.coefficients(found).tolist() == pytest.approx(values, rel=0.1)
+    assert after.fit.dispersion[0] < 2
 
 
 @pytest.mark.parametrize("given", ["coulomb=0.2,speed=0.3", "coulomb=-0.2,speed=0.01", "coulomb=0.0,viscous=0.1"])
@@ -103,12 +71,6 @@ def test_a_difference_of_less_than_the_friction_that_it_is_of_is_planted_at_any_
     assert plant_with(nominal(RIG), [parse_effect(text, RIG)]).plant.terms
 
 
-@pytest.mark.parametrize("values", [(0.05, 0.0), (0.0, 0.05), (-0.05, 0.02)])
-def test_a_difference_that_is_there_from_rest_on_has_no_speed(values: tuple[float, float]) -> None:
-    plain = standing(Term(AsymmetricFriction(JOINT), values))
-    assert replaced(plain, plain.causes, Library(plain.problem, ())) is None
-
-
 def test_a_viscous_part_beside_a_speed_is_planted_too() -> None:
     given = "asymmetric-friction:tilt:coulomb=0.1,speed=0.4"
     limited, both, plain = (parse_effect(text, RIG) for text in (given, given + ",viscous=0.2", given[:-10]))
@@ -116,9 +78,3 @@ def test_a_viscous_part_beside_a_speed_is_planted_too() -> None:
     assert plain == Term(AsymmetricFriction("tilt"), (0.1, 0.0))
     assert isinstance(both, Term) and isinstance(limited, Term) and term_from(both.to_dict()) == both
     np.testing.assert_allclose(both.torque(MOVING) - limited.torque(MOVING), 0.2 * np.abs(RATE))
-
-
-def standing(term: Term) -> State:
-    """A log of a term, with the form without a speed fitted to it."""
-    state = first(term)
-    return consistent(solved(state.problem, (AsymmetricFriction(term.effect.joint),), state))

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis.searched import Searched
+from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.diagnosis.swung import swing, swung
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.cogging import Cogging
@@ -319,7 +319,6 @@ def swings(causes: tuple[Cause, ...], state: str, told: bool) -> None:
     rig = Rig.load("turret")
     log = recorded(rig, 1)
     relay = np.sign(np.sin(2 * np.pi * 30.0 * log.t))[:, None] * rig.tau_max * np.array([1.0, 0.0])
-    left = tuple(SimpleNamespace(state=one) for one in (state, "noise"))
-    found = SimpleNamespace(final=SimpleNamespace(causes=causes), residual=left)
-    assert (swung(rig, [replace(log, tau=relay)], cast(Searched, found), 12.0) is None) == told
-    assert swung(rig, [log], cast(Searched, found), 12.0) is None
+    found = SimpleNamespace(final=SimpleNamespace(causes=causes), structured=(state == "structured", False))
+    assert (swung(rig, [replace(log, tau=relay)], cast(Explained, found), 12.0) is None) == told
+    assert swung(rig, [log], cast(Explained, found), 12.0) is None

@@ -41,6 +41,10 @@ CORRUPTIONS: Mapping[str, Callable[..., Log]] = MappingProxyType({module.NAME: m
 """Name → ``corrupt(log, rng, **size)``, which plants the fault."""
 
 
+FATAL = frozenset({controller_formula.NAME, stuck_channel.NAME})
+"""Faults that leave no physics in a log: its torque is a formula of its motion, or is none."""
+
+
 @dataclass(frozen=True, eq=False)
 class Audit:
     """What the audit of one log found.
@@ -57,6 +61,11 @@ class Audit:
     def reliable(self) -> bool:
         """Whether a fit of the log as it was recorded shows physics."""
         return not any(fault.makes_physics_unreliable for fault in self.faults)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the mended log may show some physics, though not all of it: noisy inertias spoil no cogging map."""
+        return not any(fault.makes_physics_unreliable and fault.cause in FATAL for fault in self.faults)
 
     @property
     def spared(self) -> Audit:

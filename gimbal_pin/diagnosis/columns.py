@@ -28,10 +28,6 @@ BENT = 1e-5
 KNOWN = 100.0
 """Power of a turn over that of what sets it apart from other masses, where the rig is known to be turned so: a base
 that leans by much leans about any axis, and the refitted masses take most of one axis up."""
-PUSHED = 0.2
-"""Share of the friction torque, rms, that may push where friction brakes: more is none, whatever fits."""
-MOST_TAKEN = 0.9
-"""A drive that takes more of the torque than this explains nothing: it silences the joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,23 +99,6 @@ def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]
     return [np.stack([np.broadcast_to(x, np.shape(at.t)) for x in effect.basis(at)]).T for at in samples]
 
 
-def pushes(evidence: Evidence, friction: Sequence[tuple[Effect, Array]], load: Load) -> bool:
-    """Whether one joint's friction would drive it: ``rms min(τ sign v, 0) > PUSHED rms τ``, away from standstill.
-
-    Args:
-        evidence: The logs.
-        friction: All that brakes the joint, each with its coefficients.
-        load: What effects read of the model.
-    """
-    j = evidence.rig.joint_index(friction[0][0].joint)
-    sizes = [0.0, 0.0]
-    each = [[x @ values for x in plain_columns(evidence, effect, load)] for effect, values in friction]
-    for part, *parts in zip(evidence.parts, *each):
-        braking = np.sum(parts, axis=0) * part.slide[:, j] * part.gate[:, j]
-        sizes = [sizes[0] + float(np.sum(np.minimum(braking, 0.0) ** 2)), sizes[1] + float(np.sum(braking**2))]
-    return sizes[0] > PUSHED**2 * sizes[1]
-
-
 Bearing = Sequence[Borne]
 """What a joint bears along each part."""
 
@@ -132,15 +111,10 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
     spread = [part.lost(signal, x, j, y) for part, x, y in zip(evidence.parts, torque, borne)]
-    loss, whole = [x[:, j] for x in spread], [x[:, j] for x in torque]
-    white = evidence.whiten(loss, j)
-    taken, most = (sum(float(np.sum(y**2)) for y in z) for z in (loss, whole))
-    if signal.geared:  # a knock is short and high: only what of it is in the band is a share of anything
-        taken, most = (float(np.sum(y**2)) for y in (white, evidence.whiten(whole, j)))
-    silenced = taken > MOST_TAKEN**2 * most and not signal.springy  # what adds what its model says silences nothing
     everywhere = any(y is not None and (y.across is not None or y.taken is not None) for y in borne)
-    found = evidence.whiten_all(spread) if everywhere and evidence.rig.n > 1 else white
-    return np.zeros_like(found) if silenced else found
+    if everywhere and evidence.rig.n > 1:
+        return evidence.whiten_all(spread)
+    return evidence.whiten([x[:, j] for x in spread], j)
 
 
 class Stand(NamedTuple):

@@ -17,9 +17,10 @@ from scipy import fft
 from gimbal_pin.diagnosis.evidence import Evidence, Part, fade
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import Apart
-from gimbal_pin.diagnosis.shapes import measure, moved, shape_names
+from gimbal_pin.diagnosis.score import gained
+from gimbal_pin.diagnosis.shapes import moved, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, width, without
-from gimbal_pin.effects import Cause
+from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array, Motion
@@ -138,7 +139,7 @@ def unexplained(A: Array, b: Array) -> float:
 def contest(state: State, cause: Cause, rival: str, kinds: Mapping[str, type[Cause]]) -> Contest | None:
     """Return a cause's contest with the causes of another name; None where that one has no form here, or is no kind."""
     base = without(state, cause)
-    found = measure(base, cause).beta
+    found = gained(base.fit, base.columns(cause), isinstance(cause, Signal)).beta
     beta = found if len(found) else np.ones(base.columns(cause).width)
     mine = project(base.fit, base.columns(cause)) @ beta
     forms = tried(base, cause, kinds[rival]) if rival in kinds else []

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.audit import audit
+from gimbal_pin.audit import Audit, Fault, audit
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
-from gimbal_pin.diagnosis.beyond import surprising
-from gimbal_pin.diagnosis.confirmed import confirmed
+from gimbal_pin.diagnosis.engine import explain
+from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.finding import Diagnosis
-from gimbal_pin.diagnosis.off_centre import off_centre
+from gimbal_pin.diagnosis.off_centre import Encoders, off_centre
+from gimbal_pin.diagnosis.parts import alternate
 from gimbal_pin.diagnosis.platform_motion import ridden
-from gimbal_pin.diagnosis.reported import alignment, beside, reported, spoilt, with_motion
-from gimbal_pin.diagnosis.searched import searched
-from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.reported import beside, hold, reported, spoilt, with_motion
+from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.swung import swung
-from gimbal_pin.diagnosis.timing import timing, wanders
 from gimbal_pin.diagnosis.trusted import compared
-from gimbal_pin.diagnosis.turns import opened, reopened
+from gimbal_pin.diagnosis.turns import opened
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import moved, split, within
@@ -39,6 +39,8 @@ LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""
 MOVED = 0.02
 """Least travel of a joint that can be judged, rad."""
+DRIVEN = 5.0
+"""Least F by which the rigid model and friction must explain a joint's torque."""
 
 
 @one_thread()
@@ -90,11 +92,51 @@ def examined(
     calibrated = [rectified(rig, log) for log in logs]
     encoders = {one.log.name: one.encoders for one in calibrated}
     audits = [audit(rig, one.log) for one in calibrated]
-    train, test, _ = split([found.log for found in audits], holdout, filtering)
+    whole = holdout is None and len(logs) == 1  # its blocks are parted
+    audited = [found.log for found in audits]
+    train, test = (audited, ()) if whole else split(audited, holdout, filtering)[:2]
     fitted = {log.name for log in train}
     audits = [found if found.log.name in fitted else found.spared for found in audits]
-    if any(not found.reliable for found in audits):
+    reliable = all(found.reliable for found in audits)
+    if not all(found.usable for found in audits):
         return spoilt(rig, logs, audits, filtering)
+    try:
+        said = searched(rig, logs, causes, rng, filtering, Parted(audits, train, test, whole, encoders))
+    except DataError:
+        if reliable:
+            raise
+        return spoilt(rig, logs, audits, filtering)
+    return said if reliable else replace(said, verdict="data")
+
+
+class Parted(NamedTuple):
+    """Audited logs, and what of them is fitted.
+
+    Attributes:
+        audits: Of each log.
+        train: Logs, or parts of them, that are fitted.
+        test: What is reported on.
+        whole: Whether alternate blocks of the one log are parted instead.
+        encoders: What of the angles was mended.
+    """
+
+    audits: Sequence[Audit]
+    train: Sequence[Log]
+    test: Sequence[Log]
+    whole: bool
+    encoders: Encoders
+
+
+def searched(
+    rig: Rig,
+    logs: Sequence[Log],
+    causes: Mapping[str, type[Cause]],
+    rng: np.random.Generator,
+    filtering: Filtering,
+    parted: Parted,
+) -> Diagnosis:
+    """Diagnose logs that were audited and mended; arguments and errors as in `examined`."""
+    audits, train, test, whole, encoders = parted
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
@@ -107,34 +149,42 @@ def examined(
         )
     each = alone(rig, [one.log for one in audits], filtering)
     apart = outright(rig, each)
-    if apart is None:
-        problem = Problem.of(evidence, reduce(rig, base=base))
-        gliding = solved(problem, ())
-        evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
-        found = searched(reopened(problem, evidence), causes, rng)
-        apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
-        return spoilt(rig, logs, [replace(audits[0], faults=(apart, *audits[0].faults)), *audits[1:]], filtering)
-    found = confirmed(found, held, rng)
-    if test:
-        found = found._replace(residual=surprising(found.residual, found.final, held))
-    said = reported(found, held, audits, alignment(logs[0], filtering), rng)
-    said = replace(said, notes=(*said.notes, *unjudged(held)))
+        return spoilt(rig, logs, with_fault(audits, apart), filtering)
+    reduction = reduce(rig, base=base)
+    gliding = solved(Problem.of(alternate(evidence, filtering)[0] if whole else evidence, reduction), ())
+    evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
+    if whole:
+        evidence, held = alternate(evidence, filtering)
+    found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
+    check_driven(found.first)
+    apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
+    if apart is not None:
+        return spoilt(rig, logs, with_fault(audits, apart), filtering)
+    held = retimed(held, found.alignment)
+    said = reported(found, held, audits, hold(logs[0], filtering), rng)
+    if held is not evidence:
+        said = replace(said, notes=(*said.notes, *unjudged(held)))
     moving = ridden(found.final, held, train, test, filtering)
     said = said if moving is None else with_motion(said, moving)
-    delays = [c for c in found.shelf.causes if wanders(c)]
-    # What the audit says of the samples themselves, though it does no harm here, shows most in what is fast.
-    sound = not any(one.faults or one.notes for one in audits)
-    quiet = [joint for joint, one in said.residual.items() if one.state == "noise" and sound]
-    said = replace(said, timing=timing(found.final, train, filtering, origins, delays, found.limit, quiet, rng))
     return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
+
+
+def of_refitted(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
+    """Leave out what compares the given model with the data: the refitted one has taken that up."""
+    return {name: kind for name, kind in causes.items() if not kind.of_given_model}
+
+
+def with_fault(audits: Sequence[Audit], fault: Fault) -> list[Audit]:
+    """Put a fault of all logs before those of the first."""
+    return [replace(audits[0], faults=(fault, *audits[0].faults)), *audits[1:]]
 
 
 def unjudged(held: Evidence) -> list[str]:
     """Say of which joints the held-out part shows nothing, so that no error there is one."""
     dumb = [joint for joint, used in zip(held.rig.joints, held.used()) if used < LIVELY]
     what = "in the held-out part hardly a sample tells its direction: its errors before and after say nothing"
-    return [f"{', '.join(dumb)}: {what}, and nothing of it is confirmed; give another --holdout"] if dumb else []
+    return [f"{', '.join(dumb)}: {what}; give another --holdout"] if dumb else []
 
 
 def check_moved(evidence: Evidence, name: str) -> None:
@@ -147,3 +197,19 @@ def check_moved(evidence: Evidence, name: str) -> None:
     if dumb:
         what = "so slow, or turning round so often, that hardly a sample tells its direction"
         raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
+
+
+def check_driven(state: State) -> None:
+    """Raise `DataError` if a joint's torque has no more to do with its motion than noise has.
+
+    ``F = (explained / parameters) / (left / rows)``: noise gives one, any rig hundreds.
+    """
+    n = len(state.fit.scale)
+    whole, left = (np.sum(x.reshape(-1, n) ** 2, axis=0) for x in (state.fit.target, state.fit.residual))
+    parameters = np.array([np.sum(np.any(state.fit.stack[j::n] != 0, axis=0)) for j in range(n)])
+    rows = state.problem.evidence.rows * state.problem.evidence.used()
+    F = (whole - left) / np.maximum(parameters, 1) / np.maximum(left / np.maximum(rows, 1.0), 1e-300)
+    dumb = tuple(joint for joint, x in zip(state.problem.evidence.rig.joints, F) if x < DRIVEN)
+    if dumb:
+        what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
+        raise DataError("the logs", what, mend, dumb)

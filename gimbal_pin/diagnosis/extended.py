@@ -9,12 +9,10 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.gaps import loose
-from gimbal_pin.diagnosis.links import begun
 from gimbal_pin.diagnosis.state import State, refitted, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.effects.sprung import Sprung
 from gimbal_pin.log import Array
 from gimbal_pin.model import Estimated, Model, brakes
 from gimbal_pin.reduction import units
@@ -27,11 +25,9 @@ class Extended:
 
     Attributes:
         model: Rig, inertias, terms and drives.
-        swinging: Springs of it whose links are taken where they swing.
     """
 
     model: Model
-    swinging: frozenset[Cause] = frozenset()
 
     def acting(self, part: Part) -> Array:
         """Torque that acts along a part of a log, N m, (m, n)."""
@@ -52,10 +48,6 @@ class Extended:
             self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
-        if isinstance(signal, Sprung) and signal in self.swinging:
-            link = begun(self.model.rig, part, signal, command - whole)
-            if link is not None:
-                return Borne(brake, asked - brake, taken=link.asked)
         if isinstance(signal, Loose) and signal.springy:
             return Borne(brake, asked - brake, taken=loose(self.model.rig, part, signal))
         push = across(inertia(self.model.rig, c.q, joint), joint, self.model.armature[joint])
@@ -76,7 +68,7 @@ def extended(state: State) -> Extended:
     terms += [Term(effect, tuple(state.coefficients(effect).tolist())) for effect in found]
     drive = tuple(c for c in state.causes if isinstance(c, Signal))
     model = Model(rig, tuple(terms), estimated(state, terms), drive, changes)
-    return Extended(model, frozenset(state.swings) & frozenset(drive))
+    return Extended(model)
 
 
 def estimated(state: State, terms: Sequence[Term]) -> Estimated:

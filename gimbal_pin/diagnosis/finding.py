@@ -11,8 +11,6 @@ from gimbal_pin.audit import Fault
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
-from gimbal_pin.diagnosis.lateness import Timing
-from gimbal_pin.diagnosis.leftover import Residual
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
@@ -41,6 +39,25 @@ TOGETHER = "only together; other sizes fit this log as well"
 
 
 @dataclass(frozen=True)
+class Residual:
+    """What is left at one joint after all findings.
+
+    Attributes:
+        state: "noise" or "structured".
+        noise_floor: What the noise alone leaves, N m rms.
+        dispersion: Residual power over noise power.
+        discrepancy: Structured power left over that before any finding, 0 for noise.
+        where: Where the structure is, or "".
+    """
+
+    state: str
+    noise_floor: float
+    dispersion: float
+    discrepancy: float = 0.0
+    where: str = ""
+
+
+@dataclass(frozen=True)
 class Rival:
     """Another cause that was fitted in a finding's place.
 
@@ -62,7 +79,7 @@ class Finding:
     Attributes:
         cause: Its name.
         joint: Where it sits; None for a cause of the whole rig.
-        status: "named", "ambiguous" or "data".
+        status: "named", "ambiguous", "data", or "unconfirmed": the error of the reporting part grew with it.
         alike: Every cause that this log cannot tell from it, itself first.
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
@@ -198,8 +215,6 @@ class Diagnosis:
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
             compensated, rad; empty where nothing was found.
         likeness: For every finding, which other causes look like it on these logs.
-        denied: Causes that fit the training part and that the held-out part does not confirm, in sentences.
-        timing: What of drives' delays a wider band would show; None: nothing more that is worth telling.
     """
 
     rig: str
@@ -223,8 +238,6 @@ class Diagnosis:
     planned: NextExperiment | None = None
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     likeness: tuple[Likeness, ...] = ()
-    timing: Timing | None = None
-    denied: tuple[str, ...] = ()
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:
@@ -289,13 +302,13 @@ class Diagnosis:
                 for joint, row in self.tracking.items()
             },
             "look_alikes": [each.to_dict() for each in self.likeness],
-            "timing": None if self.timing is None else self.timing.to_dict(),
         }
 
 
 def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
     """The verdict on the physics (CONTRACT): named before ambiguous, unknown before nothing."""
-    for verdict in ("named", "ambiguous"):
-        if verdict in statuses:
-            return verdict
+    if "named" in statuses or "unconfirmed" in statuses:
+        return "named"
+    if "ambiguous" in statuses:
+        return "ambiguous"
     return "unknown" if any(left.state == "structured" for left in residual) else "nothing"

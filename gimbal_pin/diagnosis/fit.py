@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.log import Array
-from gimbal_pin.rows import Flags
 
 PASSES = 4
-FOLDS = 4
 LUCK = 0.5
 """Least dispersion that is believed: what fits better than its sensors allow is luck, not knowledge."""
 
@@ -171,39 +169,3 @@ def project(now: Fit, columns: Placed) -> Array:
     rest = (-now.along(weighted, columns.joint).T @ now.basis.T).T
     rest[now.rows(columns.joint)] += weighted
     return rest
-
-
-def improves(now: Fit, columns: Placed, fixed: bool, whole: bool = False) -> bool:
-    """Whether a candidate predicts better, in sum and in most of `FOLDS` parts of time that its fit has not seen.
-
-    Each part is every `FOLDS`-th block, or where it is `whole` one stretch of time, less the rows of which the rest
-    says nothing.
-    """
-    weighted = now.weighted(columns)
-    extra = np.zeros((len(now.target), weighted.shape[1]))
-    extra[now.rows(columns.joint)] = weighted
-    fold = now.block * FOLDS // now.blocks if whole else now.block % FOLDS
-    target = now.target - extra[:, 0] if fixed else now.target
-    stack = now.stack if fixed else np.hstack([now.stack, extra])
-    gains = []
-    for k in range(FOLDS):
-        here = fold == k
-        known = here & (leverage(stack, ~here) < 1.0)
-        before, after = (missed(A, b, ~here, known) for A, b in ((now.stack, now.target), (stack, target)))
-        gains.append(before - after)
-    return sum(gains) > 0 and sum(gain > 0 for gain in gains) > FOLDS / 2
-
-
-def leverage(A: Array, fitted: Flags) -> Array:
-    """``aᵀ (AᵀA)⁻¹ a`` of every row a, (rows,), A's fitted rows in the inverse: above one a prediction extrapolates."""
-    _, values, right = np.linalg.svd(A[fitted], full_matrices=False)
-    seen = values > 1e-8 * max(float(values[0]), 1e-300)
-    inside = A @ (right[seen].T / values[seen])
-    beyond = np.sum(A**2, axis=1) - np.sum((A @ right[seen].T) ** 2, axis=1)
-    return np.asarray(np.sum(inside**2, axis=1) + np.where(beyond > 1e-8 * np.sum(A**2, axis=1), np.inf, 0.0))
-
-
-def missed(A: Array, b: Array, fitted: Flags, judged: Flags) -> float:
-    """Sum of squares on some rows of a fit to others."""
-    theta = np.linalg.lstsq(A[fitted], b[fitted], rcond=1e-8)[0]
-    return float(np.sum((b[judged] - A[judged] @ theta) ** 2))

@@ -6,15 +6,16 @@ asks of it, and lands on a flank, a spring with damping (Nordin and Gutman, Auto
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from gimbal_pin import signals
 from gimbal_pin.diagnosis.evidence import Part
-from gimbal_pin.diagnosis.links import Swing, axes, moved
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.log import Array
-from gimbal_pin.regressor import inertia
-from gimbal_pin.rig import Rig
+from gimbal_pin.regressor import inertia, rnea
+from gimbal_pin.rig import PHI, Rig
 
 STEP = 1e-3
 """Longest step of a flight, s: the landing is found within it."""
@@ -22,6 +23,16 @@ ASIDE = 1e-3
 """Angle by which a link is moved to see how what it asks for changes, rad."""
 FARTHEST = 1.0
 """Angle beyond its gap by which no link leaves its motor, rad: a motion farther than that is no solution."""
+WEIGHTLESS = 1e-12
+"""Mass of a body that has but an inertia, kg: one of no mass has no centre."""
+
+
+class Swing(NamedTuple):
+    """How far a link is from its encoder's angle, rad, its rate and acceleration, (m,) each."""
+
+    q: Array
+    v: Array
+    a: Array
 
 
 def loose(rig: Rig, part: Part, gap: Loose) -> Array:
@@ -74,3 +85,26 @@ def flown(asked: Array, steeper: Array, dt: float, gap: Loose) -> Array:
         if not -FARTHEST < x < FARTHEST:
             return np.zeros(len(asked))
     return np.array(out)
+
+
+def moved(rig: Rig, part: Part, joint: int, x: Swing | None = None) -> Array:
+    """Torque that the rigid rig asks for with one joint's link moved on, N m, (m, n); None: it is not."""
+    c = part.channels
+    return rnea(rig, *(carried(part, joint, x) if x else (c.q, c.v, c.a)), part.platform)
+
+
+def carried(part: Part, joint: int, x: Swing) -> tuple[Array, Array, Array]:
+    """Angles, rates and accelerations with one joint's link moved on, (m, n) each."""
+    c = part.channels
+    out = c.q.copy(), c.v.copy(), c.a.copy()
+    for values, more in zip(out, x):
+        values[:, joint] += more
+    return out
+
+
+def axes(rig: Rig, q: Array, joint: int) -> Array:
+    """``z_i · z_j``, (m, n), of a joint and those that carry it: what a round rotor there, not geared, asks of all."""
+    phi = np.zeros_like(rig.phi)
+    phi[:: len(PHI)] = WEIGHTLESS
+    phi[[10 * joint + PHI.index(symbol) for symbol in ("Ixx", "Iyy", "Izz")]] = 1.0
+    return inertia(rig.with_phi(phi), q, joint)

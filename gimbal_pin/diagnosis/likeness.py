@@ -1,4 +1,4 @@
-"""Which causes look alike on this log: how near what one could explain lies to what another could."""
+"""Which causes look alike on this log: how near what one explains lies to what another could in its place."""
 
 from __future__ import annotations
 
@@ -7,25 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.nearness import cosine, nearness, span
-from gimbal_pin.diagnosis.search import spot
-from gimbal_pin.diagnosis.state import State, without
+from gimbal_pin.diagnosis.engine.explained import Explained
+from gimbal_pin.diagnosis.engine.support import without
+from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.effects import Cause
 from gimbal_pin.log import Array
-
-SHOWN = 8
-"""Most causes beside a finding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Likeness:
-    """Candidates in a finding's place.
+    """A finding and its rivals.
 
     Attributes:
         joint: Where the finding sits, or None.
-        causes: Names: the finding first, then the likest (k).
+        causes: Names: the finding first, then its rivals, the nearest first (k).
         correlation: Largest cosine between what two of them can explain beside the model, in [0, 1], (k, k).
     """
 
@@ -39,20 +34,22 @@ class Likeness:
         return {"joint": self.joint, "causes": list(self.causes), "correlation": rows}
 
 
-def likeness(state: State, cause: Cause, shelf: Library) -> Likeness:
-    """Compare a chosen cause with every other at its place, and these with each other.
-
-    Columns are whitened, and freed of all that the rigid model, friction and the other findings explain: what is left
-    of two of them is parted by this log only as far as the angle between them is wide.
-    """
-    base = without(state, cause)
-    own = span(base.fit, base.columns(cause))
-    others = [columns for columns in shelf.columns(base, spot(cause)) if columns.cause.name != cause.name]
-    best: dict[str, tuple[float, Columns]] = {}
-    for columns, near in zip(others, nearness(base.fit, own, others).tolist()):
-        if near > best.get(columns.cause.name, (0.0, columns))[0]:
-            best[columns.cause.name] = near, columns
-    ranked = sorted(best.items(), key=lambda entry: -entry[1][0])[:SHOWN]
-    spans = [own, *(span(base.fit, columns) for _, (_, columns) in ranked)]
+def likeness(found: Explained, cause: Cause) -> Likeness:
+    """Compare a cause and its rivals by whitened columns without what all other columns explain."""
+    base = without(found.final, cause)
+    rivals = {one.cause.name: one.cause for one in reversed(found.rivals_of(cause))}
+    every = [cause, *(one for name, one in reversed(rivals.items()) if name != cause.name)]
+    spans = [span(project(base.fit, base.columns(one))) for one in every]
     between = np.array([[cosine(a, b) for b in spans] for a in spans])
-    return Likeness(cause.place if cause.of_joint else None, (cause.name, *(name for name, _ in ranked)), between)
+    return Likeness(cause.place if cause.of_joint else None, tuple(one.name for one in every), between)
+
+
+def span(columns: Array) -> Array:
+    """Return orthonormal columns that span some, (rows, k)."""
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, size > 1e-6 * size.max(initial=1e-300)])
+
+
+def cosine(a: Array, b: Array) -> float:
+    """Cosine of the smallest angle between two spans, in [0, 1]."""
+    return float(np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0))

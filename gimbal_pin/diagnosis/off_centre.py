@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.diagnosis.engine.rivals import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, known, otherwise
+from gimbal_pin.diagnosis.otherwise import clarity, known, otherwise
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.eccentricity import Eccentricity
 from gimbal_pin.log import Log
@@ -52,12 +53,12 @@ def compared(
 ) -> Finding | None:
     """Refit as if one encoder sat right; None where that is no worse."""
     train, test = ([read(log, joint, encoders) for log in logs] for logs in (train, test))
-    without = otherwise(found, train, test, filtering, found.problem.reduction.base)
+    without = otherwise(found, held, train, test, filtering, found.problem.reduction.base)
     before, after = measured(without.held, extended(without.state)), measured(held, extended(found))
     ratios = [before["torque_rmse"][one] / max(after["torque_rmse"][one], 1e-300) for one in held.rig.joints]
     j = int(np.argmax(ratios))
     clear = clarity(without.state, found, j)
-    if ratios[j] < CONFIRMED or clear < CLEAR:
+    if ratios[j] < CONFIRMED or clear < APART:
         return None
     largest = max((one[joint] for one in encoders.values() if joint in one), key=lambda one: one.size)
     return told(joint, held.rig.joints[j], largest, before, after, clear)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.diagnosis.engine.alignment import retimed, shifts
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import Figures
@@ -17,9 +19,6 @@ from gimbal_pin.parameter import Parameter
 from gimbal_pin.platform import BaseMotion
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rows import Filtering
-
-CLEAR = 3.0
-"""Standard deviations by which the fit must gain over blocks."""
 
 
 class Otherwise(NamedTuple):
@@ -37,16 +36,25 @@ class Otherwise(NamedTuple):
 
 
 def otherwise(
-    found: State, train: Sequence[Log], test: Sequence[Log], filtering: Filtering, base: BaseMotion
+    found: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering, base: BaseMotion
 ) -> Otherwise:
     """Fit the causes of a state to other logs; without held-out ones these stand for them too."""
     rig = found.problem.evidence.rig
     origins = {log.name: float(log.t[0]) for log in (*test, *train)}  # a log began where its first part did
-    evidence = gather(rig, train, filtering, origins)
-    problem = Problem.of(evidence, reduce(rig, base=base))
+    evidence = alike(gather(rig, train, filtering, origins), found.problem.evidence)
+    problem = replace(Problem.of(evidence, reduce(rig, base=base)), luck=found.problem.luck)
     plain = solved(problem, (), solved(problem, ()))
     state = consistent(solved(problem, found.causes, plain)) if found.causes else plain
-    return Otherwise(plain, state, judged(rig, test, filtering, origins) if test else evidence)
+    other = judged(rig, test, filtering, origins) if test else gather(rig, train, filtering, origins)
+    held = alike(other, held)
+    return Otherwise(plain, state, held)
+
+
+def alike(evidence: Evidence, known: Evidence) -> Evidence:
+    """Return the same stretches of logs, gated, timed and whitened as they are known."""
+    pairs = zip(evidence.parts, known.parts, strict=True)
+    parts = [part._replace(gate=as_.gate, whitener=as_.whitener, trust=as_.trust) for part, as_ in pairs]
+    return retimed(replace(evidence, parts=tuple(parts)), shifts(known))
 
 
 def clarity(before: State, after: State, joint: int) -> float:

@@ -11,8 +11,6 @@ from gimbal_pin.log import Motion
 
 NAMED = 4.0
 """Standard deviations between two causes from which one is named: Vuong's z, half of that, is then two."""
-UNLIKE = 0.31
-"""Share of what a cause adds that its rival must leave unexplained: their correlation is then 0.95."""
 IDENTICAL = 1e-3
 """Share of what a cause adds under which its rival is the same torque, wherever the rig is moved."""
 
@@ -31,13 +29,13 @@ class Apart(NamedTuple):
 
     @property
     def named(self) -> bool:
-        """Whether a diagnosis would name the cause: it takes both the deviations and the share."""
-        return self.deviations >= NAMED and self.share >= UNLIKE
+        """Whether a diagnosis would name the cause."""
+        return self.deviations >= NAMED
 
     @property
     def worth(self) -> float:
-        """``d/(d + 4) + s/(s + 0.31)``, d deviations, s share: grows with both, ever less beyond what names a cause."""
-        return self.deviations / (self.deviations + NAMED) + self.share / (self.share + UNLIKE)
+        """``d/(d + 4)``, d deviations: grows ever less beyond what names a cause."""
+        return self.deviations / (self.deviations + NAMED)
 
 
 @dataclass(frozen=True)

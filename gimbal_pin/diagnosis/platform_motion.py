@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.diagnosis.engine.rivals import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import MEASURED, Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.otherwise import CLEAR, clarity, known, otherwise
+from gimbal_pin.diagnosis.otherwise import clarity, known, otherwise
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Log
 from gimbal_pin.parameter import Parameter
@@ -51,12 +52,12 @@ def ridden(
         return None
     rig = carried.problem.evidence.rig
     standing_train, standing_test = ([standing(rig, log) for log in logs] for logs in (train, test))
-    without = otherwise(carried, standing_train, standing_test, filtering, "fixed")
+    without = otherwise(carried, held, standing_train, standing_test, filtering, "fixed")
     before, after = measured(without.held, extended(without.state)), measured(held, extended(carried))
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
     j = int(np.argmax(ratios))
     clear = clarity(without.state, carried, j)
-    if ratios[j] < CONFIRMED or clear < CLEAR:
+    if ratios[j] < CONFIRMED or clear < APART:
         return None
     baseline = measured(without.held, extended(without.plain)) if carried.causes else before
     return Ridden(told(rig, rig.joints[j], (baseline, before, after), motion(rig, train), clear), baseline)

@@ -1,8 +1,4 @@
-"""What a further cause would gain, judged by blocks of time.
-
-Noise of real sensors is coloured: the score ``zᵀr`` of a candidate column is compared with its own scatter over
-blocks, not with a white noise's, and with what random signs of the blocks make of it.
-"""
+"""What a further cause would gain beside all that is fitted."""
 
 from __future__ import annotations
 
@@ -10,24 +6,13 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy import fft
-from scipy.ndimage import uniform_filter1d
-from scipy.special import fdtrc
 
-from gimbal_pin.diagnosis.fit import Fit, Placed, Shown, project
+from gimbal_pin.diagnosis.fit import Fit, Placed, Shown
 from gimbal_pin.log import Array
 from gimbal_pin.rows import Flags
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
-SILENCED = 1.5
-"""Gain of a drive's signal over what as much less torque leaves unexplained less, under which it does only that."""
-CLEARED = 0.25
-"""What is left with a drive's signal over what of the unexplained torque it passes on, from which it explains that."""
-SMOOTH = 25
-"""Frequencies over which a residual's spectrum is averaged."""
-FEW = 12.0
-"""Blocks under which their own scatter says too little."""
 
 
 class Candidate(Shown, Protocol):
@@ -46,27 +31,6 @@ class Candidate(Shown, Protocol):
         """Coulomb friction, (rows,), that takes up any part of them; None: nothing does."""
 
 
-class Score(NamedTuple):
-    """What a candidate would gain.
-
-    Attributes:
-        gain: Fall of the weighted sum of squares.
-        wald: ``sᵀ V⁻¹ s``, s the score, V its scatter once the candidate is in.
-        p: Of `wald`, without regard to how many were tried.
-        beta: Coefficients, (c,).
-        visible: Share of the column's power that the base columns leave.
-        size: Root mean square of what it explains at each joint, in units of the noise floor, (n,).
-    """
-
-    gain: float
-    wald: float
-    p: float
-    beta: Array
-    visible: float
-    size: Array
-
-
-NOTHING = Score(0.0, 0.0, 1.0, np.zeros(0), 0.0, np.zeros(1))
 BATCH = 16
 """Candidates that are computed at once: more do not stay in the processor's own memory."""
 HIDDEN = 1e-3
@@ -76,20 +40,8 @@ NIL = 1e-24
 units. Dry friction that dies away with speed leaves such columns, of which rounding and underflow are all there is."""
 
 
-def score(now: Fit, columns: Candidate, fixed: bool) -> Score:
-    """Score one candidate; `fixed`: its coefficient is one, as for a drive's signal."""
-    found = gained(now, columns, fixed)
-    if found.gain == 0.0:
-        return NOTHING._replace(visible=found.visible)
-    rest = project(now, columns)
-    wald, blocks = strength(now, rest, now.residual - rest @ found.own)
-    explained = (rest @ found.beta).reshape(-1, len(now.scale)) / now.scale
-    size = np.sqrt(np.mean(explained**2, axis=0))
-    return Score(found.gain, wald, float(chance(wald, len(found.own), blocks)), found.beta, found.visible, size)
-
-
 class Gained(NamedTuple):
-    """What a candidate would gain, without how sure that is, which costs most of a score.
+    """What a candidate would gain.
 
     Attributes:
         gain: Fall of the weighted sum of squares; zero where the candidate is none.
@@ -139,9 +91,6 @@ def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list
     )
     beta = np.ones_like(own) if fixed else own
     gain = np.sum(beta * (2 * s - (gram @ beta[..., None])[..., 0]), axis=1)
-    if fixed:
-        after = residual[:, None] - S + now.basis[rows] @ along
-        wrong |= [silences(target, residual, *one) for one in zip(S.T, after.T, gain.tolist())]
     every, nothing = map(Gained, gain.tolist(), beta, own, visible.tolist()), np.zeros(0)
     return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
 
@@ -195,18 +144,6 @@ def inverse(gram: Array, share: float) -> Array:
     return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
 
 
-def silences(target: Array, residual: Array, taken: Array, after: Array, gain: float) -> bool:
-    """Whether a drive's signal gains but by what it takes off the torque: of any torque less, less is unexplained.
-
-    One that leaves next to nothing of what is unexplained of the share that it passes on does more, however much it
-    takes; `after` is the residual at its joint once it is in.
-    """
-    rows = taken != 0
-    whole, missed = float(np.sum(target[rows] ** 2)), float(np.sum(residual[rows] ** 2))
-    passed = float(np.sum((target[rows] - taken[rows]) ** 2)) / max(whole, 1e-300)
-    return gain < SILENCED * (1.0 - passed) * missed and float(np.sum(after[rows] ** 2)) > CLEARED * passed * missed
-
-
 def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
     """Share of each candidate's power that the fitted columns leave, (k,): of what sets it apart from friction."""
     visible = np.zeros(len(candidates))
@@ -245,76 +182,3 @@ def overdone(target: Array, torque: Array) -> Flags:
     ``Σ τ² > OVERDONE² Σ target²`` over the rows where τ is not zero.
     """
     return np.asarray(np.sum(torque**2, axis=1) > OVERDONE**2 * ((torque != 0).astype(float) @ target**2))
-
-
-def strength(now: Fit, rest: Array, after: Array) -> tuple[float, float]:
-    """``sᵀ V⁻¹ s`` of projected columns (rows n, c), and how many blocks V rests on; `after`: the residual with them.
-
-    V is the score's own scatter over blocks. Columns that act in few blocks say too little of it: they must stand
-    against stationary noise of the residual's spectrum as well.
-    """
-    s, sums, blocks = rest.T @ now.residual, now.by_block(rest * after[:, None]), effective(now, rest)
-    wald = against(sums.T @ sums, s)
-    if blocks < FEW:
-        return min(wald, against(stationary(now, rest, after), s)), float(now.blocks)
-    return wald, blocks
-
-
-def against(V: Array, s: Array) -> float:
-    """``sᵀ V⁻¹ s``."""
-    return float(s @ np.linalg.lstsq(V, s, rcond=1e-12)[0])
-
-
-def stationary(now: Fit, rest: Array, residual: Array) -> Array:
-    """``Σ_f R(f)ᴴ S(f) R(f)``: covariance of ``Rᵀr``, (c, c), for stationary noise r of a residual's spectrum S.
-
-    The spectrum is smoothed, and larger by the share of its band that the columns themselves have taken out of it, and
-    by how much louder than on the whole the residual is where the columns act: see `local`.
-    """
-    columns, rows = (x.reshape(-1, len(now.scale), x.shape[1]) for x in (rest, residual[:, None]))
-    spectrum, power = fft.rfft(columns, axis=0), np.abs(fft.rfft(rows[:, :, 0], axis=0)) ** 2 / len(rows)
-    twice = np.full(len(spectrum), 2.0)
-    twice[0] = 1.0
-    if len(columns) % 2 == 0:
-        twice[-1] = 1.0
-    smooth = uniform_filter1d(power, SMOOTH, axis=0) * (1.0 + rest.shape[1] / SMOOTH) * local(columns, rows[:, :, 0])
-    weighted = spectrum * (smooth * twice[:, None] / len(columns))[:, :, None]
-    return np.asarray(np.einsum("fjc,fjd->cd", spectrum.conj(), weighted).real)
-
-
-def local(columns: Array, residual: Array) -> Array:
-    """``Σ_t h r² / (Σ_t h ⟨r²⟩)``, (n,), at least one: power of a residual, (rows, n), where columns act over its mean.
-
-    h is the columns' power, (rows, n, c) summed. What a model leaves in few moments, at the steps of a staircase, is no
-    stationary noise, and whatever acts in those moments alone would stand far out from its mean.
-    """
-    acts, power = np.sum(columns**2, axis=2), residual**2
-    mean = np.sum(acts, axis=0) * np.mean(power, axis=0)
-    return np.maximum(np.sum(acts * power, axis=0) / np.maximum(mean, 1e-300), 1.0)
-
-
-def effective(now: Fit, rest: Array) -> float:
-    """Blocks in which projected columns (rows n, c) act: see `acting`."""
-    return float(acting(grams(now, rest, rest.shape[1])[0]))
-
-
-def acting(gram: Array) -> Array:
-    """``c²/Σ_i h_i²``, h_i the leverage ``tr(G⁻¹ G_i)`` of each block, from their ``G_i = RᵀR``, (..., c, c, blocks).
-
-    What acts in three blocks only has a score of which only three are independent, however long the log.
-    """
-    inside = inverse(gram.sum(axis=-1), 1e-12)
-    leverage = np.sum(gram * inside[..., None], axis=(-3, -2))
-    return np.asarray(np.sum(leverage, axis=-1) ** 2 / np.maximum(np.sum(leverage**2, axis=-1), 1e-300))
-
-
-def chance(wald: Array | float, width: int, blocks: float) -> Array | float:
-    """Hotelling's T² with `width` coefficients over `blocks` blocks: chance of as much or more."""
-    freedom = max(blocks - width, 1.0)
-    return np.asarray(fdtrc(width, freedom, wald * freedom / (width * max(blocks - 1, 1.0))))
-
-
-def grams(now: Fit, rest: Array, c: int) -> Array:
-    """``RᵀR`` of each block, of each c columns of some that stand side by side, (rows n, k c): (k, c, c, blocks)."""
-    R = each(rest, c)
-    return np.add.reduceat(R[:, :, None] * R[:, None, :], now.starts, axis=-1)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
 from math import log
 
-from gimbal_pin.diagnosis.score import Score, gained, score
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, RigEffect, Signal
 
@@ -18,40 +18,39 @@ FINE = 2.0 ** (1 / 64)
 """The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
 NEAR = 2.0 ** (1 / 32)
 """The same where the best of many that stand close is moved on."""
-TOLD = 10.0
-"""Gain from which a log tells one shape or form from another: ten of AIC (Burnham and Anderson 2002, section 2.6)."""
 
 
-def refined(state: State, cause: Cause, step: float = COARSE) -> Cause:
-    """Return the cause with its shape parameters moved to where it gains most: a pattern search in their logarithms.
+def refined(state: State, cause: Cause, value: Callable[[State, Cause], float], step: float = COARSE) -> Cause:
+    """Return the cause with its shape parameters moved to where it is worth most: a pattern search in their logarithms.
 
     Args:
         state: The state without the cause.
         cause: The cause.
+        value: What a cause is worth in a state.
         step: The first step, a factor; every round takes its square root.
     """
-    best, at = worth(state, cause), cause
+    best, at = value(state, cause), cause
     for _ in range(ROUNDS):
         before = at
         for name in shape_names(cause):
             for factor in (step, 1 / step):
                 other = moved(at, name, factor)
-                if other is not None and (found := worth(state, other)) > best:
+                if other is not None and (found := value(state, other)) > best:
                     best, at = found, other
-        while (other := onward(before, at)) is not None and (found := worth(state, other)) > best:
+        while (other := onward(before, at)) is not None and (found := value(state, other)) > best:
             best, at = found, other
         step **= 0.5
     return at
 
 
-def otherwise(state: State, cause: Cause) -> tuple[Cause, ...]:
-    """Other forms of a cause, each where it gains most from where the search has found it, refined."""
+def other_forms(state: State, cause: Cause, value: Callable[[State, Cause], float]) -> tuple[Cause, ...]:
+    """Other forms of a cause, each where it is worth most from where the search has found it, refined."""
     evidence = state.problem.evidence
     seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
     forms: dict[tuple[object, ...], list[Cause]] = {}
     for other in cause.akin(seen):
         forms.setdefault(form(other), []).append(other)
-    return tuple(refined(state, max(alike, key=partial(worth, state)), NEAR) for alike in forms.values())
+    return tuple(refined(state, max(alike, key=partial(value, state)), value, NEAR) for alike in forms.values())
 
 
 def onward(before: Cause, at: Cause) -> Cause | None:
@@ -64,16 +63,6 @@ def onward(before: Cause, at: Cause) -> Cause | None:
     shapes = [shape for shape in at.shapes if shape.name in shape_names(at)]
     new = {shape.name: getattr(at, shape.name) ** 2 / getattr(before, shape.name) for shape in shapes}
     return at.altered(**new) if all(s.lower <= new[s.name] <= s.upper for s in shapes) else None
-
-
-def worth(state: State, cause: Cause) -> float:
-    """The gain of a cause as it stands in this state, without how sure that is."""
-    return gained(state.fit, state.columns(cause), isinstance(cause, Signal)).gain
-
-
-def measure(state: State, cause: Cause) -> Score:
-    """Score a cause as it stands in this state; a drive's signal with the coefficient one that it has."""
-    return score(state.fit, state.columns(cause), isinstance(cause, Signal))
 
 
 def shape_names(cause: Cause) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -32,6 +32,10 @@ FITTED = 0.01
 """The same for the dispersions."""
 BENT = 0.02
 """Angle from which a turned rig's torque is built at that angle, rad."""
+POSES = 50
+"""Poses over which an inertia is averaged."""
+KEPT = 200
+"""Effects whose columns are kept."""
 AIMED = 0.001
 """Change of that angle, as a share, under which it has settled."""
 
@@ -53,6 +57,7 @@ class Problem:
     rigid: Array
     rigid_full: list[Array]
     luck: float = LUCK
+    kept: dict[Effect, tuple[Array, list[Array]]] = field(default_factory=dict, init=False, repr=False)
 
     @staticmethod
     def of(evidence: Evidence, reduction: Reduction) -> Problem:
@@ -98,9 +103,37 @@ class Problem:
         return [across(columns @ beta, j) for columns in self.masses[j]]
 
     @cached_property
+    def inertia(self) -> Array:
+        """Base parameters → mean over some poses of each joint's inertia about its axis, (n, b)."""
+        rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
+        q = np.concatenate([part.channels.q for part in self.evidence.parts])
+        some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
+        rows = [inertia_columns(rig, some, j)[:, j, places] for j in range(rig.n)]
+        return np.stack([np.mean(row, axis=0) for row in rows])
+
+    @cached_property
     def friction(self) -> tuple[Effect, ...]:
         """Coulomb and viscous friction of every joint."""
         return friction_effects(self.evidence.rig.joints)
+
+    def build(self, cause: Cause, stand: Stand, load: Load, acting: list[Array]) -> Array:
+        """Return a cause's whitened columns at all joints, (rows, n, c); see `columns.build`."""
+        if reads(cause) or not isinstance(cause, Effect):
+            return build(self.evidence, cause, stand, load, acting).values
+        return self.built(cause, load)[0]
+
+    def plain(self, effect: Effect, load: Load) -> list[Array]:
+        """Return a torque effect's columns at its joint as they are, (m, c) per part."""
+        return plain_columns(self.evidence, effect, load) if reads(effect) else self.built(effect, load)[1]
+
+    def built(self, effect: Effect, load: Load) -> tuple[Array, list[Array]]:
+        """Return both for an effect that reads nothing but the log: built once, the last ones kept."""
+        if effect not in self.kept:
+            while len(self.kept) >= KEPT:
+                del self.kept[next(iter(self.kept))]
+            values = build(self.evidence, effect, load.stand, load, self.evidence.torque).values
+            self.kept[effect] = values, plain_columns(self.evidence, effect, load)
+        return self.kept[effect]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +150,6 @@ class State:
         unexplained: What of it the fit does not predict, N m, (m, n) per part.
         alike: A state whose joints are taken to bear the same; None: what the fit says.
         learned: The state of logs that a motion which nobody has made yet is imagined from; None: this is of logs.
-        swings: What springs take from the torques of all joints, N m, (m, n) per part, where their links' motion has
-            been worked out (`linked`).
     """
 
     problem: Problem
@@ -130,7 +161,6 @@ class State:
     unexplained: list[Array]
     alike: State | None = None
     learned: State | None = None
-    swings: Mapping[Cause, list[Array]] = field(default_factory=dict)
 
     @cached_property
     def stand(self) -> Stand:
@@ -160,7 +190,7 @@ class State:
         braked: list[Array] = [np.zeros(x.shape) for x in self.acting]
         for effect, values in [*friction, *((c, known.coefficients(c)) for c in dry)]:
             j = evidence.rig.joint_index(effect.joint)
-            for brake, columns in zip(braked, plain_columns(evidence, effect, self.load)):
+            for brake, columns in zip(braked, problem.plain(effect, self.load)):
                 brake[:, j] += columns @ values
         inertial = [(x - y) @ theta[:at] for x, y in zip(problem.rigid_full, problem.resting)]
         totals = self.torque if self.learned else [x - y for x, y in zip(self.acting, self.unexplained)]
@@ -185,8 +215,6 @@ class State:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
         if not isinstance(cause, Signal) or not cause.geared:
             return None
-        if cause in self.swings:
-            return [Borne(0.0, 0.0, taken=taken) for taken in self.swings[cause]]
         if isinstance(cause, Loose) and cause.springy:
             parts = self.problem.evidence.parts
             return [Borne(0.0, 0.0, taken=loose(self.stand.rig, part, cause)) for part in parts]
@@ -205,7 +233,7 @@ class State:
         brakes = [np.zeros(len(x)) for x in loads]
         for effect, value in zip(self.problem.friction, phi):
             if effect.joint == spring.joint:
-                columns = plain_columns(evidence, effect, self.load)
+                columns = self.problem.plain(effect, self.load)
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
         rows = zip(brakes, loads, own, torque, evidence.parts)
         return [Borne.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
@@ -260,15 +288,14 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
             acting = acted(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
     b = evidence.whiten_all(acting)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    built = (build(evidence, c, mounted(rig, causes, c), load, acting) for c in effects)
-    A = np.concatenate([problem.rigid, *(one.values for one in built)], axis=2)
+    built = (problem.build(c, mounted(rig, causes, c), load, acting) for c in effects)
+    A = np.concatenate([problem.rigid, *built], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None, problem.luck)
     total = predicted(problem, effects, now.theta, load)
     mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     rig, alike = refitted(problem, now.theta), before if keep else None
-    swings = before.swings if before else {}
-    return State(problem, tuple(causes), now, rig, mixed, acting, unexplained, alike, swings=swings)
+    return State(problem, tuple(causes), now, rig, mixed, acting, unexplained, alike)
 
 
 def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
@@ -295,7 +322,7 @@ def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, load: Lo
         size = width(effect)
         if isinstance(effect, Effect):
             j = problem.evidence.rig.joint_index(effect.joint)
-            for total, x in zip(out, plain_columns(problem.evidence, effect, load)):
+            for total, x in zip(out, problem.plain(effect, load)):
                 total[:, j] += x @ theta[at : at + size]
         at += size
     return out

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.audit import Fault, stuck_channel
-from gimbal_pin.diagnosis.searched import Searched
+from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.digits import digits
 from gimbal_pin.effects import Signal
 from gimbal_pin.limited import MOSTLY, near_limit
@@ -21,7 +21,7 @@ BEYOND = 0.5
 """Share of the torque's power beyond the band from which most of what a log holds is not looked at."""
 
 
-def swung(rig: Rig, logs: Sequence[Log], found: Searched, cutoff: float) -> Fault | None:
+def swung(rig: Rig, logs: Sequence[Log], found: Explained, cutoff: float) -> Fault | None:
     """A loop that swings so in one of the logs, and of whose joint something else is told than the limit itself.
 
     Of a joint at which a structure is left, and no more told, nothing is claimed that the swing could have made.
@@ -30,7 +30,7 @@ def swung(rig: Rig, logs: Sequence[Log], found: Searched, cutoff: float) -> Faul
         if fault is not None:
             own = [cause for cause in found.final.causes if cause.of_joint and cause.place == fault.joint]
             limits = [cause for cause in own if isinstance(cause, Signal) and isfinite(cause.largest)]
-            noise = found.residual[rig.joints.index(str(fault.joint))].state == "noise"
+            noise = not found.structured[rig.joints.index(str(fault.joint))]
             if not limits and (own or noise):
                 return fault
     return None

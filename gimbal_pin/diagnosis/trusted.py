@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
-from gimbal_pin.diagnosis import verdict
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered
 from gimbal_pin.diagnosis.composed import ENTER, by_form, chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
@@ -19,8 +18,6 @@ from gimbal_pin.diagnosis.finding import APART, Diagnosis, Finding, Rival, Sligh
 from gimbal_pin.diagnosis.given import TOLD, given
 from gimbal_pin.diagnosis.heavier import inertias
 from gimbal_pin.diagnosis.heldout import CONFIRMED, rollout_rmse, torque_rmse
-from gimbal_pin.diagnosis.reported import denial
-from gimbal_pin.diagnosis.scale import limited
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.log import Array
@@ -29,6 +26,8 @@ from gimbal_pin.rig import Rig
 
 TRUSTED = "trusted"
 """What a rig's YAML says under `inertia` if differences from its URDF are findings."""
+SHARE = 0.0015
+"""Torque of a cause over the joint's, rms, under which it does not matter."""
 FAINT = 0.05
 """Torque of a cause over that of the strongest, under which it may be what the strongest one's model gets wrong: it
 counts where it takes up what that one leaves as no error of a form would let it."""
@@ -44,9 +43,9 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     """
     rig = state.problem.evidence.rig
     apart = Difference.of_fit(rig, state.problem.reduction, state.fit)
-    q = np.concatenate([part.channels.q for part in state.problem.evidence.parts])
-    off = {one.finding.joint or "": one.off for one in limited(state, found.findings) if one.off > 0}
-    heavier = inertias(apart, q, [one for one in found.untestable if causes[one.cause].like_inertia], off)
+    heavier = inertias(
+        apart, state.problem.inertia, [one for one in found.untestable if causes[one.cause].like_inertia]
+    )
     found = replace(found, given=given(apart), notes=(*found.notes, *heavier))
     if rig.config.inertia != TRUSTED or found.held is None:
         return found
@@ -55,16 +54,14 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     size = {kind: shares(state, bodies, fitted, kind) for kind in fitted.kinds}
     most = max((float(x.max()) for x in size.values()), default=0.0)
     case = Case(state, bodies, fitted, tried, found.held)
-    large = [kind for kind in fitted.kinds if size[kind].max() > verdict.SHARE]
+    large = [kind for kind in fitted.kinds if size[kind].max() > SHARE]
     material = [kind for kind in large if size[kind].max() > FAINT * most or outright(case, kind)]
     sure = [kind for kind in material if confirmed(case, kind)]
-    denied = [denial(fitted.cause(kind)) for kind in material if kind not in sure]
     more = [finding(case, kind, size[kind]) for kind in sure]
     less = [Slight(*named(kind), float(size[kind].max())) for kind in fitted.kinds if kind not in material]
     every = sorted([*found.findings, *more], key=lambda one: -one.explained_share)
     said = overall([one.status for one in every], list(found.residual.values()))
-    notes, small = (*found.notes, *denied), (*found.immaterial, *less)
-    return replace(found, findings=tuple(every), verdict=said, immaterial=small, notes=notes)
+    return replace(found, findings=tuple(every), verdict=said, immaterial=(*found.immaterial, *less))
 
 
 class Case(NamedTuple):
@@ -94,7 +91,8 @@ def shares(state: State, bodies: Bodies, fitted: Fitted, kind: Kind) -> Array:
     """Torque that a kind makes, as a share of each joint's, (n,)."""
     change = bodies.response(fitted.cause(kind).apply(bodies.found.rig))[0]
     torque = np.concatenate([columns @ change for columns in state.problem.rigid_full])
-    return np.asarray(np.sqrt(np.mean(torque**2, axis=0)) / verdict.torque_level(state))
+    level = np.sqrt(np.mean(np.concatenate(state.problem.evidence.torque) ** 2, axis=0)) + 1e-12
+    return np.asarray(np.sqrt(np.mean(torque**2, axis=0)) / level)
 
 
 def outright(case: Case, kind: Kind) -> bool:
@@ -189,8 +187,8 @@ def models_of(case: Case, kind: Kind) -> tuple[Extended, Extended]:
 
 
 def confirmed(case: Case, kind: Kind) -> bool:
-    """Whether the given URDF predicts the held-out torque of any joint better with a cause; else it is not named."""
-    before, after = (torque_rmse(case.held, model) for model in models_of(case, kind))
+    """Whether the given URDF predicts any joint's torque better with a cause, on the part that it was found in."""
+    before, after = (torque_rmse(case.state.problem.evidence, model) for model in models_of(case, kind))
     return bool(np.any(before > CONFIRMED * after))
 
 

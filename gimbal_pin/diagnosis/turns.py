@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
-from gimbal_pin.diagnosis.leftover import NOISY
-from gimbal_pin.diagnosis.state import Problem, State
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rows import STANDSTILL, Filtering, Flags, dilated, mask, memory, settling, slow
@@ -24,6 +23,8 @@ SMEAR = 2.0 / 3.0
 ``SMEAR Δa/(4π f_c)`` a corner at zero, where the acceleration jumps by Δa."""
 SURE = 4.0
 """Standard deviations from which a torque is taken to act at another time."""
+NOISY = 40.0
+"""Dispersion from which it is not known when a joint turns round."""
 QUIET = 0.5
 """Error that a turn may add to a row, in deviations of its noise."""
 
@@ -40,13 +41,6 @@ def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
     parts = [regated(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
     corners = [rounded(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
     return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
-
-
-def reopened(problem: Problem, evidence: Evidence) -> Problem:
-    """The same columns, whitened behind another gate."""
-    joints = range(evidence.rig.n)
-    rigid = [evidence.whiten([x[:, j] for x in problem.rigid_full], j) for j in joints]
-    return Problem(evidence, problem.reduction, np.stack(rigid, axis=1), problem.rigid_full)
 
 
 def dry_friction(state: State) -> Array:

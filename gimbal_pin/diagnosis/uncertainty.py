@@ -65,7 +65,7 @@ def covariance(state: State, cause: Cause) -> Array:
 def slopes(state: State, base: State, cause: Cause) -> Array:
     """Whitened slopes of the torque by a cause's coefficients, then by its shape parameters, (rows, n, c)."""
     # What a signal changes is the torque before it.
-    at = replace(base, swings={}) if isinstance(cause, Signal) else state
+    at = base if isinstance(cause, Signal) else state
     now = at.columns(cause).values
     columns = [] if isinstance(cause, Signal) else [now]
     weights = state.coefficients(cause) if isinstance(cause, Effect) else np.ones(now.shape[2])

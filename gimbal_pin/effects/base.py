@@ -90,12 +90,8 @@ class Effect(Cause):
     """True if its basis may read `weight`, which is worked out where an effect does."""
     rising: ClassVar[bool] = False
     """True if it is friction that grows faster than the rate, beside viscous friction."""
-    restoring: ClassVar[bool] = False
-    """True if it is a torque of the angle that pulls the joint back, as a spring does."""
     lasting: ClassVar[bool] = False
     """True if it changes with time or temperature, whatever the motion."""
-    proportional: ClassVar[bool] = False
-    """True if it is a share of all its joint's torque, as all others' reciprocal shares are with the bodies' masses."""
     compensation: ClassVar[str] = "its torque at the reference is added to the controller's feed-forward"
 
     @property

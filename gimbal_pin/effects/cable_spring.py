@@ -77,7 +77,6 @@ class CableSpring(Effect):
         Parameter("quadratic", 0.0, "N m/rad^2", -inf, inf),
         Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf),
     )
-    restoring: ClassVar[bool] = True
     experiment: ClassVar[str] = "slow sweeps over the whole range, repeated with the other axes elsewhere"
     compensation: ClassVar[str] = "spring feed-forward by angle; or dress the cable so that it does not pull"
 

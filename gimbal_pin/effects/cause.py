@@ -60,6 +60,19 @@ class Cause(ABC):
         return ()
 
     @property
+    def pieces(self) -> tuple[float, ...]:
+        """What it is made of, where it may be made of any number of pieces: a harmonic's multiples; nothing else."""
+        return ()
+
+    def joined(self, other: Cause) -> Cause:
+        """Return it with the pieces of another of its kind."""
+        return self
+
+    def without(self, piece: float) -> Cause:
+        """Return it without one of its pieces."""
+        return self
+
+    @property
     def coupled(self) -> bool:
         """Whether only other joints' torques can show it: a rig of one joint cannot."""
         return False
@@ -99,17 +112,8 @@ class Cause(ABC):
         """Return the form that is taken where a log tells no other: with less to it; for most there is none."""
         return self
 
-    def mirrored(self) -> Cause:
-        """Return the same in the other direction, of one that acts in one; most act in both."""
-        return self
-
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
-        return ()
-
-    @property
-    def leant(self) -> tuple[str, ...]:
-        """Names of causes that look the same where the joint's link always leans to one side."""
         return ()
 
     @abstractmethod

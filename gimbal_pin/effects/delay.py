@@ -29,7 +29,6 @@ class Delay(Signal):
         Parameter("time", nan, "s", 0.0, 0.2, meaning="how much later than commanded the torque acts"),
     )
     linear: ClassVar[bool] = True
-    wanders: ClassVar[bool] = True
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
     compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
 

@@ -56,11 +56,6 @@ class EncoderOffset(RigEffect):
         """A small offset."""
         return (cls(joint, STEP),)
 
-    @property
-    def leant(self) -> tuple[str, ...]:
-        """A gap, with the encoder on the rotor: as long as the link lies on one flank, that reads half the gap off."""
-        return ("backlash",) if abs(self.offset) <= WIDEST / 2 else ()
-
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the offset in degrees."""
         return f"the encoder reads {degrees(self.offset):+.3g}° where the joint is at zero"

@@ -68,20 +68,24 @@ class Harmonic(Effect):
             return carrier * along, carrier * across
         return tuple(carrier * part for k in self.harmonic for part in at.around(k))
 
-    def merged(self, other: Harmonic) -> Harmonic:
+    @property
+    def pieces(self) -> tuple[float, ...]:
+        """Its harmonics."""
+        return self.harmonic
+
+    def joined(self, other: Cause) -> Harmonic:
         """Return the harmonics of both."""
-        return type(self)(self.joint, tuple(sorted({*self.harmonic, *other.harmonic})))
+        return type(self)(self.joint, tuple(sorted({*self.harmonic, *other.pieces})))
+
+    def without(self, piece: float) -> Harmonic:
+        """Return it without one of its harmonics."""
+        return type(self)(self.joint, tuple(k for k in self.harmonic if k != piece))
 
     def above(self) -> tuple[Harmonic, ...]:
         """Return the overtones of its harmonics, each alone: what repeats with a tooth has any form over it."""
         last = self.limits()[1]
         found = {times * k for k in self.harmonic for times in self.overtones} - {*self.harmonic}
         return tuple(self.inside(self.joint, (k,)) for k in sorted(found) if k <= last)
-
-    def doubled(self) -> Harmonic | None:
-        """Return the overtone of twice its first harmonic alone; None beyond those that are tried."""
-        twice = 2 * self.harmonic[0]
-        return self.inside(self.joint, (twice,)) if twice <= self.limits()[1] else None
 
     def polar(self, values: Sequence[float]) -> tuple[tuple[float, float], ...]:
         """Amplitude and phase, rad, of every harmonic."""

@@ -103,11 +103,3 @@ class Loose(Geared):
         w = 2 * pi * self.flank
         k, d = w * w / share, 2 * self.damping * w / share
         return Flanks(self.gap / 2, k, d, dt, exact(k, d, dt))
-
-    @classmethod
-    def giving(cls, joint: str, inertia: float) -> tuple[Loose, ...]:
-        """Gaps with flanks that give, of rotors light and heavy, at a joint of some inertia, kg m²."""
-        rotors = [(share * inertia, share) for share in SHARES if inertia > 0]
-        return tuple(
-            cls.inside(joint, gap, J, r, flank, DAMPING) for gap in GAPS for J, r in rotors for flank in FLANKS
-        )

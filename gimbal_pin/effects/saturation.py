@@ -12,8 +12,7 @@ import numpy as np
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, size
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Flags, Static
-from gimbal_pin.log import Array
+from gimbal_pin.effects.signal import Static
 from gimbal_pin.parameter import Parameter
 
 SOFT = 2.0
@@ -82,20 +81,6 @@ class Saturation(Static):
     def largest(self) -> float:
         """The limit."""
         return self.limit
-
-    def sagging(self, command: Array, rate: Array) -> Array:
-        """The rate where the limit bites: ``±limit (1 ∓ v/v₀)`` is a supply that gives out."""
-        if not self.knee:
-            return np.where(self.passed(command) != command, rate, 0.0)
-        bent = (self.of_side(command) / self.limit) ** self.knee
-        return rate * (bent / (1.0 + bent)) ** (1.0 + 1.0 / self.knee)
-
-    def biting(self, command: Array) -> Flags:
-        """Where less than half of a change of the command comes through."""
-        if not self.knee:
-            return np.asarray(self.passed(command) != command)
-        bent = (self.of_side(command) / self.limit) ** self.knee
-        return np.asarray((1.0 + bent) ** -(1.0 + 1.0 / self.knee) < 0.5)
 
     def of_side(self, x: Value) -> Value:
         """Size of the command where its direction is limited, else zero."""

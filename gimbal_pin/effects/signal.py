@@ -71,8 +71,6 @@ class Signal(Cause):
 
     linear: ClassVar[bool] = False
     """True if it is linear and passes a constant on: its impulse response then says all of it."""
-    wanders: ClassVar[bool] = False
-    """True if it passes on the command of some time ago, and that time may change slowly."""
     experiment: ClassVar[str] = "a chirp up to the highest frequency that the drive follows"
 
     @property
@@ -106,19 +104,6 @@ class Signal(Cause):
     def swings(self, dt: float, count: int) -> Array:
         """What a motor feels of the ways in which the link may swing by itself from the start on, (count, m)."""
         return np.zeros((count, 0))
-
-    def biting(self, command: Array) -> Flags:
-        """Where it passes on next to nothing of a change of the command, N m, (N,): flags (N,); nowhere for most."""
-        return np.zeros(len(command), dtype=bool)
-
-    def sagging(self, command: Array, rate: Array) -> Array:
-        """Torque, N m s/rad, (N,), that acts more for each rad/s if what bounds it falls with the rate; zero for most.
-
-        Args:
-            command: N m, (N,).
-            rate: Of the joint, rad/s, (N,).
-        """
-        return np.zeros_like(command)
 
     @abstractmethod
     def start(self, level: float = 0.0) -> Memory:

@@ -67,13 +67,3 @@ class Sprung(Geared):
     @abstractmethod
     def held(self) -> Sprung:
         """The link alone on its spring, the rotor held."""
-
-    def even(self, z: Array) -> Sprung:
-        """The linear spring ``k (1 + 3 h <z²>)`` of the same damping d that is nearest along some soft torques, N m.
-
-        Exact in the mean for a normal z (Roberts and Spanos, Random Vibration and Statistical Linearization, 1990).
-        """
-        if not self.hardening:
-            return self
-        grown = float(np.sqrt(1 + 3 * self.hardening * np.mean(z**2)))
-        return self.altered(frequency=self.frequency * grown, damping=self.damping / grown, hardening=0.0)

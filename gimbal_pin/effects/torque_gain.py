@@ -40,7 +40,6 @@ class TorqueGain(Effect):
         "motion of all axes, tells them apart"
     )
     like_inertia: ClassVar[bool] = True
-    proportional: ClassVar[bool] = True
     experiment: ClassVar[str] = "all axes at once, with a known mass fixed at a known place"
     compensation: ClassVar[str] = "the command is divided by the gain; correct the torque constant"
 
@@ -56,10 +55,6 @@ class TorqueGain(Effect):
     def plain(self) -> Cause:
         """Off in both directions."""
         return replace(self, side=0)
-
-    def mirrored(self) -> Cause:
-        """Off in the other direction."""
-        return replace(self, side=-self.side)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

@@ -9,10 +9,10 @@ import numpy as np
 from gimbal_pin.log import Log
 from gimbal_pin.rows.filtering import FINE
 
-USED = 300.0
+USED = 120.0
 """Time that is looked at, s, or as many rows as that has at `FINE`."""
-COUNT = 12
-"""Stretches: 25 s each, thirty times what filters lose at their ends; a drift is seen at twelve times."""
+COUNT = 8
+"""Stretches: 15 s each, forty times what filters lose at their ends; a drift is seen at eight times."""
 LONG = 2.0
 """Logs of so many times that are not looked at as a whole: what is left out between two stretches is then a pause."""
 

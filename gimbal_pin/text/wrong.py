@@ -21,7 +21,6 @@ ALONE = "(a finding's error before is without it and with all others; the table'
 def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> str:
     """Verdict, findings, what is left at each joint, and where the files lie; `command`: the call that asked for it."""
     lines = [f"verdict: {found.verdict}{doubted(found)}"]
-    lines += [] if found.timing is None else [f"next: {line}" for line in found.timing.next(command)]
     lines += [""] if found.spoiling or found.findings else []
     for fault in found.spoiling:
         lines.append(f"{fault.sentence}; {fault.next_experiment}")
@@ -44,7 +43,6 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> 
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
         lines += [f"({found.drowned})"] if found.drowned else []
         lines += [ALONE] if len(found.findings) > 1 else []
-    lines += [] if found.timing is None else [found.timing.sentence]
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model{freely(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
@@ -61,8 +59,6 @@ def doubted(found: Diagnosis) -> str:
     open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
     if found.findings and not found.lacking:
         return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
-    if found.verdict == "nothing" and found.denied:
-        return f", though {'; '.join(found.denied)}"
     return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
 
 

@@ -37,20 +37,30 @@ def bumps(values: Array, knots: Array) -> Array:
 
 def features(evidence: Evidence, torque: Sequence[Array], joint: int) -> Array:
     """Return δ's columns at a joint, whitened, (rows, k); `torque`: the model's, N m, (m, n) per part."""
-    parts = evidence.parts
+    return np.concatenate(list(grouped(evidence, torque, joint).values()), axis=1)
+
+
+def grouped(evidence: Evidence, torque: Sequence[Array], joint: int) -> dict[str, Array]:
+    """Return the same apart by what they are functions of."""
+    parts, rig = evidence.parts, evidence.rig
     way = [part.slide[:, joint] for part in parts]
-    own = ((angles(evidence, joint), ANGLES, True), (rates(evidence, joint), RATES, False))
-    load = (([x[:, joint] for x in torque], TORQUES, True), ([part.time for part in parts], TIMES, True))
-    others = [k for k in range(evidence.rig.n) if k != joint]
-    beside = [(of(evidence, k), OTHERS, False) for k in others for of in (angles, rates)]
-    plain, signed = [], []
-    for values, count, both in (*own, *load, *beside):
+    variables = {
+        "over its angle": (angles(evidence, joint), ANGLES, True),
+        "over its rate": (rates(evidence, joint), RATES, False),
+        "over its torque": ([x[:, joint] for x in torque], TORQUES, True),
+        "over time": ([part.time for part in parts], TIMES, True),
+    }
+    for k in (k for k in range(rig.n) if k != joint):
+        variables[f"over the angle of {rig.joints[k]}"] = angles(evidence, k), OTHERS, False
+        variables[f"over the rate of {rig.joints[k]}"] = rates(evidence, k), OTHERS, False
+    found: dict[str, Array] = {}
+    for name, (values, count, both) in variables.items():
         knots = np.unique(np.quantile(np.concatenate(values), np.linspace(0.01, 0.99, count)))
         if len(knots) > 1:
-            plain.append([bumps(x, knots) for x in values])
-            signed += [plain[-1]] if both else []
-    turned = [[columns * s[:, None] for columns, s in zip(each, way)] for each in signed]
-    return evidence.whiten([np.concatenate(columns, axis=1) for columns in zip(*plain, *turned)], joint)
+            plain = [bumps(x, knots) for x in values]
+            signed = [np.hstack([columns, columns * s[:, None]]) for columns, s in zip(plain, way)] if both else plain
+            found[name] = evidence.whiten(signed, joint)
+    return found
 
 
 def angles(evidence: Evidence, joint: int) -> list[Array]:
@@ -86,13 +96,19 @@ def unseen(
     gram, moment = Z.T @ Z, Z.T @ target
     parts = [rows for k in range(FOLDS) if (rows := fold == k).any()]
     found: list[Array] = []
+    few = Z.shape[1] < min(int(rows.sum()) for rows in parts)
     for ridge in ridges:
-        penalty = np.repeat([1e-9, ridge], [A.shape[1], X.shape[1]]) * len(target)
-        factor = cho_factor(gram + np.diag(penalty))
-        left, inside = target - Z @ cho_solve(factor, moment), cho_solve(factor, Z.T)
+        penalty = np.diag(np.repeat([1e-9, ridge], [A.shape[1], X.shape[1]]) * len(target))
         error = np.empty(len(target))
-        for rows in parts:
-            error[rows] = np.linalg.solve(np.eye(rows.sum()) - Z[rows] @ inside[:, rows], left[rows])
+        if few:  # the fit to the others, directly
+            for rows in parts:
+                rest, its = gram - Z[rows].T @ Z[rows], moment - Z[rows].T @ target[rows]
+                error[rows] = target[rows] - Z[rows] @ np.linalg.solve(rest + penalty, its)
+        else:
+            factor = cho_factor(gram + penalty)
+            left, inside = target - Z @ cho_solve(factor, moment), cho_solve(factor, Z.T)
+            for rows in parts:
+                error[rows] = np.linalg.solve(np.eye(rows.sum()) - Z[rows] @ inside[:, rows], left[rows])
         found.append(error)
     return min(found, key=lambda one: float(one @ one))
 
@@ -119,10 +135,12 @@ class Lack(NamedTuple):
     Attributes:
         share: Share of the residual's power that δ predicts on unseen blocks; about zero, or less, for noise.
         power: That power in units of the noise's.
+        size: Its root over the joint's torque, rms over rms.
     """
 
     share: float
     power: float
+    size: float
 
 
 def lack_of_fit(state: State, joint: int) -> Lack:
@@ -133,9 +151,22 @@ def lack_of_fit(state: State, joint: int) -> Lack:
     evidence, rows = state.problem.evidence, state.fit.rows(joint)
     used = float(evidence.used()[joint])
     if used * evidence.rows < state.fit.stack.shape[1]:  # a joint that stands shows nothing
-        return Lack(0.0, 0.0)
+        return Lack(0.0, 0.0, 0.0)
     residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))
     flexible = np.concatenate([stack, features(evidence, state.torque, joint)], axis=1)
     error = unseen(stack[:, :0], flexible, residual, evidence.block)
     share = 1.0 - float(error @ error) / max(float(residual @ residual), 1e-300)
-    return Lack(share, max(share, 0.0) * float(np.mean(residual**2)) / used)
+    power, torque = max(share, 0.0) * float(np.mean(residual**2)), state.fit.target[rows] / state.fit.scale[joint]
+    return Lack(share, power / used, float(np.sqrt(power / max(float(np.mean(torque**2)), 1e-300))))
+
+
+def place(state: State, joint: int) -> str:
+    """Return which variable δ predicts most of a joint's residual by: "over its angle", say."""
+    evidence, rows = state.problem.evidence, state.fit.rows(joint)
+    residual = state.fit.residual[rows] / state.fit.scale[joint]
+    free = state.fit.stack[rows] / state.fit.scale[joint]
+    error = {
+        name: unseen(free[:, :0], np.concatenate([free, columns], axis=1), residual, evidence.block)
+        for name, columns in grouped(evidence, state.torque, joint).items()
+    }
+    return min(error, key=lambda name: float(error[name] @ error[name]), default="")

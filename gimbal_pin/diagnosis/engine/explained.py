@@ -10,69 +10,82 @@ from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, modelled
 from gimbal_pin.diagnosis.engine.rivals import Rival, contested
-from gimbal_pin.diagnosis.engine.selection import MOST, Search, fitted, polished, pruned, selected
+from gimbal_pin.diagnosis.engine.selection import MOST, Search, polished, pruned, selected
+from gimbal_pin.diagnosis.engine.support import FORM, OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.whitening import flat, modelled_torque, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import library
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.effects import Cause
+from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
 from gimbal_pin.threads import one_thread
 
 STRUCTURED = 0.1
 """Share of what is left from which it has a structure: δ predicts less of noise, see `lack_of_fit`."""
+LEFT = OF_CAUSE**2
+"""Share of a structure's power from which what is left of it denies the names of what explained the rest: more than an
+error of their forms."""
+LOUD = 4.0
+"""What is left where a drive bites, over the noise elsewhere, from which that is no chance."""
 PASSES = 2
 """Searches: the second begins with what the first has found, and with the noise that is left beside it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Explained:
     """A model of some logs.
 
     Attributes:
-        alignment: By how much later than it was gathered each joint's torque acts, s, (n,).
         search: The candidates, and from what gain one is a cause.
         first: The refitted rigid model with Coulomb and viscous friction, without any cause.
-        state: The same with the causes.
-        rivals: Of each cause, what else explains it.
+        state: The same with all causes that the search has ended with.
+        final: The same with those that deserve a name.
+        rivals: Of each cause of `state`, what else explains it.
         before: Lack of fit of `first` at each joint.
         after: The same of `state`.
     """
 
-    alignment: Array
     search: Search
     first: State
     state: State
+    final: State
     rivals: tuple[tuple[Rival, ...], ...]
     before: tuple[Lack, ...]
     after: tuple[Lack, ...]
 
     @property
-    def structured(self) -> frozenset[str]:
-        """Joints at which δ still predicts what the causes do not explain."""
-        joints = self.first.problem.evidence.rig.joints
-        return frozenset(joint for joint, lack in zip(joints, self.after) if lack.share > STRUCTURED)
+    def alignment(self) -> Array:
+        """By how much later than it was gathered each joint's torque acts, s, (n,)."""
+        return shifts(self.first.problem.evidence)
 
     @property
-    def named(self) -> tuple[Cause, ...]:
-        """Causes that deserve a name: none beside a structure, where one may stand for what nobody knows.
+    def structured(self) -> tuple[bool, ...]:
+        """Whether something is left that no named cause explains, joint by joint: δ predicts it, or a name was denied.
 
-        A search that was stopped, not ended, has sketched something with what it had.
+        A search that was stopped has sketched something with what it had.
         """
-        if len(self.state.causes) >= MOST:
-            return ()
-        left = self.structured
-        return tuple(one for one in self.state.causes if (one.place not in left if one.of_joint else not left))
+        joints = self.first.problem.evidence.rig.joints
+        denied = {one.place for one in self.state.causes if one not in self.final.causes}
+        return tuple(
+            material(lack) or joint in denied or (stopped(self.state) and lack.power > 0)
+            for joint, lack in zip(joints, self.after)
+        )
 
     def left(self, joint: int) -> float:
         """Structured power that is left at a joint over what there was before: one, where nothing was explained."""
         was, now = self.before[joint].power, self.after[joint].power
         return now / was if was > 0 else float(now > 0)
 
+    def rivals_of(self, cause: Cause) -> tuple[Rival, ...]:
+        """Return what else explains one of the causes, the best first."""
+        return self.rivals[self.state.causes.index(cause)]
+
 
 @one_thread()
-def explain(evidence: Evidence, reduction: Reduction, causes: Mapping[str, type[Cause]]) -> Explained:
+def explain(
+    evidence: Evidence, reduction: Reduction, causes: Mapping[str, type[Cause]], timed: bool = True
+) -> Explained:
     """Find which causes explain some logs.
 
     The torques' time and the noise's spectrum are estimated before the search, and again with what it has found; then
@@ -82,22 +95,63 @@ def explain(evidence: Evidence, reduction: Reduction, causes: Mapping[str, type[
         evidence: The logs.
         reduction: Base parameters that their motion shows.
         causes: The causes to look for.
+        timed: Whether to estimate the torques' time; False: it is known.
     """
     evidence = modelled_torque(evidence)
     given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
     found: tuple[Cause, ...] = ()
     for _ in range(PASSES):
-        plain = aligned(evidence, found, partial(refitted, given, found))
+        again = partial(refitted, given, found)
+        plain = aligned(evidence, found, again) if timed else again(evidence)
         search = listened(plain, library(plain.problem, causes))
-        state = selected(polished(fitted(search.problem, found, plain), search), search)
-        if not state.causes:
+        state = selected(polished(fitted(search.problem, found, plain)), search)
+        if not state.causes or stopped(state):
             break
         found = state.causes
-    state, others = contested(pruned(polished(state, search), search), search)
+    others: tuple[tuple[Rival, ...], ...] = ((),) * len(state.causes)
+    if not stopped(state):
+        state, others = contested(pruned(polished(state), search), search)
     first = fitted(search.problem, (), state)
     joints = range(first.problem.evidence.rig.n)
     before, after = (tuple(lack_of_fit(one, j) for j in joints) for one in (first, state))
-    return Explained(shifts(first.problem.evidence), search, first, state, others, before, after)
+    all_of_it = Explained(search, first, state, state, others, before, after)
+    names = deserving(all_of_it)
+    return all_of_it if names == state.causes else replace(all_of_it, final=fitted(search.problem, names, state))
+
+
+def material(lack: Lack) -> bool:
+    """Whether a lack of fit is a structure, and larger than an error of form that any model has."""
+    return lack.share > STRUCTURED and lack.size > FORM
+
+
+def deserving(found: Explained) -> tuple[Cause, ...]:
+    """Return the causes that deserve a name: none where much of a structure is left, which nobody knows."""
+    joints = found.first.problem.evidence.rig.joints
+    unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > LEFT}
+    every = () if stopped(found.state) else found.state.causes
+    clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
+    return tuple(one for one in clear if not (isinstance(one, Signal) and misses(found.state, one, found.search)))
+
+
+def misses(state: State, drive: Signal, search: Search) -> bool:
+    """Whether much is left where a drive takes most of the torque, though it should explain all of it there.
+
+    ``Σ x² r² / Σ x²`` is what is left there, x what it takes and r the residual. What is local in the torque is no
+    function of the state, and δ does not see it: a knock is clipped by a limit, too.
+    """
+    j = state.problem.evidence.rig.joint_index(drive.joint)
+    taken, base = added(state, drive)[:, j] ** 2, without(state, drive)
+    before, after = (
+        float(taken @ (one.fit.residual[one.fit.rows(j)] / one.fit.scale[j]) ** 2 / max(float(taken.sum()), 1e-300))
+        for one in (base, state)
+    )
+    noise = float(state.fit.dispersion[j])
+    return after > LOUD * noise and after - noise > LEFT * (before - noise)
+
+
+def stopped(state: State) -> bool:
+    """Whether a search was stopped, not ended: it has then sketched something with what it had."""
+    return len(state.causes) >= MOST
 
 
 def refitted(given: Problem, causes: Sequence[Cause], evidence: Evidence) -> State:
@@ -110,4 +164,5 @@ def listened(state: State, candidates: Sequence[Cause]) -> Search:
     """Return the search among candidates, on the logs of a model whitened by the noise's spectrum."""
     problem = rewhitened_problem(state.problem, flat(state.problem.evidence))
     plain = solved(problem, state.causes, state)
-    return Search.of(coloured(problem, plain, [modelled(plain, cause) for cause in candidates]), candidates)
+    few = [cause for cause in candidates if not cause.pieces]  # a harmonic is a line: no median moves by it
+    return Search.of(coloured(problem, plain, [modelled(plain, cause) for cause in few]), candidates)

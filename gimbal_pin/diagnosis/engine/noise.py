@@ -2,8 +2,7 @@
 
 Third differences of a torque tell its noise only where that is white. Drives filter and quantise their currents, and
 their noise lies within the motion's band: its spectrum is taken from the residual of a cross-validated ridge over the
-rigid model (free), all candidate columns and δ, so that what any of them could explain is not whitened away. Beside it
-stands the error of form that any model has: a share of its torque.
+rigid model (free), all candidate columns and δ, so that what any of them could explain is not whitened away.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.columns import Columns, Load, build
+from gimbal_pin.diagnosis.engine.criterion import passed_on
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
-from gimbal_pin.diagnosis.engine.selection import passed_on
 from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened, rewhitened_problem, whitened
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -25,8 +24,6 @@ from gimbal_pin.log import Array
 
 PASSES = 2
 """Rounds: the second ridge is fitted to rows that the first's spectrum has whitened."""
-FORM = 0.005
-"""Plausible error of a model's form, as a share of its torque: a good sensor would see it, and nobody would name it."""
 NARROW, WIDE = 8, 0.15
 """Frequencies to either side over which a spectrum is smoothed: so many, or that share of those below, if more."""
 
@@ -49,7 +46,8 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
     """
     evidence, now = problem.evidence, problem
     n = evidence.rig.n
-    own = [np.concatenate([c.at(j).own for c in candidates if c.joint in (None, j)], axis=1) for j in range(n)]
+    none = np.zeros((evidence.rows, 0))
+    own = [np.concatenate([none, *(c.at(j).own for c in candidates if c.joint in (None, j))], axis=1) for j in range(n)]
     for _ in range(PASSES):
         fitted = solved(now, state.causes, state)
         power: list[list[Array]] = []
@@ -58,11 +56,9 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
             stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
             flexible = [rewhitened(own[j], evidence, now.evidence, j), features(now.evidence, fitted.torque, j)]
             error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block)
-            asked = evidence.whiten([x[:, j] for x in fitted.torque], j)
-            form = spectra(asked, evidence, j, np.mean)
             noise = spectra(error, now.evidence, j, exponential)
             shares = passed_on(fitted, j)  # the noise is the measured torque's, before the drives' signals
-            power.append([(x / p + FORM**2 * y) / max(used, 1e-3) for x, p, y in zip(noise, shares, form)])
+            power.append([x / p / max(used, 1e-3) for x, p in zip(noise, shares)])
         now = rewhitened_problem(problem, whitened(evidence, [np.stack(each) for each in zip(*power)]))
     return now
 

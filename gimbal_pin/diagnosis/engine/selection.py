@@ -1,27 +1,22 @@
-"""Which causes: forward and backward with a beam, everything refitted at each step, compared by one criterion.
-
-``C = Σ_j N_j log φ_j + k log N``: twice the negative log likelihood of rows of unit noise, up to a constant, with the
-penalty of Schwarz (Ann. Statist. 6, 1978); N_j are joint j's rows, k what the causes have free, φ_j is the dispersion
-``⟨|R(f)|²/ρ(f)⟩`` of its residual. A drive's signal changes the measured torque, and the noise in it: ρ is the share of
-a noise's power that it passes on at each frequency. Without that any low-pass would explain half of any noise.
-"""
+"""Which causes: forward and backward with a beam, everything refitted at each step."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import fft
 
+from gimbal_pin.diagnosis.columns import Columns
+from gimbal_pin.diagnosis.engine.criterion import by_block, criterion, dispersion, passes, rows
 from gimbal_pin.diagnosis.engine.prediction import overfit
-from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.diagnosis.engine.support import fitted, matters, unsupported, without
+from gimbal_pin.diagnosis.fit import Fit, refit
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.score import all_gained
-from gimbal_pin.diagnosis.shapes import free, refined
-from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
+from gimbal_pin.diagnosis.score import all_gained, gained
+from gimbal_pin.diagnosis.shapes import free, other_forms, refined, same
+from gimbal_pin.diagnosis.state import Problem, State, width
 from gimbal_pin.effects import Cause, Signal
-from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log import Array
 
 BEAM = 2
@@ -34,8 +29,8 @@ ERROR_RATE = 0.01
 """Chance that a log with nothing in it gets a name."""
 PROMISE = 0.3
 """Share of the threshold that a candidate must gain on the coarse grid, before its shape is refined."""
-INSIDE, WIDTH = 0.75, 8
-"""Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""
+MOST_PIECES = 24
+"""Harmonics of one cause: no motor has more that matter."""
 STEP = 2.0**0.25
 """Factor by which shapes are moved first when a model is refined once more."""
 
@@ -51,6 +46,7 @@ class Search:
 
     shelf: Library
     threshold: float
+    shared: dict[Signal, float] = field(default_factory=dict)
 
     @staticmethod
     def of(problem: Problem, causes: Sequence[Cause]) -> Search:
@@ -65,107 +61,90 @@ class Search:
         """The logs."""
         return self.shelf.problem
 
-
-def rows(state: State) -> Array:
-    """Return how many rows of each joint tell, (n,)."""
-    evidence = state.problem.evidence
-    return np.asarray(evidence.rows * np.maximum(evidence.used(), 1e-3))
-
-
-def criterion(state: State) -> float:
-    """Return ``Σ_j N_j log φ_j + k log N``."""
-    count = rows(state)
-    freedom = sum(free(cause) for cause in state.causes)
-    return float(count @ np.log(dispersion(state)) + np.log(count.max()) * freedom)
-
-
-def dispersion(state: State) -> Array:
-    """Return each joint's ``φ = ⟨|R(f)|²/ρ(f)⟩``, (n,): residual power over the noise's, as the drives pass it on."""
-    found = state.fit.dispersion.copy()
-    for joint in {cause.joint for cause in state.causes if isinstance(cause, Signal)}:
-        evidence, first = state.problem.evidence, 0
-        j = evidence.rig.joint_index(joint)
-        own, power, fair = state.fit.residual[state.fit.rows(j)], 0.0, 0.0
-        for part, share in zip(evidence.parts, passed_on(state, j)):
-            spectrum = np.abs(fft.rfft(own[first : first + part.rows])) ** 2
-            first += part.rows
-            power, fair = power + spectrum.sum(), fair + float(np.sum(spectrum / share))
-        found[j] *= fair / max(power, 1e-300)
-    return found
-
-
-def passed_on(state: State, joint: int) -> list[Array]:
-    """Return ρ at a joint, the share of a noise's power that its drive's signals pass on, (f,) for each part.
-
-    A small noise of the estimated spectrum is put beside the measured torque: for a filter ρ is its gain. A limit below
-    nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
-    """
-    evidence = state.problem.evidence
-    shares: list[Array] = [np.ones(part.whitener.shape[1]) for part in evidence.parts]
-    for signal in state.causes:
-        if not isinstance(signal, Signal) or evidence.rig.joint_index(signal.joint) != joint:
-            continue
-        bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
-        for k, (part, left, borne) in enumerate(zip(evidence.parts, state.unexplained, bearing)):
-            torque, noise = part.channels.tau[:, joint], flattened(part, left[:, joint], joint)
-            change = part.acted(signal, torque, joint, borne) - part.acted(signal, torque - noise, joint, borne)
-            after, before = (np.abs(fft.rfft(part.whiten(x, joint))) ** 2 for x in (change, noise))
-            inside = slice(0, int(INSIDE * len(before)) // WIDTH * WIDTH)
-            after, before = (np.mean(x[inside].reshape(-1, WIDTH), axis=1) for x in (after, before))
-            share = np.repeat(np.clip(after / np.maximum(before, 1e-300), 1e-300, 1.0), WIDTH)
-            shares[k] *= np.pad(share, (0, len(shares[k]) - len(share)), mode="edge")
-    return shares
+    def share(self, state: State, signal: Signal) -> float:
+        """Return the share of all noise that a candidate passes on, worked out once: no model changes it by much."""
+        if signal not in self.shared:
+            self.shared[signal] = float(np.mean(np.concatenate(passes(state, signal))))
+        return self.shared[signal]
 
 
 def better(state: State, other: State, search: Search) -> bool:
-    """Whether a model is better than another by the threshold: in its fit, and on blocks that the fit has not seen."""
+    """Whether a model is better than another by the threshold, in its fit and on blocks that the fit has not seen.
+
+    And without the block that tells most, as one event is no evidence; and by more than an error of the other's form.
+    """
     if criterion(other) - criterion(state) < search.threshold:
+        return False
+    told = by_block(state, other)
+    if 2.0 * (told.sum() - told.max()) < search.threshold or not matters(state, other):
         return False
     foreseen = [rows(one) @ np.log(dispersion(one) * overfit(one)) for one in (state, other)]
     return bool(foreseen[1] - foreseen[0] >= search.threshold)
 
 
-def vuong(state: State, other: State) -> float:
-    """``Σ_b d_b/(√B std d_b)``: by how much, in deviations, a model's log likelihood is above another's.
-
-    d_b is what block b adds to it: ``Σ_j (r'_j² - r_j²)/φ_j``, both over the noise as their drives pass it on.
-    """
-    known = dispersion(state)
-    size, than = (np.sqrt(dispersion(one) / known) for one in (state, other))
-    count = len(state.fit.residual) // len(known)
-    difference = (np.tile(than, count) * other.fit.residual) ** 2 - (np.tile(size, count) * state.fit.residual) ** 2
-    blocks = state.fit.by_block(difference[:, None])[:, 0]
-    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(ddof=1), 1e-12))
-
-
-def flattened(part: Part, signal: Array, joint: int) -> Array:
-    """Return a torque with the phases of a signal, (m,), and of the spectrum that whitening makes flat."""
-    spectrum, gain = fft.rfft(signal), part.whitener[joint]
-    size = np.zeros(len(spectrum))
-    size[: len(gain)] = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max())
-    return np.asarray(fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(signal)))
-
-
-def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
-    """Refit everything with these causes until what reads the model's torque agrees with it."""
-    return consistent(solved(problem, causes, before))
-
-
 def promising(state: State, search: Search, most: int = TRIED) -> list[Cause]:
     """Return the best candidate of each name and place by what it gains on the coarse grid, the best first."""
     columns = search.shelf.columns(state)
-    drives = np.array([isinstance(one.cause, Signal) for one in columns], dtype=bool)
-    gains = np.zeros(len(columns))
-    for kind in (True, False):
-        places = np.flatnonzero(drives == kind)
-        gains[places] = [one.gain for one in all_gained(state.fit, [columns[k] for k in places], kind)]
-    net = gains - np.log(rows(state).max()) * np.array([free(one.cause) for one in columns])
+    net, least = falls(state, columns, state.fit), PROMISE * search.threshold
+    for k in np.flatnonzero(net > least).tolist():  # what takes the torque away takes the noise with it
+        if isinstance(signal := columns[k].cause, Signal):
+            j = state.problem.evidence.rig.joint_index(signal.place)
+            net[k] += rows(state)[j] * np.log(search.share(state, signal))
     best: dict[tuple[str, str], Cause] = {}
-    for k in np.argsort(-net):
-        if net[k] < PROMISE * search.threshold or len(best) == most:
+    for k in np.argsort(-net).tolist():
+        if net[k] < least or len(best) == most:
             break
         best.setdefault((columns[k].cause.name, columns[k].cause.place), columns[k].cause)
-    return list(best.values())
+    return [completed(state, one, search) if one.pieces else refined(state, one, value) for one in best.values()]
+
+
+def falls(state: State, candidates: Sequence[Columns], fit: Fit) -> Array:
+    """Return by how much each candidate would lower the criterion: ``-N log(1 - gain/cost) - k log N``, (k,)."""
+    drives = np.array([isinstance(one.cause, Signal) for one in candidates], dtype=bool)
+    gains = np.zeros(len(candidates))
+    for kind in (True, False):
+        places = np.flatnonzero(drives == kind)
+        gains[places] = [one.gain for one in all_gained(fit, [candidates[k] for k in places.tolist()], kind)]
+    count, power = rows(state), [float(x @ x) for x in (fit.residual[fit.rows(j)] for j in range(len(fit.scale)))]
+    cost = np.array([sum(power) if one.joint is None else power[one.joint] for one in candidates])
+    many = np.array([count.sum() if one.joint is None else count[one.joint] for one in candidates])
+    left = np.maximum(1.0 - gains / np.maximum(cost, 1e-300), 1e-12)
+    return np.asarray(-many * np.log(left) - np.log(count.max()) * np.array([free(one.cause) for one in candidates]))
+
+
+def value(state: State, cause: Cause) -> float:
+    """Return what a cause as it stands is worth beside others of its kind: what takes the noise away gains nothing."""
+    columns = state.columns(cause)
+    if not isinstance(cause, Signal):
+        return gained(state.fit, columns, False).gain
+    count = rows(state)[state.problem.evidence.rig.joint_index(cause.joint)]
+    return float(falls(state, [columns], state.fit)[0] + count * np.log(np.mean(np.concatenate(passes(state, cause)))))
+
+
+def completed(state: State, cause: Cause, search: Search) -> Cause:
+    """Return a cause with every further piece of its kind that gains enough beside those it has.
+
+    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad, Asilomar 1993): one piece at a time would take a
+    step of the search each.
+    """
+    like = [one for one in search.shelf.columns(state) if same(one.cause, cause)]
+    used, found = state.problem.evidence.used(), search.shelf.of(cause, state)
+    assert found.joint is not None
+    fit = refit(state.fit, found.own, found.joint, used)
+    while len(cause.pieces) < MOST_PIECES:
+        net = falls(state, like, fit)
+        k = int(np.argmax(net))
+        if net[k] < search.threshold:
+            break
+        cause = cause.joined(like[k].cause)
+        fit = refit(fit, like[k].own, found.joint, used)
+    return cause
+
+
+def together(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
+    """Return causes with one more; what has pieces is one cause with all of them."""
+    old = next((one for one in causes if same(one, new) and one.pieces), None)
+    return (*causes, new) if old is None else tuple(one.joined(new) if one is old else one for one in causes)
 
 
 def selected(state: State, search: Search) -> State:
@@ -175,8 +154,8 @@ def selected(state: State, search: Search) -> State:
         grown: dict[frozenset[tuple[str, str]], State] = {}
         for model in front:
             for cause in promising(model, search):
-                new = fitted(search.problem, (*model.causes, refined(model, cause)), model)
-                if not better(new, model, search):
+                new = fitted(model.problem, together(model.causes, cause), model)
+                if unsupported(new) or not better(new, model, search):
                     continue
                 new = pruned(new, search)
                 key = frozenset((one.name, one.place) for one in new.causes)
@@ -190,27 +169,44 @@ def selected(state: State, search: Search) -> State:
 
 
 def pruned(state: State, search: Search) -> State:
-    """Drop the cause that is missed least, as long as the model is not better with each that it has."""
+    """Drop the cause, or the piece of one, that is missed least, as long as the model is not better with each."""
     while state.causes:
-        needless = [less for cause in state.causes if not better(state, less := without(state, cause, search), search)]
+        if impossible := unsupported(state):
+            state = without(state, impossible[0])
+            continue
+        needless = [less for less in lesser(state) if not better(state, less, search)]
         if not needless:
             break
         state = min(needless, key=criterion)
     return state
 
 
-def without(state: State, cause: Cause, search: Search) -> State:
-    """Refit without a cause."""
-    return fitted(search.problem, [one for one in state.causes if one is not cause], state)
+def lesser(state: State) -> Iterator[State]:
+    """Yield a model without each of its causes, and without the weakest piece of those that have several."""
+    for k, cause in enumerate(state.causes):
+        yield without(state, cause)
+        if len(cause.pieces) > 1:
+            less = cause.without(cause.pieces[int(np.argmin(worth(state, cause)))])
+            yield fitted(state.problem, (*state.causes[:k], less, *state.causes[k + 1 :]), state)
 
 
-def polished(state: State, search: Search) -> State:
-    """Refine each cause's shape once more beside the others, as long as the criterion falls by one bit."""
+def worth(state: State, cause: Cause) -> Array:
+    """Return by how much the sum of squares would rise without each piece of a cause: ``θ_iᵀ (H⁻¹)_ii⁻¹ θ_i``."""
+    at, theta, spread = state.places(cause).start, state.fit.theta, state.fit.information
+    size = width(cause) // len(cause.pieces)
+    places = [slice(at + k * size, at + (k + 1) * size) for k in range(len(cause.pieces))]
+    return np.array([theta[i] @ np.linalg.lstsq(spread[i, i], theta[i], rcond=1e-10)[0] for i in places])
+
+
+def polished(state: State) -> State:
+    """Refine each cause's shape once more beside the others, and try its other forms, while one bit is gained."""
     for k in range(len(state.causes)):
         for _ in range(MOST):
             cause = state.causes[k]
-            other = refined(without(state, cause, search), cause, STEP)
-            new = fitted(search.problem, [other if one is cause else one for one in state.causes], state)
+            base = without(state, cause)
+            tried = (refined(base, cause, value, STEP), *other_forms(base, cause, value))
+            every = [fitted(state.problem, (*state.causes[:k], x, *state.causes[k + 1 :]), state) for x in tried]
+            new = min((one for one in every if not unsupported(one)), key=criterion, default=state)
             if criterion(new) > criterion(state) - 2.0 * np.log(2.0):
                 break
             state = new

@@ -36,7 +36,6 @@ MOVED = "The platform's motion is in it, as the IMU tells it: below stands what 
 def diagnosis(found: Diagnosis, command: str = "") -> Section:
     """Return what a diagnosis says; `command`: the call that asked for it."""
     parts = [paragraph(toned(said(found), "good" if found.beside == "nothing" else "fair"))]
-    parts += [] if found.timing is None else [paragraph(f"Next: {line}.") for line in found.timing.next(command)]
     parts += (
         [bullets([f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling])] if found.spoiling else []
     )
@@ -61,7 +60,6 @@ def diagnosis(found: Diagnosis, command: str = "") -> Section:
     ]
     notes = [
         *found.notes,
-        *([f"{found.timing.sentence}."] if found.timing else []),
         *([f"Significant, and too small to matter: {listed(small)}."] if small else []),
     ]
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
@@ -73,7 +71,6 @@ def said(found: Diagnosis) -> str:
     """Return the verdict; a cause that is left open is not said to be named."""
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
-    more += f" Yet {'; '.join(found.denied)}." if found.verdict == "nothing" and found.denied else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
     return f"{VERDICTS[found.beside]}{more}{moved}"
 

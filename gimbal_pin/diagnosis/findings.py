@@ -1,0 +1,132 @@
+"""From an explained log to findings: what each cause is worth, what it may be instead, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import isnan
+
+import numpy as np
+
+from gimbal_pin.diagnosis.engine.criterion import criterion
+from gimbal_pin.diagnosis.engine.explained import Explained
+from gimbal_pin.diagnosis.engine.rivals import Rival
+from gimbal_pin.diagnosis.engine.support import added, without
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.extended import extended, settled
+from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.finding import Rival as Told
+from gimbal_pin.diagnosis.heldout import Figures, measured
+from gimbal_pin.diagnosis.score import visibility
+from gimbal_pin.diagnosis.shapes import shape_names
+from gimbal_pin.diagnosis.state import width
+from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.effects import Cause
+from gimbal_pin.parameter import Parameter
+
+BOOTSTRAPS = 200
+ROUGH = 0.5
+"""Deviation over its value from which a size is not known to two deviations."""
+
+
+def findings(
+    found: Explained, held: Evidence, baseline: Figures, best: Figures, rng: np.random.Generator
+) -> tuple[Finding, ...]:
+    """Describe the causes of the final model, the one that explains most first.
+
+    Args:
+        found: The model.
+        held: The reporting part.
+        baseline: Figures there of the model without any cause.
+        best: Figures there of the final model.
+        rng: For the bootstraps.
+    """
+    every = [finding(found, cause, held, baseline, best, rng) for cause in found.final.causes]
+    return tuple(sorted(combined(every), key=lambda one: -one.explained_share))
+
+
+def finding(
+    found: Explained, cause: Cause, held: Evidence, baseline: Figures, best: Figures, rng: np.random.Generator
+) -> Finding:
+    """Describe one cause of the final model."""
+    state, rivals = found.final, found.rivals_of(cause)
+    base = without(state, cause)
+    lacking = measured(held, extended(base))
+    joints = held.rig.joints
+    at = cause.place if cause.of_joint else joints[int(np.argmax(np.sum(added(state, cause) ** 2, axis=0)))]
+    before, after = (one["torque_rmse"][at] for one in (lacking, best))
+    shown = parameters(state, cause)
+    alike = look_alikes(found, cause, rivals)
+    change = 100 * (after / max(before, 1e-300) - 1)
+    figure = next(one for one in settled(state) if one.name == cause.name and one.place == cause.place)
+    values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
+    within = figure.holds(values)
+    said = f"{figure.sentence(values)}{rough(shown)}{together(cause, shown)}{f' ({within})' if within else ''}"
+    gain = criterion(base) - criterion(state)
+    return Finding(
+        cause=cause.name,
+        joint=cause.place if cause.of_joint else None,
+        status="unconfirmed" if after > before else "ambiguous" if len(alike) > 1 else "named",
+        alike=alike,
+        parameters=shown,
+        gain={
+            "torque_rmse_before": before,
+            "torque_rmse_after": after,
+            "rollout_rmse_before": lacking["rollout_rmse"][at],
+            "rollout_rmse_after": best["rollout_rmse"][at],
+        },
+        p_value=float(min(1.0, len(found.search.shelf.causes) * np.exp(-gain / 2))),
+        selection_frequency=frequency(rivals, rng),
+        explained_share=min(1.0, float((before**2 - after**2) / max(baseline["torque_rmse"][at] ** 2, 1e-300))),
+        visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
+        rivals=tuple(Told(one.cause.name, one.worse / 2, one.z) for one in rivals),
+        sentence=f"{said}; held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)",
+        next_experiment=cause.experiment if len(alike) > 1 else None,
+    )
+
+
+def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Rival]) -> tuple[str, ...]:
+    """Return names that these logs do not tell a cause from, its own first."""
+    evidence = found.first.problem.evidence
+    names = [cause.name, *(one.cause.name for one in rivals if not one.parted(found.search.threshold))]
+    if cause.of_joint:
+        names += cause.blurred(evidence.seen[evidence.rig.joint_index(cause.place)])
+    return tuple(dict.fromkeys(names))
+
+
+def frequency(rivals: Sequence[Rival], rng: np.random.Generator) -> float:
+    """Return the share of bootstraps over blocks in which a cause explains more than each of its rivals."""
+    if not rivals:
+        return 1.0
+    blocks = np.stack([one.blocks for one in rivals])
+    draws = rng.integers(blocks.shape[1], size=(BOOTSTRAPS, blocks.shape[1]))
+    return float(np.mean(np.all(np.sum(blocks[:, draws], axis=2) > 0, axis=0)))
+
+
+def combined(found: Sequence[Finding]) -> list[Finding]:
+    """Merge findings of one cause of the whole rig, each about another of its figures: the stronger speaks for both."""
+    out: list[Finding] = []
+    for one in sorted(found, key=lambda f: -f.explained_share):
+        twin = next((f for f in out if f.joint is None and (f.cause, f.joint) == (one.cause, one.joint)), None)
+        if twin is None:
+            out.append(one)
+            continue
+        known = {p.name: p for p in one.parameters if p.std == p.std}
+        figures = tuple(known.get(p.name, p) for p in twin.parameters)
+        out[out.index(twin)] = replace(twin, parameters=figures)
+    return out
+
+
+def rough(figures: Sequence[Parameter]) -> str:
+    """Say which of a sentence's sizes are not known to two deviations.
+
+    What may have either sign, a phase or where a spring rests, may well be near zero and be known.
+    """
+    names = [p.name for p in figures if p.lower >= 0 and p.std > ROUGH * p.value]
+    return f" ({', '.join(names)} only roughly)" if names else ""
+
+
+def together(cause: Cause, figures: Sequence[Parameter]) -> str:
+    """Say which sizes, fitted each, the logs tell none of by itself: only what they make together is known."""
+    names = [p.name for p in figures if p.name in shape_names(cause) and isnan(p.std)]
+    return f" ({', '.join(names)} only together: other sizes fit as well)" if names else ""
