@@ -202,14 +202,16 @@ def check_moved(evidence: Evidence, name: str) -> None:
 def check_driven(state: State) -> None:
     """Raise `DataError` if a joint's torque has no more to do with its motion than noise has.
 
-    ``F = (explained / parameters) / (left / rows)``: noise gives one, any rig hundreds.
+    ``F = (explained / parameters) / (left / rows)`` of a fit to that joint alone: noise gives one, any rig hundreds.
     """
-    n = len(state.fit.scale)
-    whole, left = (np.sum(x.reshape(-1, n) ** 2, axis=0) for x in (state.fit.target, state.fit.residual))
-    parameters = np.array([np.sum(np.any(state.fit.stack[j::n] != 0, axis=0)) for j in range(n)])
-    rows = state.problem.evidence.rows * state.problem.evidence.used()
-    F = (whole - left) / np.maximum(parameters, 1) / np.maximum(left / np.maximum(rows, 1.0), 1e-300)
-    dumb = tuple(joint for joint, x in zip(state.problem.evidence.rig.joints, F) if x < DRIVEN)
+    now, evidence, dumb = state.fit, state.problem.evidence, list[str]()
+    for j, joint in enumerate(evidence.rig.joints):
+        columns, torque = now.stack[now.rows(j)], now.target[now.rows(j)]
+        columns = columns[:, np.any(columns != 0, axis=0)]
+        left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
+        rest = max(float(left @ left), 1e-300) / max(evidence.rows * float(evidence.used()[j]), 1.0)
+        if (float(torque @ torque) - float(left @ left)) / max(columns.shape[1], 1) < DRIVEN * rest:
+            dumb.append(joint)
     if dumb:
         what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
-        raise DataError("the logs", what, mend, dumb)
+        raise DataError("the logs", what, mend, tuple(dumb))

@@ -92,9 +92,11 @@ def promising(state: State, search: Search, most: int = TRIED) -> list[Cause]:
             net[k] += rows(state)[j] * np.log(search.share(state, signal))
     best: dict[tuple[str, str], Cause] = {}
     for k in np.argsort(-net).tolist():
+        cause = columns[k].cause
         if net[k] < least or len(best) == most:
             break
-        best.setdefault((columns[k].cause.name, columns[k].cause.place), columns[k].cause)
+        if cause.pieces or not cause.of_joint or not any(same(cause, one) for one in state.causes):
+            best.setdefault((cause.name, cause.place), cause)
     return [completed(state, one, search) if one.pieces else refined(state, one, value) for one in best.values()]
 
 
