@@ -91,10 +91,6 @@ class AsymmetricFriction(Effect):
         forms = (False, True) if not self.speed else (not self.thin,)
         return tuple(replace(self, speed=speed, thin=thin) for thin in forms for speed in speeds)
 
-    def plain(self) -> AsymmetricFriction:
-        """Without what a thin film takes, which on slow motion curvature alone shows."""
-        return replace(self, thin=False)
-
     def says(self, values: Sequence[float] = ()) -> str:
         """Return what either direction has more, or less, than the mean of both: the figures themselves."""
         dry, *viscous = values

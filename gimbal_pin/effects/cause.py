@@ -108,10 +108,6 @@ class Cause(ABC):
         """Return other forms of it to go on from where a search has found it: such as are too dear for a grid."""
         return ()
 
-    def plain(self) -> Cause:
-        """Return the form that is taken where a log tells no other: with less to it; for most there is none."""
-        return self
-
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
         return ()

@@ -11,15 +11,6 @@ import numpy as np
 
 from gimbal_pin.effects.geared import Geared
 
-GAPS = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-"""Gaps that are tried, rad."""
-FLANKS = (15.0, 50.0)
-"""Frequencies of their flanks, Hz."""
-SHARES = (0.1, 0.3)
-"""The rotor's shares of the joint's inertia."""
-DAMPING = 0.7
-"""Damping on the flanks that is tried: a link that lands on a gear bounces little."""
-
 
 class Flanks(NamedTuple):
     """``x'' = push - k p - d x'`` on a flank, p deep; ``x'' = push`` between them.

@@ -73,10 +73,6 @@ class Saturation(Static):
         """A side is a direction: of what is given its sign counts."""
         return replace(super().planted(joint, given), side=int(np.sign(given["side"])))
 
-    def plain(self) -> Saturation:
-        """On both sides, as a supply that clips."""
-        return replace(self, side=0)
-
     @property
     def largest(self) -> float:
         """The limit."""

@@ -52,10 +52,6 @@ class TorqueGain(Effect):
         """Only what is the same in both directions scales like inertias."""
         return self.side == 0
 
-    def plain(self) -> Cause:
-        """Off in both directions."""
-        return replace(self, side=0)
-
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """In both directions, and in either."""

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.engine.selection import MOST, Search, polished, pruned
 from gimbal_pin.diagnosis.engine.support import FORM, OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.whitening import flat, modelled_torque, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.library import library
+from gimbal_pin.diagnosis.library import kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Array
@@ -66,7 +66,8 @@ class Explained:
         A search that was stopped has sketched something with what it had.
         """
         joints = self.first.problem.evidence.rig.joints
-        denied = {one.place for one in self.state.causes if one not in self.final.causes}
+        named = {kept(one) for one in self.final.causes}
+        denied = {one.place for one in self.state.causes if kept(one) not in named}
         return tuple(
             material(lack) or joint in denied or (stopped(self.state) and lack.power > 0)
             for joint, lack in zip(joints, self.after)
@@ -79,7 +80,8 @@ class Explained:
 
     def rivals_of(self, cause: Cause) -> tuple[Rival, ...]:
         """Return what else explains one of the causes, the best first."""
-        return self.rivals[self.state.causes.index(cause)]
+        # How far a rig is turned is fitted anew with every model.
+        return self.rivals[[kept(one) for one in self.state.causes].index(kept(cause))]
 
 
 @one_thread()
@@ -130,10 +132,10 @@ def deserving(found: Explained) -> tuple[Cause, ...]:
     unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > LEFT}
     every = () if stopped(found.state) else found.state.causes
     clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
-    return tuple(one for one in clear if not (isinstance(one, Signal) and misses(found.state, one, found.search)))
+    return tuple(one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
 
 
-def misses(state: State, drive: Signal, search: Search) -> bool:
+def misses(state: State, drive: Signal) -> bool:
     """Whether much is left where a drive takes most of the torque, though it should explain all of it there.
 
     ``Σ x² r² / Σ x²`` is what is left there, x what it takes and r the residual. What is local in the torque is no

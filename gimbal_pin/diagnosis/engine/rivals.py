@@ -58,10 +58,10 @@ def contested(state: State, search: Search) -> tuple[State, tuple[tuple[Rival, .
 
     What was found first was found beside less: a cause from which another is told since gives way to it.
     """
-    for _ in range(MOST):
+    for swaps in range(MOST + 1):
         others = tuple(rivals(state, cause, search) for cause in state.causes)
         best = min((rival for each in others for rival in each), key=lambda one: one.worse, default=None)
-        if best is None or best.worse > -search.threshold:
+        if best is None or best.worse > -search.threshold or swaps == MOST:
             break
         state = best.state
     return state, others
