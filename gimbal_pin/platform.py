@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gimbal_pin import signals
 from gimbal_pin.errors import LogError
@@ -176,17 +175,21 @@ def body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array
 
 def rotations(angles: Array) -> Array:
     """``Rz(yaw) Ry(pitch) Rx(roll)``, (N, 3, 3), of roll, pitch, yaw, rad, (N, 3)."""
-    return np.asarray(turned(angles).as_matrix())
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def quaternions(angles: Array) -> Array:
     """The same as quaternions (w, x, y, z), (N, 4)."""
-    return np.asarray(turned(angles).as_quat(scalar_first=True))
-
-
-def turned(angles: Array) -> Rotation:
-    """Turn about x by roll, then about the fixed y by pitch, then about the fixed z by yaw, rad, (N, 3)."""
-    return Rotation.from_euler("xyz", angles)
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles / 2).T, np.cos(angles / 2).T
+    w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
+    y, z = cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
+    return np.stack([w, x, y, z], axis=1)
 
 
 def level(f: Array) -> Array:

@@ -15,10 +15,10 @@ from scipy.signal import lfilter
 from gimbal_pin.diagnosis.diagnose import BAND
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.criterion import by_block, criterion, vuong
-from gimbal_pin.diagnosis.engine.discrepancy import components, lack_of_fit, unit, unseen
+from gimbal_pin.diagnosis.engine.discrepancy import lack_of_fit, principal, unit, unseen
 from gimbal_pin.diagnosis.engine.noise import exponential, smooth
 from gimbal_pin.diagnosis.engine.support import without
-from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened, whitened
+from gimbal_pin.diagnosis.engine.whitening import flat, whitened
 from gimbal_pin.diagnosis.evidence import Evidence, gather, later
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.delay import Delay
@@ -65,12 +65,14 @@ def explained(size: float = 0.0, seed: int = 1) -> Explained:
 
 
 def test_rows_are_whitened_anew_as_from_the_log() -> None:
-    """What `rewhitened` makes of rows is what another whitener makes of the log."""
+    """What `rewhiten` makes of another whitener's rows is what its own makes of the log: one joint's or all."""
     plain = flat(evidence_of(log_of()))
     shape = plain.parts[0].whitener.shape
     other = whitened(plain, [np.random.default_rng(0).uniform(0.1, 10.0, shape) for _ in plain.parts])
     signals = [part.channels.tau[:, 1] for part in plain.parts]
-    assert np.allclose(rewhitened(plain.whiten(signals, 1), plain, other, 1), other.whiten(signals, 1))
+    assert np.allclose(other.rewhiten(plain.whiten(signals, 1), plain, 1), other.whiten(signals, 1))
+    every = [part.channels.tau for part in plain.parts]
+    assert np.allclose(other.rewhiten(plain.whiten_all(every), plain, None), other.whiten_all(every))
 
 
 @pytest.mark.parametrize("columns", [30, 300])
@@ -87,8 +89,9 @@ def test_a_ridge_predicts_each_fold_from_the_others(columns: int) -> None:
         stacked, target = np.vstack([Z[~rows], np.diag(root)]), np.concatenate([y[~rows], np.zeros(len(root))])
         by_hand = y[rows] - Z[rows] @ np.linalg.lstsq(stacked, target, rcond=None)[0]
         assert np.allclose(found[rows], by_hand, atol=1e-2 * np.std(y))
-    kept = components(X, 0.0)
-    assert np.allclose(kept @ kept.T, X @ X.T)
+    directions, power = principal(X, 1e-9)
+    assert np.allclose((directions * power) @ directions.T, X @ X.T)
+    assert np.allclose(directions.T @ directions, np.eye(len(power)))
 
 
 def test_a_noise_is_smoothed_to_its_spectrum_and_a_line_stays_out() -> None:

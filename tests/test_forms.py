@@ -111,10 +111,11 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     model = replace(nominal(RIG), terms=(*nominal(RIG).terms, Term(tooth, (0.1, 0.0)), Term(second, (0.03, 0.03))))
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
-    grid = [cause for cause in library(found.problem, kinds) if cause not in tooth.above()]
-    shown = [one.cause for one in Library(found.problem, grid).columns(found)]
+    grid = [cause for cause in library(found.problem.evidence, kinds) if cause not in tooth.above()]
+    shelf = Library(found.problem.evidence.rig, grid)
+    shown = [one.cause for one in shelf.columns(found)]
     assert second in shown and max(shown, key=partial(worth, found)) == second
-    assert not [one for one in Library(found.problem, grid).columns(without(found, tooth)) if one.cause == second]
+    assert not [one for one in shelf.columns(without(found, tooth)) if one.cause == second]
     assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
 
 
@@ -185,7 +186,7 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
     for shape in turn.shapes:
         assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
     assert np.all(state.fit.dispersion < 1.2) and np.all(linear.fit.dispersion > 100)
-    assert not Library(state.problem, trials).columns(state)
+    assert not Library(state.problem.evidence.rig, trials).columns(state)
 
 
 @pytest.mark.parametrize("turn", [BaseTilt(pitch=0.7), BaseTilt(roll=-0.6), EncoderOffset(RIG.joints[1], 0.5)])
@@ -219,7 +220,7 @@ def test_of_a_base_that_leans_by_much_the_other_axis_is_asked_for_again() -> Non
     """Roll alone is nearly a payload elsewhere; beside a known pitch less of it need show, at the angles that stand."""
     rolled = BaseTilt(roll=1e-3)
     state = consistent(fitted(nominal(BaseTilt(0.3, -0.3).apply(RIG)), BaseTilt(pitch=1e-3)))
-    shelf, first = Library(state.problem, (rolled, BaseTilt(pitch=1e-3))), solved(state.problem, (), state)
+    shelf, first = Library(state.problem.evidence.rig, (rolled, BaseTilt(pitch=1e-3))), solved(state.problem, (), state)
     before, after = (shelf.of(rolled, one) for one in (first, state))
     assert after.bulk > 1.0 == before.bulk
     np.testing.assert_array_equal(after.own, state.columns(rolled).own)

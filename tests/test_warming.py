@@ -62,7 +62,7 @@ def opened(log: Log) -> tuple[State, Evidence]:
 
 def found(state: State) -> list[FrictionDrift]:
     """Drifts of the friction, refined, the best first."""
-    tried = [refined(state, one) for one in library(state.problem, {"friction-drift": FrictionDrift})]
+    tried = [refined(state, one) for one in library(state.problem.evidence, {"friction-drift": FrictionDrift})]
     drifts = [one for one in tried if isinstance(one, FrictionDrift)]
     return sorted(drifts, key=partial(worth, state), reverse=True)
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -117,21 +116,25 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     return evidence.whiten([x[:, j] for x in spread], j)
 
 
-class Stand(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Stand:
     """A rig with the large changes that were found in it.
 
     Attributes:
         rig: The rig.
         changes: What its bodies and its base's motion are changed by, in order.
+        torques: Logs → what `torque` returns.
     """
 
     rig: Rig
     changes: tuple[RigEffect, ...] = ()
+    torques: dict[Evidence, list[Array]] = field(default_factory=dict, init=False, repr=False)
 
-    def torque(self, part: Part) -> Array:
-        """Torque that it asks for along a part, N m, (m, n)."""
-        c = part.channels
-        return self.asked(part, c.v, c.a)
+    def torque(self, evidence: Evidence) -> list[Array]:
+        """Torque that it asks for along some logs, N m, (m, n) per part; worked out once."""
+        if evidence not in self.torques:
+            self.torques[evidence] = [self.asked(part, part.channels.v, part.channels.a) for part in evidence.parts]
+        return self.torques[evidence]
 
     def weight(self, part: Part) -> Array:
         """What of that it asks for at rest, N m, (m, n)."""
@@ -171,8 +174,7 @@ class Load:
 def turned(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> Array:
     """``(rnea(changed rig) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
     other = Stand(stand.rig, (*stand.changes, cause))
-    change = [(other.torque(part) - stand.torque(part)) / size for part in evidence.parts]
-    return evidence.whiten_all(change)
+    return evidence.whiten_all([(x - y) / size for x, y in zip(other.torque(evidence), stand.torque(evidence))])
 
 
 def build(
@@ -210,11 +212,19 @@ def build(
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
-    bulk = bulk_of(evidence, cause, own) if isinstance(cause, Effect) and cause.bristly else 1.0
-    if any((one.name, one.place) == (cause.name, cause.place) for one in stand.changes):
-        bulk = KNOWN
-    shared = evidence.sliding[joint] if joint is not None and isinstance(cause, Harmonic) and cause.dry else None
-    return Columns(cause, evidence.rig.n, joint, own, lower, upper, bulk, shared)
+    known = any((one.name, one.place) == (cause.name, cause.place) for one in stand.changes)
+    found = Columns(cause, evidence.rig.n, joint, own, lower, upper, KNOWN if known else 1.0)
+    return beside_friction(evidence, found)
+
+
+def beside_friction(evidence: Evidence, found: Columns) -> Columns:
+    """Return columns with what sets them apart from Coulomb friction, as the evidence whitens it."""
+    cause, joint, bulk, shared = found.cause, found.joint, found.bulk, None
+    if isinstance(cause, Effect) and cause.bristly:
+        bulk = bulk_of(evidence, cause, found.own)
+    if joint is not None and isinstance(cause, Harmonic) and cause.dry:
+        shared = evidence.sliding[joint]
+    return replace(found, bulk=bulk, shared=shared)
 
 
 def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:

@@ -201,6 +201,26 @@ class Evidence:
         """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
         return np.concatenate([part.whiten(signal, joint) for part, signal in zip(self.parts, signals)])
 
+    def rewhiten(self, rows: Array, before: Evidence, joint: int | None) -> Array:
+        """Return rows of the same logs as another evidence whitens them, (rows, ...), as this one does.
+
+        Every row is known by its spectrum, so another pass over the log is not needed.
+
+        Args:
+            rows: The other's rows of one joint, (rows,) or (rows, c), or of all, (rows, n) or (rows, n, c).
+            before: The other.
+            joint: The joint; None: all.
+        """
+        out, first = [], 0
+        for old, new in zip(before.parts, self.parts):
+            spectrum = fft.rfft(rows[first : first + old.rows], axis=0)
+            first += old.rows
+            was, now = (x.whitener.T if joint is None else x.whitener[joint] for x in (old, new))
+            ratio = np.divide(now, was, out=np.zeros_like(now), where=was > 0)
+            spectrum = spectrum[: len(ratio)] * ratio.reshape(ratio.shape + (1,) * (spectrum.ndim - ratio.ndim))
+            out.append(fft.irfft(spectrum, old.rows, axis=0))
+        return np.concatenate(out)
+
     def whiten_all(self, signals: Sequence[Array]) -> Array:
         """Whiten torques of all joints, (m, n) or (m, n, k) per part: (rows, n) or (rows, n, k)."""
         return np.stack([self.whiten([x[:, j] for x in signals], j) for j in range(self.rig.n)], axis=1)

@@ -124,24 +124,25 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
         luck: Least dispersion that is believed.
     """
     rows, n, k = A.shape
-    weight = np.ones(n) if scale is None else scale
-    if scale is None:
-        R = triangles(A, b)
-        for _ in range(PASSES):
-            stacked = (R * weight[:, None]).reshape(-1, k + 1)
-            theta = np.linalg.lstsq(stacked[:, :k], stacked[:, k], rcond=1e-10)[0]
-            power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
-            weight = 1.0 / np.sqrt(np.maximum(power, luck))
-    stacked = (A * weight[:, None]).reshape(-1, k)
-    target = (b * weight).ravel()
-    theta = np.linalg.lstsq(stacked, target, rcond=1e-10)[0]
-    size = norms(stacked)
+    weight, R = np.ones(n) if scale is None else scale, triangles(A, b)
+    for _ in range(PASSES if scale is None else 0):
+        theta = least(R, weight)
+        power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
+        weight = 1.0 / np.sqrt(np.maximum(power, luck))
+    stack, target, theta = (A * weight[:, None]).reshape(-1, k), (b * weight).ravel(), least(R, weight)
+    factor = (R[..., :k] * weight[:, None]).reshape(-1, k)
+    size = norms(factor)
     unit = np.where(size > 0.0, size, 1.0)
-    left, values, right = np.linalg.svd(stacked / unit, full_matrices=False)
+    _, values, right = np.linalg.svd(factor / unit, full_matrices=False)
     seen = values > 1e-10 * values[0]
-    information = (right[seen].T / values[seen] ** 2) @ right[seen] / np.outer(unit, unit)
-    residual = target - stacked @ theta
-    return Fit(theta, stacked, target, left[:, seen], residual, weight, information, np.repeat(block, n))
+    axes = (right[seen].T / values[seen]) / unit[:, None]
+    return Fit(theta, stack, target, stack @ axes, target - stack @ theta, weight, axes @ axes.T, np.repeat(block, n))
+
+
+def least(R: Array, weight: Array) -> Array:
+    """Least squares of what `triangles` returns, the joints weighted, (k,)."""
+    rows = (R * weight[:, None]).reshape(-1, R.shape[-1])
+    return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=1e-10)[0])
 
 
 def refit(now: Fit, own: Array, joint: int, used: Array) -> Fit:

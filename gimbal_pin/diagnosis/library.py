@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, magnitude
-from gimbal_pin.diagnosis.state import Problem, State, near, sized
+from gimbal_pin.diagnosis.columns import Columns, beside_friction, magnitude
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.state import State, near, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig
 
 TRIAL = 1e-3
 """Size of a rig's change in the library, rad."""
@@ -19,9 +21,9 @@ STALE = 0.05
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 
 
-def library(problem: Problem, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
+def library(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
     """Every cause at every joint, on the coarse grid of its shape parameters."""
-    rig, seen = problem.evidence.rig, problem.evidence.seen
+    rig, seen = evidence.rig, evidence.seen
     found: list[Cause] = []
     for kind in kinds.values():
         for joint, ranges in zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),):
@@ -35,12 +37,27 @@ def kept(cause: Cause) -> Cause:
 
 
 class Library:
-    """Columns of the whole library, built once; those that read a torque again where it has changed by much."""
+    """Columns of the whole library, built once; those that read a torque again where it has changed by much.
 
-    def __init__(self, problem: Problem, causes: Sequence[Cause]) -> None:
+    Attributes:
+        rig: The rig.
+        causes: The candidates.
+        of_model: Whether a drive's signal acts on the model's torque instead of the measured one.
+        built: What was built, and from what.
+    """
+
+    def __init__(self, rig: Rig, causes: Sequence[Cause], of_model: bool = False) -> None:
         """Remember what to build."""
-        self.problem, self.causes = problem, causes
+        self.rig, self.causes, self.of_model = rig, causes, of_model
         self.built: dict[Cause, tuple[Read, Columns]] = {}
+
+    def whitened(self, old: Evidence, new: Evidence) -> Library:
+        """Return a library of columns that `old` has whitened, as `new` whitens them."""
+        found = Library(self.rig, self.causes, self.of_model)
+        for cause, (read, columns) in self.built.items():
+            own = new.rewhiten(columns.own, old, columns.joint)
+            found.built[cause] = read, beside_friction(new, replace(columns, own=own))
+        return found
 
     def columns(self, state: State, place: str | None = None) -> list[Columns]:
         """Columns at this state, of all causes or only of those at a joint and of the whole rig.
@@ -69,7 +86,7 @@ class Library:
             if (now, before) not in still:
                 still[now, before] = all(near(new, old, STALE) for new, old in zip(now.arrays, before.arrays))
             if columns is None or not still[now, before]:
-                columns = state.columns(cause)
+                columns = state.columns(cause, state.total if self.of_model else None)
                 self.built[cause] = now, columns
             found.append(columns)
         return found
@@ -84,9 +101,9 @@ class Library:
         what, place = key
         if what in ("inertias", ""):
             return Read([state.stand.rig.phi, self.turns(state)] if what else [])
-        j = self.problem.evidence.rig.joint_index(place)
+        j = self.rig.joint_index(place)
         if what == "acting":
-            return Read([x[:, j] for x in state.acting])
+            return Read([x[:, j] for x in (state.total if self.of_model else state.acting)])
         if what == "weight":
             return Read([x[:, j] for x in (*state.load.borne, *state.load.weight)])
         return Read([x[:, j] for x in state.torque])

@@ -150,6 +150,7 @@ class State:
         unexplained: What of it the fit does not predict, N m, (m, n) per part.
         alike: A state whose joints are taken to bear the same; None: what the fit says.
         learned: The state of logs that a motion which nobody has made yet is imagined from; None: this is of logs.
+        lacking: States without one of its causes that were asked for.
     """
 
     problem: Problem
@@ -161,6 +162,7 @@ class State:
     unexplained: list[Array]
     alike: State | None = None
     learned: State | None = None
+    lacking: dict[Cause, State] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def stand(self) -> Stand:
@@ -206,10 +208,16 @@ class State:
             for j in range(evidence.rig.n)
         ]
 
-    def columns(self, cause: Cause) -> Columns:
-        """What a cause would add."""
+    @property
+    def total(self) -> list[Array]:
+        """What the model predicts of `acting`, N m, (m, n) per part: none of the sensors' noise is in it."""
+        return [acting - left for acting, left in zip(self.acting, self.unexplained)]
+
+    def columns(self, cause: Cause, torque: list[Array] | None = None) -> Columns:
+        """What a cause would add; a drive's signal acts on these torques, N m, (m, n) per part, or on `acting`."""
         bearing = self.bearing_for(cause, self.acting)
-        return build(self.problem.evidence, cause, self.stand, self.load, self.acting, bearing)
+        acts_on = self.acting if torque is None else torque
+        return build(self.problem.evidence, cause, self.stand, self.load, acts_on, bearing)
 
     def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""

@@ -36,10 +36,9 @@ def later_by(state: State) -> Array:
     shifts it was given.
     """
     evidence = state.problem.evidence
-    acting = [x - left for x, left in zip(state.acting, state.unexplained)]
     columns = []
     for j in range(evidence.rig.n):
-        slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, acting)]
+        slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, state.total)]
         columns.append(project(state.fit, Beside(j, evidence.whiten(slope, j)[:, None]))[:, 0])
     D, prior = np.stack(columns, axis=1), 1.0 / USUAL**2
     return np.asarray(

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import State
@@ -23,6 +22,8 @@ FOLDS = 10
 """Parts of the blocks of which each is predicted from the others."""
 RIDGES = tuple(np.geomspace(1e-4, 1.0, 5).tolist())
 """Ridges that are tried, in units of the columns' power: the one that predicts best is taken."""
+HARDLY = 1e-9
+"""The same of columns without a penalty, as far as a fit to part of the rows needs one."""
 NEGLIGIBLE = 0.01
 """Share of the least ridge under which a principal component is left out: it would be shrunk to as little."""
 ANGLES, RATES, TORQUES, TIMES, OTHERS = 24, 12, 10, 6, 7
@@ -91,26 +92,26 @@ def unseen(
         block: Block of each row, (rows,).
         ridges: λ to choose from.
     """
-    A, X = unit(free), components(unit(flexible), NEGLIGIBLE * min(ridges) * len(target))
-    Z, fold = np.concatenate([A, X], axis=1), block % FOLDS
-    gram, moment = Z.T @ Z, Z.T @ target
-    parts = [rows for k in range(FOLDS) if (rows := fold == k).any()]
-    found: list[Array] = []
-    few = Z.shape[1] < min(int(rows.sum()) for rows in parts)
+    (Q, free_power), X = principal(unit(free), HARDLY * len(target)), unit(flexible)
+    U, power = principal(X - Q @ (Q.T @ X), NEGLIGIBLE * min(ridges) * len(target))
+    fold, found = block % FOLDS, list[Array]()
+    folds = [np.flatnonzero(fold == k) for k in np.unique(fold)]
     for ridge in ridges:
-        penalty = np.diag(np.repeat([1e-9, ridge], [A.shape[1], X.shape[1]]) * len(target))
-        error = np.empty(len(target))
-        if few:  # the fit to the others, directly
-            for rows in parts:
-                rest, its = gram - Z[rows].T @ Z[rows], moment - Z[rows].T @ target[rows]
-                error[rows] = target[rows] - Z[rows] @ np.linalg.solve(rest + penalty, its)
-        else:
-            factor = cho_factor(gram + penalty)
-            left, inside = target - Z @ cho_solve(factor, moment), cho_solve(factor, Z.T)
-            for rows in parts:
-                error[rows] = np.linalg.solve(np.eye(rows.sum()) - Z[rows] @ inside[:, rows], left[rows])
+        held, shrunk = (x / (x + r * len(target)) for x, r in ((free_power, HARDLY), (power, ridge)))
+        W = np.concatenate([Q * np.sqrt(held), U * np.sqrt(shrunk)], axis=1)  # the fit's hat matrix is W Wᵀ
+        left, error = target - W @ (W.T @ target), np.empty(len(target))
+        for rows in folds:
+            error[rows] = unleveraged(W[rows], left[rows])
         found.append(error)
     return min(found, key=lambda one: float(one @ one))
+
+
+def unleveraged(W: Array, left: Array) -> Array:
+    """``(I - W Wᵀ)⁻¹ r``, (rows,), through whichever of ``W Wᵀ`` and ``Wᵀ W`` is smaller."""
+    rows, count = W.shape
+    if rows <= count:
+        return np.asarray(np.linalg.solve(np.eye(rows) - W @ W.T, left))
+    return np.asarray(left + W @ np.linalg.solve(np.eye(count) - W.T @ W, W.T @ left))
 
 
 def unit(columns: Array) -> Array:
@@ -119,14 +120,18 @@ def unit(columns: Array) -> Array:
     return np.asarray(columns[:, size > 1e-12] / size[size > 1e-12])
 
 
-def components(columns: Array, least: float) -> Array:
-    """Return columns' principal components of more than a power: a ridge does not tell them from the columns."""
+def principal(columns: Array, least: float) -> tuple[Array, Array]:
+    """Return orthonormal principal directions of some columns, (rows, k), and the power along each, of more than one.
+
+    A ridge does not tell the columns from them.
+    """
     rows, count = columns.shape
-    if count <= rows:
-        power, axes = np.linalg.eigh(columns.T @ columns)
-        return np.asarray(columns @ axes[:, power > least])
-    power, along = np.linalg.eigh(columns @ columns.T)
-    return np.asarray(along[:, power > least] * np.sqrt(power[power > least]))
+    if count > rows:
+        power, along = np.linalg.eigh(columns @ columns.T)
+        return np.asarray(along[:, power > least]), power[power > least]
+    power, axes = np.linalg.eigh(columns.T @ columns)
+    there = power > least
+    return np.asarray(columns @ axes[:, there] / np.sqrt(power[there])), power[there]
 
 
 class Lack(NamedTuple):

@@ -6,19 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
-from gimbal_pin.diagnosis.engine.noise import coloured, modelled
+from gimbal_pin.diagnosis.engine.noise import coloured
 from gimbal_pin.diagnosis.engine.rivals import Rival, contested
 from gimbal_pin.diagnosis.engine.selection import MOST, Search, polished, pruned, selected
 from gimbal_pin.diagnosis.engine.support import FORM, OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.whitening import flat, modelled_torque, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.library import kept, library
+from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log import Array
 from gimbal_pin.reduction import Reduction
+from gimbal_pin.rig import Rig
 from gimbal_pin.threads import one_thread
 
 STRUCTURED = 0.1
@@ -101,11 +103,12 @@ def explain(
     """
     evidence = modelled_torque(evidence)
     given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
+    candidates = Candidates(evidence.rig, library(evidence, causes))
     found: tuple[Cause, ...] = ()
     for _ in range(PASSES):
         again = partial(refitted, given, found)
         plain = aligned(evidence, found, again) if timed else again(evidence)
-        search = listened(plain, library(plain.problem, causes))
+        search = listened(plain, candidates)
         state = selected(polished(fitted(search.problem, found, plain)), search)
         if not state.causes or stopped(state):
             break
@@ -162,9 +165,32 @@ def refitted(given: Problem, causes: Sequence[Cause], evidence: Evidence) -> Sta
     return fitted(problem, causes, solved(problem, ()))
 
 
-def listened(state: State, candidates: Sequence[Cause]) -> Search:
+class Candidates:
+    """Columns of the candidates on flat logs, which every search begins with: no noise's spectrum changes them much.
+
+    Attributes:
+        drives: Signals on the model's torque.
+        every: All, signals on the measured torque.
+        still: All that is built from the model or the motion alone, but for what comes in pieces.
+    """
+
+    def __init__(self, rig: Rig, causes: Sequence[Cause]) -> None:
+        """Remember what to build."""
+        self.every = Library(rig, causes)
+        drives = [one for one in causes if isinstance(one, Signal) and not one.springy]  # springs follow the motion
+        self.drives = Library(rig, drives, of_model=True)
+        # A harmonic is a line in the noise's spectrum, and no median moves by it.
+        self.still = [one for one in causes if one not in drives and not one.pieces]
+
+    def noiseless(self, state: State) -> list[Columns]:
+        """Columns without the measured torque's noise, but of those that come in pieces."""
+        return [*self.every.all_of(self.still, state), *self.drives.columns(state)]
+
+
+def listened(state: State, candidates: Candidates) -> Search:
     """Return the search among candidates, on the logs of a model whitened by the noise's spectrum."""
     problem = rewhitened_problem(state.problem, flat(state.problem.evidence))
     plain = solved(problem, state.causes, state)
-    few = [cause for cause in candidates if not cause.pieces]  # a harmonic is a line: no median moves by it
-    return Search.of(coloured(problem, plain, [modelled(plain, cause) for cause in few]), candidates)
+    noisy = coloured(problem, plain, candidates.noiseless(plain))
+    candidates.every.columns(plain)
+    return Search.among(noisy, candidates.every.whitened(problem.evidence, noisy.evidence))

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.columns import Columns, Load, build
+from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.criterion import passed_on
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
-from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened, rewhitened_problem, whitened
+from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened_problem, whitened
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.effects import Cause
 from gimbal_pin.log import Array
 
 PASSES = 2
@@ -28,21 +27,14 @@ NARROW, WIDE = 8, 0.15
 """Frequencies to either side over which a spectrum is smoothed: so many, or that share of those below, if more."""
 
 
-def modelled(state: State, cause: Cause) -> Columns:
-    """Return a cause's columns built from the model's torque alone: none of the measured one's noise is in them."""
-    evidence = state.problem.evidence
-    total: list[Array] = [acting - left for acting, left in zip(state.acting, state.unexplained)]
-    load = Load(evidence, total, total, state.stand)
-    return build(evidence, cause, state.stand, load, total, state.bearing_for(cause, state.acting))
-
-
 def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> Problem:
     """Return a flat problem whitened by the noise's spectrum.
 
     Args:
         problem: The logs, whitened by nothing but the band's edge: see `whitening.flat`.
         state: A model of it; its causes are refitted.
-        candidates: Columns of all candidates, as `modelled` in the flat problem.
+        candidates: Columns of all candidates in the flat problem, built from the model's torque: none of the measured
+            one's noise is in them.
     """
     evidence, now = problem.evidence, problem
     n = evidence.rig.n
@@ -54,7 +46,7 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
         for j in range(n):
             rows, used = fitted.fit.rows(j), float(now.evidence.used()[j])
             stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
-            flexible = [rewhitened(own[j], evidence, now.evidence, j), features(now.evidence, fitted.torque, j)]
+            flexible = [now.evidence.rewhiten(own[j], evidence, j), features(now.evidence, fitted.torque, j)]
             error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block)
             noise = spectra(error, now.evidence, j, exponential)
             shares = passed_on(fitted, j)  # the noise is the measured torque's, before the drives' signals

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -40,32 +41,36 @@ class Search:
     """What a search knows beside a model.
 
     Attributes:
+        problem: The logs.
         shelf: Columns of the candidates.
         threshold: Fall of the criterion from which a cause is one.
     """
 
+    problem: Problem
     shelf: Library
     threshold: float
     shared: dict[Signal, float] = field(default_factory=dict)
+    unseen: WeakKeyDictionary[State, float] = field(default_factory=WeakKeyDictionary)
 
     @staticmethod
-    def of(problem: Problem, causes: Sequence[Cause]) -> Search:
+    def among(problem: Problem, shelf: Library) -> Search:
         """Return the search among some candidates.
 
         ``2 log(K/α)``: that one of K candidates gains so much by chance, ``exp(-gain/2)`` each, has a chance of α.
         """
-        return Search(Library(problem, causes), 2.0 * float(np.log(max(len(causes), 1) / ERROR_RATE)))
-
-    @property
-    def problem(self) -> Problem:
-        """The logs."""
-        return self.shelf.problem
+        return Search(problem, shelf, 2.0 * float(np.log(max(len(shelf.causes), 1) / ERROR_RATE)))
 
     def share(self, state: State, signal: Signal) -> float:
         """Return the share of all noise that a candidate passes on, worked out once: no model changes it by much."""
         if signal not in self.shared:
             self.shared[signal] = float(np.mean(np.concatenate(passes(state, signal))))
         return self.shared[signal]
+
+    def foreseen(self, state: State) -> float:
+        """Return ``Σ_j N_j log φ_j`` of a model on blocks that its fit has not seen, worked out once."""
+        if state not in self.unseen:
+            self.unseen[state] = float(rows(state) @ np.log(dispersion(state) * overfit(state)))
+        return self.unseen[state]
 
 
 def better(state: State, other: State, search: Search) -> bool:
@@ -78,12 +83,26 @@ def better(state: State, other: State, search: Search) -> bool:
     told = by_block(state, other)
     if 2.0 * (told.sum() - told.max()) < search.threshold or not matters(state, other):
         return False
-    foreseen = [rows(one) @ np.log(dispersion(one) * overfit(one)) for one in (state, other)]
-    return bool(foreseen[1] - foreseen[0] >= search.threshold)
+    return search.foreseen(other) - search.foreseen(state) >= search.threshold
 
 
-def promising(state: State, search: Search, most: int = TRIED) -> list[Cause]:
-    """Return the best candidate of each name and place by what it gains on the coarse grid, the best first."""
+Names = frozenset[tuple[str, str]]
+"""Causes of a model by name and place."""
+
+
+def names(causes: Sequence[Cause]) -> Names:
+    """Return the names and places of causes."""
+    return frozenset((one.name, one.place) for one in causes)
+
+
+def promising(state: State, search: Search, tried: Collection[Names] = ()) -> list[Cause]:
+    """Return the best candidate of each name and place by what it gains on the coarse grid, refined, the best first.
+
+    Args:
+        state: The model.
+        search: The candidates.
+        tried: Models that others have grown into already: those are not made again.
+    """
     columns = search.shelf.columns(state)
     net, least = falls(state, columns, state.fit), PROMISE * search.threshold
     for k in np.flatnonzero(net > least).tolist():  # what takes the torque away takes the noise with it
@@ -93,9 +112,10 @@ def promising(state: State, search: Search, most: int = TRIED) -> list[Cause]:
     best: dict[tuple[str, str], Cause] = {}
     for k in np.argsort(-net).tolist():
         cause = columns[k].cause
-        if net[k] < least or len(best) == most:
+        if net[k] < least or len(best) == TRIED:
             break
-        if cause.pieces or not cause.of_joint or not any(same(cause, one) for one in state.causes):
+        there = any(same(cause, one) for one in state.causes)
+        if cause.pieces or not cause.of_joint if there else names((*state.causes, cause)) not in tried:
             best.setdefault((cause.name, cause.place), cause)
     return [completed(state, one, search) if one.pieces else refined(state, one, value) for one in best.values()]
 
@@ -153,15 +173,16 @@ def selected(state: State, search: Search) -> State:
     """Add causes to a model, and drop those that others make needless, as long as the criterion falls by enough."""
     best, front = state, [state]
     for _ in range(MOST):
-        grown: dict[frozenset[tuple[str, str]], State] = {}
+        grown: dict[Names, State] = {}
+        tried: set[Names] = set()
         for model in front:
-            for cause in promising(model, search):
+            for cause in promising(model, search, tried):
+                tried.add(names((*model.causes, cause)))
                 new = fitted(model.problem, together(model.causes, cause), model)
                 if unsupported(new) or not better(new, model, search):
                     continue
                 new = pruned(new, search)
-                key = frozenset((one.name, one.place) for one in new.causes)
-                if key not in grown or criterion(new) < criterion(grown[key]):
+                if (key := names(new.causes)) not in grown or criterion(new) < criterion(grown[key]):
                     grown[key] = new
         front = sorted(grown.values(), key=criterion)[:BEAM]
         if not front or criterion(front[0]) >= criterion(best):

@@ -28,8 +28,10 @@ def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
 
 
 def without(state: State, cause: Cause) -> State:
-    """Refit without a cause."""
-    return fitted(state.problem, [one for one in state.causes if one is not cause], state)
+    """Refit without a cause: once, as what a cause adds is asked for whenever another is weighed."""
+    if cause not in state.lacking:
+        state.lacking[cause] = fitted(state.problem, [one for one in state.causes if one is not cause], state)
+    return state.lacking[cause]
 
 
 def matters(state: State, other: State) -> bool:
@@ -41,7 +43,7 @@ def matters(state: State, other: State) -> bool:
     library, of the rigid model and of every cause.
     """
     evidence, n = other.problem.evidence, len(other.fit.scale)
-    total = evidence.whiten_all([acting - left for acting, left in zip(other.acting, other.unexplained)])
+    total = evidence.whiten_all(other.total)
     residuals = [one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state)]
     pieced = [one for one in state.causes if one.pieces]
     whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]

@@ -39,21 +39,6 @@ def whitened(evidence: Evidence, noise: Sequence[Array]) -> Evidence:
     return replace(evidence, parts=tuple(parts))
 
 
-def rewhitened(rows: Array, old: Evidence, new: Evidence, joint: int) -> Array:
-    """Return one joint's rows, (rows,) or (rows, c), that `old` has whitened, as `new` whitens them."""
-    out, first = [], 0
-    for before, after in zip(old.parts, new.parts):
-        own = fft.rfft(rows[first : first + before.rows], axis=0)
-        first += before.rows
-        ratio = np.zeros(len(own))
-        was, now = before.whitener[joint][: len(own)], after.whitener[joint][: len(own)]
-        ratio[: len(was)] = np.divide(now, was, out=np.zeros_like(now), where=was > 0)
-        out.append(fft.irfft(own * (ratio[:, None] if own.ndim == 2 else ratio), before.rows, axis=0))
-    return np.concatenate(out)
-
-
 def rewhitened_problem(problem: Problem, new: Evidence) -> Problem:
     """Return a problem with the same rigid columns, whitened by other evidence."""
-    joints = range(new.rig.n)
-    rigid = [rewhitened(problem.rigid[:, j], problem.evidence, new, j) for j in joints]
-    return replace(problem, evidence=new, rigid=np.stack(rigid, axis=1))
+    return replace(problem, evidence=new, rigid=new.rewhiten(problem.rigid, problem.evidence, None))
