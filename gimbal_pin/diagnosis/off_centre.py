@@ -7,12 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.engine.rivals import APART
+from gimbal_pin.diagnosis.counterfactual import counterfactual
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
-from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.otherwise import clarity, known, otherwise
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.eccentricity import Eccentricity
 from gimbal_pin.log import Log
@@ -31,37 +28,23 @@ def off_centre(
 
     Args:
         found: The fit to the mended angles, with all that was found.
-        held: The held-out evidence at mended angles.
-        train: The logs that were trained on, mended.
-        test: The held-out ones; none where the training logs stand for them.
+        held: The reporting part at mended angles.
+        train: The logs that were fitted, mended.
+        test: The reporting ones; none where blocks of the fitted logs stand for them.
         filtering: The band.
         encoders: What was mended.
     """
-    joints = sorted({joint for one in encoders.values() for joint in one})
-    each = (compared(found, held, train, test, filtering, encoders, joint) for joint in joints)
-    return [one for one in each if one is not None]
-
-
-def compared(
-    found: State,
-    held: Evidence,
-    train: Sequence[Log],
-    test: Sequence[Log],
-    filtering: Filtering,
-    encoders: Encoders,
-    joint: str,
-) -> Finding | None:
-    """Refit as if one encoder sat right; None where that is no worse."""
-    train, test = ([read(log, joint, encoders) for log in logs] for logs in (train, test))
-    without = otherwise(found, held, train, test, filtering, found.problem.reduction.base)
-    before, after = measured(without.held, extended(without.state)), measured(held, extended(found))
-    ratios = [before["torque_rmse"][one] / max(after["torque_rmse"][one], 1e-300) for one in held.rig.joints]
-    j = int(np.argmax(ratios))
-    clear = clarity(without.state, found, j)
-    if ratios[j] < CONFIRMED or clear < APART:
-        return None
-    largest = max((one[joint] for one in encoders.values() if joint in one), key=lambda one: one.size)
-    return told(joint, held.rig.joints[j], largest, before, after, clear)
+    findings = []
+    for joint in sorted({joint for one in encoders.values() for joint in one}):
+        fitted, other = ([read(log, joint, encoders) for log in logs] for logs in (train, test))
+        without = counterfactual(found, held, fitted, other, filtering, found.problem.reduction.base)
+        if without is not None:
+            off = max((one[joint] for one in encoders.values() if joint in one), key=lambda one: one.size)
+            figures = (Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad"))
+            said = f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
+            said += f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew"
+            findings.append(without.finding(NAME, joint, without.before, figures, said))
+    return findings
 
 
 def read(log: Log, joint: str, encoders: Encoders) -> Log:
@@ -72,14 +55,6 @@ def read(log: Log, joint: str, encoders: Encoders) -> Log:
     q, j = np.array(log.q), log.joints.index(joint)
     q[:, j] += one.error(q[:, j])
     return replace(log, q=q)
-
-
-def told(joint: str, worst: str, off: Eccentricity, before: Figures, after: Figures, clear: float) -> Finding:
-    """Describe one encoder by the joint whose torque its error spoils most."""
-    figures = (Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad"))
-    said = f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
-    said += f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew"
-    return known(NAME, joint, worst, (before, after), before["torque_rmse"][worst], clear, figures, said)
 
 
 def joined(findings: Sequence[Finding], more: Sequence[Finding]) -> list[Finding]:

@@ -8,12 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.engine.rivals import APART
+from gimbal_pin.diagnosis.counterfactual import counterfactual
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import MEASURED, Finding
-from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.otherwise import clarity, known, otherwise
+from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Log
 from gimbal_pin.parameter import Parameter
@@ -37,35 +35,33 @@ class Ridden(NamedTuple):
 
 
 def ridden(
-    carried: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering
+    found: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering
 ) -> Ridden | None:
     """Refit the rig as if its base stood, and compare; None where no IMU says that it moves, or where that is nothing.
 
     Args:
-        carried: The refitted model on the base's measured motion with what was found, beside which it is compared.
-        held: The held-out evidence, with that motion.
-        train: The logs that were trained on.
-        test: The held-out ones; none where the training logs stand for them.
+        found: The refitted model on the base's measured motion with what was found, beside which it is compared.
+        held: The reporting part, with that motion.
+        train: The logs that were fitted.
+        test: The reporting ones; none where blocks of the fitted logs stand for them.
         filtering: The band.
     """
-    if carried.problem.reduction.base == "fixed":
+    if found.problem.reduction.base == "fixed":
         return None
-    rig = carried.problem.evidence.rig
-    standing_train, standing_test = ([standing(rig, log) for log in logs] for logs in (train, test))
-    without = otherwise(carried, held, standing_train, standing_test, filtering, "fixed")
-    before, after = measured(without.held, extended(without.state)), measured(held, extended(carried))
-    ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
-    j = int(np.argmax(ratios))
-    clear = clarity(without.state, carried, j)
-    if ratios[j] < CONFIRMED or clear < APART:
+    rig = found.problem.evidence.rig
+    fitted, other = (
+        [replace(log, imus={link: imu for link, imu in log.imus.items() if link != rig.base}) for log in logs]
+        for logs in (train, test)
+    )
+    without = counterfactual(found, held, fitted, other, filtering, "fixed")
+    if without is None:
         return None
-    baseline = measured(without.held, extended(without.plain)) if carried.causes else before
-    return Ridden(told(rig, rig.joints[j], (baseline, before, after), motion(rig, train), clear), baseline)
-
-
-def standing(rig: Rig, log: Log) -> Log:
-    """Return a log without what the base's IMU says."""
-    return replace(log, imus={link: imu for link, imu in log.imus.items() if link != rig.base})
+    rate, force = motion(rig, train)
+    felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
+    said = f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU)"
+    figures = (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2"))
+    finding = without.finding(MEASURED, None, without.plain, figures, f"{said}, and the model has that")
+    return Ridden(finding, without.plain)
 
 
 def motion(rig: Rig, logs: Sequence[Log]) -> tuple[float, float]:
@@ -75,18 +71,3 @@ def motion(rig: Rig, logs: Sequence[Log]) -> tuple[float, float]:
     off = f - np.array([0.0, 0.0, GRAVITY])
     rate, force = (float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) for x in (w, off))
     return rate, force
-
-
-def told(
-    rig: Rig, joint: str, figures: tuple[Figures, Figures, Figures], moved: tuple[float, float], clear: float
-) -> Finding:
-    """Describe the platform's motion by the joint at which it matters most; figures of nothing, without it, with it."""
-    rate, force = moved
-    baseline, *each = figures
-    felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
-    said = (
-        f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU), and the model has that"
-    )
-    parameters = (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2"))
-    whole, (before, after) = baseline["torque_rmse"][joint], each
-    return known(MEASURED, None, joint, (before, after), whole, clear, parameters, said)
