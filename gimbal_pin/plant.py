@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from gimbal_pin.carrier import Carrier
 from gimbal_pin.effects.resistance import Memory, Resistance
-from gimbal_pin.log import Array
+from gimbal_pin.log import REACH, Array
 from gimbal_pin.model import Model
 from gimbal_pin.platform import Platform
 
@@ -32,6 +32,12 @@ class State(NamedTuple):
     q: Array
     v: Array
     memory: Memory = ()
+
+    @property
+    def lost(self) -> bool:
+        """Whether no machine can be there, not even half way: see `log.REACH`; what is not a number is nowhere."""
+        far, fast = REACH["q"].upper / 2, REACH["v"].upper / 2
+        return not all(abs(x) <= far for x in self.q.tolist()) or not all(abs(x) <= fast for x in self.v.tolist())
 
 
 class Contact(NamedTuple):

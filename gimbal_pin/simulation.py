@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -162,7 +161,7 @@ class Loop:
         for k, wished in enumerate(
             tqdm(rows, visible(self.name), len(t), unit="sample", disable=None, leave=False, delay=2)
         ):
-            if not isfinite(sum(state.q.tolist())):
+            if state.lost:
                 what = f"the closed loop diverged {t[k] - t[0]:.3g} s after its start"
                 raise UsageError(self.name, what, "lower the controller's bandwidth or its delay")
             states.append(state)

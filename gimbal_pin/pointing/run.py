@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 import pinocchio as pin
@@ -138,7 +137,7 @@ class Loop:
         pending: deque[Array] = deque([command] * self.delay)
         memory, q, tau = None, np.empty((len(t), len(limit))), np.empty((len(t), len(limit)))
         for k in tqdm(range(len(t)), self.name, unit="sample", disable=None, leave=False, delay=2):
-            if not isfinite(sum(state.q.tolist())):
+            if state.lost:
                 raise UsageError(self.name, f"diverged {t[k]:.3g} s after its start", "lower bandwidth or delay")
             seen = self.sensed.see(k, state, leads)
             if memory is None and seen is not None:

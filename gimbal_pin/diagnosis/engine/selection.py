@@ -74,15 +74,23 @@ class Search:
 
 
 def better(state: State, other: State, search: Search) -> bool:
-    """Whether a model is better than another by the threshold, in its fit and on blocks that the fit has not seen.
+    """Whether a model is better than another by the threshold, and by more than an error of the other's form."""
+    return (
+        criterion(other) - criterion(state) >= search.threshold
+        and lasting(state, other, search)
+        and matters(state, other)
+        and predicts(state, other, search)
+    )
 
-    And without the block that tells most, as one event is no evidence; and by more than an error of the other's form.
-    """
-    if criterion(other) - criterion(state) < search.threshold:
-        return False
+
+def lasting(state: State, other: State, search: Search) -> bool:
+    """Whether a model is better by the threshold without the block that tells most: one event is no evidence."""
     told = by_block(state, other)
-    if 2.0 * (told.sum() - told.max()) < search.threshold or not matters(state, other):
-        return False
+    return bool(2.0 * (told.sum() - told.max()) >= search.threshold)
+
+
+def predicts(state: State, other: State, search: Search) -> bool:
+    """Whether a model is better by the threshold on blocks that its fit has not seen."""
     return search.foreseen(other) - search.foreseen(state) >= search.threshold
 
 
