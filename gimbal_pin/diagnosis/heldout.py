@@ -21,7 +21,7 @@ CONFIRMED = 1.01
 HORIZON = 0.2
 """Length of a rollout, s."""
 STARTS = 24
-"""Most rollouts."""
+"""Rollouts, and at least one of each part: a mean square of so many is known to a third."""
 POSES = 16
 """Poses at which a model's mass matrix is looked at."""
 FINE = 2e-3
@@ -88,7 +88,7 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part)
         memory = plant.friction.remembered(part.sample)
-        for start in starts(part, horizon):
+        for start in starts(part, horizon, -(-STARTS // len(evidence.parts))):
             held = tuple(one[..., start].tolist() for one in memory)
             state = State(part.channels.q[start], part.channels.v[start], held)
             plant.friction.warm = part.temperature[start].tolist()
@@ -105,14 +105,14 @@ def massive(rig: Rig, q: Array) -> bool:
     return min(least) > 0.0
 
 
-def starts(part: Part, horizon: int) -> Sequence[int]:
-    """Samples to start from, evenly spread, clear of the ends and of holes: there nobody knows the torque."""
+def starts(part: Part, horizon: int, most: int) -> Sequence[int]:
+    """As many samples to start from, evenly spread, clear of the ends and of holes: there nobody knows the torque."""
     edge = len(part.gate) // 20
     free = np.arange(edge, len(part.gate) - edge - horizon + 1)
     if part.channels.lost is not None:
         before = np.concatenate([[0], np.cumsum(part.channels.lost)])
         free = free[before[free + horizon + 1] == before[free]]
-    return [] if not len(free) else free[np.linspace(0, len(free) - 1, STARTS).astype(int)].tolist()
+    return [] if not len(free) else free[np.linspace(0, len(free) - 1, most).astype(int)].tolist()
 
 
 def rolled(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
