@@ -15,6 +15,7 @@ from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.digits import digits
+from gimbal_pin.effects import Cause
 from gimbal_pin.log import Motion
 from gimbal_pin.parameter import Parameter
 
@@ -215,6 +216,7 @@ class Diagnosis:
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
             compensated, rad; empty where nothing was found.
         likeness: For every finding, which other causes look like it on these logs.
+        instead: Causes that were fitted in the findings' places.
     """
 
     rig: str
@@ -238,6 +240,7 @@ class Diagnosis:
     planned: NextExperiment | None = None
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     likeness: tuple[Likeness, ...] = ()
+    instead: tuple[Cause, ...] = ()
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:

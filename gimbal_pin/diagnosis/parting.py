@@ -2,40 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from gimbal_pin.diagnosis.engine.rivals import APART
 from gimbal_pin.digits import digits
 from gimbal_pin.log import Motion
 
-NAMED = 4.0
-"""Standard deviations between two causes from which one is named: Vuong's z, half of that, is then two."""
-IDENTICAL = 1e-3
-"""Share of what a cause adds under which its rival is the same torque, wherever the rig is moved."""
+NAMED = 2 * APART
+"""Standard deviations between two causes from which one is named: half of them is Vuong's z to be expected."""
 
 
 class Apart(NamedTuple):
-    """How far two causes are apart.
-
-    Attributes:
-        deviations: ``|f - best explanation by rival, rigid model and friction| / noise``, f the found cause's torque:
-            the separation in standard deviations, over all samples. Half of it is the Vuong z that is expected.
-        share: The same over ``|f - best explanation by rigid model and friction| / noise``, in [0, 1].
-    """
+    """Standard deviations between two causes, and their share of what the found one adds to all that is refitted."""
 
     deviations: float
     share: float
-
-    @property
-    def named(self) -> bool:
-        """Whether a diagnosis would name the cause."""
-        return self.deviations >= NAMED
-
-    @property
-    def worth(self) -> float:
-        """``d/(d + 4)``, d deviations: grows ever less beyond what names a cause."""
-        return self.deviations / (self.deviations + NAMED)
 
 
 @dataclass(frozen=True)
@@ -49,7 +32,6 @@ class Parting:
         now: How far the logs so far part them.
         expected: How far they and the next experiment will; None where no motion parts the two.
         instead: What may part them where that motion does not: experiments in words.
-        alone: Whether the next experiment is to be diagnosed alone, and parts them so.
     """
 
     cause: str
@@ -58,31 +40,13 @@ class Parting:
     now: Apart
     expected: Apart | None
     instead: tuple[str, ...]
-    alone: bool = False
-
-    @property
-    def sentence(self) -> str:
-        """All of it for a person."""
-        return together([self])
-
-    @property
-    def same(self) -> bool:
-        """Whether the two are the same torque on the logs so far, to the last digits."""
-        return self.now.share <= IDENTICAL
-
-    @property
-    def kind(self) -> tuple[object, ...]:
-        """What partings have in common of which one sentence speaks."""
-        return self.joint, self.cause, self.outcome, self.same and self.expected is not None
 
     @property
     def outcome(self) -> str:
-        """What is to be said of the next experiment."""
+        """Whether the next experiment names the finding or leaves the two too near, or no motion parts them."""
         if self.expected is None:
             return "none"
-        if self.expected.named:
-            return "named"
-        return "few" if self.expected.deviations < NAMED else "alike"
+        return "named" if self.expected.deviations >= NAMED else "few"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -95,7 +59,7 @@ class Parting:
             "deviations_expected": None if after is None else after.deviations,
             "share_now": self.now.share,
             "share_expected": None if after is None else after.share,
-            "sentence": self.sentence,
+            "sentence": together([self]),
         }
 
 
@@ -103,37 +67,17 @@ def together(partings: Sequence[Parting]) -> str:
     """What is to be said of a finding and some of its rivals that the next experiment does the same to."""
     first = partings[0]
     who = f"{first.joint or 'rig'}: {first.cause} and {', '.join(one.rival for one in partings)}"
-    instead = "; or ".join(once(way for one in partings for way in one.instead))
-    after = [one.expected.deviations for one in partings if one.expected is not None]
-    if not after:
+    instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
+    if first.expected is None:
         return f"{who} can be the same torque in every motion that was tried; what else may part them: {instead}"
-    expected = ", ".join(digits(x) for x in after)
-    beside = "on the next experiment's log alone" if first.alone else "with the next experiment"
-    if first.same:
-        said = f"{who} are one torque on these logs, {expected} standard deviations apart {beside}"
-    elif first.alone and first.outcome == "named":
-        said = f"{who} look much alike on these logs, and do not on the next experiment's alone: they lie {expected}"
-        return f"{said} standard deviations apart there"
-    elif all(one.now.deviations >= NAMED for one in partings):  # so many tell nothing while the share is small
-        said = f"{who} add nearly the same torque on these logs, {expected} standard deviations apart {beside}"
-    else:
-        now = ", ".join(digits(one.now.deviations, 2) for one in partings)
-        said = f"{who} lie {now} standard deviations apart so far, {expected} {beside}"
-    more = {
-        "named": "",
-        "few": f": too few to name one; try also {instead}",
-        "alike": f". That tells which fits better, but they add nearly the same torque: try also {instead}",
-    }
-    return said + more[first.outcome]
-
-
-def once(ways: Iterable[str]) -> list[str]:
-    """Experiments in words, each told once: those that differ by their reasons alone, behind a colon, as one."""
-    reasons: dict[str, list[str]] = {}
-    for way in dict.fromkeys(ways):
-        what, _, why = way.partition(": ")
-        reasons.setdefault(what, []).extend([why] if why else [])
-    return [f"{what} ({'; '.join(why)})" if why else what for what, why in reasons.items()]
+    after = ", ".join(digits(one.expected.deviations) for one in partings if one.expected is not None)
+    # A small share of a loud torque is many deviations, and no more than either formula may be off.
+    said = f"add nearly the same torque on these logs, {after} standard deviations apart"
+    if all(one.now.deviations < NAMED for one in partings):
+        now = ", ".join(digits(round(one.now.deviations, 2), 2) for one in partings)
+        said = f"lie {now} standard deviations apart so far, {after}"
+    said = f"{who} {said} with the next experiment"
+    return said if first.outcome == "named" else f"{said}: too few to name one; try also {instead}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,32 +106,22 @@ class NextExperiment:
         return {
             "seconds": self.seconds,
             "finished": self.finished,
-            "alone": any(parting.alone for parting in self.partings),
+            "alone": False,  # whether the logs so far are to be left out: more rows never bring two causes nearer
             "partings": [parting.to_dict() for parting in self.partings],
         }
 
     @property
-    def settles(self) -> bool:
-        """Whether a finding would be named by it: parted from every rival."""
-        outcomes: dict[tuple[str | None, str], set[str]] = {}
-        for one in self.partings:
-            outcomes.setdefault((one.joint, one.cause), set()).add(one.outcome)
-        return {"named"} in outcomes.values()
-
-    @property
     def lines(self) -> tuple[str, ...]:
         """All of it for a person."""
-        groups: dict[tuple[object, ...], list[Parting]] = {}
+        groups: dict[tuple[str | None, str], dict[str, list[Parting]]] = {}
         for one in self.partings:
-            groups.setdefault((one.joint, one.cause, one.outcome, one.same and one.expected is not None), []).append(
-                one
-            )
-        told = tuple(together(group) for group in groups.values())
+            groups.setdefault((one.joint, one.cause), {}).setdefault(one.outcome, []).append(one)
+        told = tuple(together(group) for outcomes in groups.values() for group in outcomes.values())
         if self.motion is None:
             return told
         how = f"the motion lasts {digits(self.seconds)} s, from rest to rest within the rig's limits"
         how += "" if self.finished else "; the search for it was interrupted, it is the best so far"
-        how += "" if self.settles else "; it names no cause, as each keeps a rival, and can but rule out others"
-        if any(one.alone for one in self.partings):
-            return (*told, f"{how}: play it, and diagnose its log alone; what either diagnosis rules out is ruled out")
-        return (*told, f"{how}: play it, and diagnose its log with the others by --holdout last-third")
+        settled = any({*outcomes} == {"named"} for outcomes in groups.values())
+        how += "" if settled else "; it names no cause, as each keeps a rival, and can but rule out others"
+        how += ": play it, and diagnose its log with the others by --holdout last-third, and by itself"
+        return (*told, f"{how}; what either rules out is ruled out")

@@ -68,6 +68,7 @@ def reported(
         state=found.final,
         tracking=followed(before, after, rng) if each else {},
         likeness=tuple(likeness(found, cause) for cause in found.final.causes),
+        instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
     )
 
 

@@ -50,7 +50,11 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
 def covariance(state: State, cause: Cause) -> Array:
     """Covariance of a cause's coefficients, then of its shape parameters; nan for what the log does not hold."""
     base = without(state, cause)
-    stacked = base.fit.stacked(slopes(state, base, cause))
+    if isinstance(cause, Signal):  # what it changes is the torque before it, by as much as its shape says
+        columns = tangent(base, cause, np.ones(1))[..., 1:]
+    else:
+        columns = tangent(state, cause, state.coefficients(cause))
+    stacked = base.fit.stacked(columns)
     rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)
     unit = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
     own, sizes, turned = np.linalg.svd(rest / unit, full_matrices=False)
@@ -62,19 +66,22 @@ def covariance(state: State, cause: Cause) -> Array:
     return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)
 
 
-def slopes(state: State, base: State, cause: Cause) -> Array:
-    """Whitened slopes of the torque by a cause's coefficients, then by its shape parameters, (rows, n, c)."""
-    # What a signal changes is the torque before it.
-    at = base if isinstance(cause, Signal) else state
-    now = at.columns(cause).values
-    columns = [] if isinstance(cause, Signal) else [now]
-    weights = state.coefficients(cause) if isinstance(cause, Effect) else np.ones(now.shape[2])
+def tangent(state: State, cause: Cause, weights: Array) -> Array:
+    """Whitened columns of a cause, then slopes of its torque by its shape parameters, (rows, n, c).
+
+    Args:
+        state: What the columns are built at.
+        cause: The cause.
+        weights: Its coefficients, with which its torque changes with its shape.
+    """
+    now = state.columns(cause).values
+    columns = [now]
     for name in shape_names(cause):
         value = getattr(cause, name)
         step = NUDGE * abs(value) if value else 1e-6
         shape = next(s for s in cause.shapes if s.name == name)
         other = cause.altered(**{name: value + step if value + step <= shape.upper else value - step})
-        slope = at.columns(other).values - now
+        slope = state.columns(other).values - now
         slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))
     return np.concatenate(columns, axis=2)
