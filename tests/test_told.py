@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -36,7 +35,9 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
     one, other = found.open.split("; ")
     assert one == "this log cannot tell it from cogging" and "armature" not in other
-    assert other.startswith("actuator-lag fits these logs less well, by 4.9 standard deviations, but adds nearly")
+    assert other.startswith("not ruled out, though less well") and other.endswith(
+        ": actuator-lag (4.9 standard deviations)"
+    )
     assert f"  {found.open}; try a chirp" in wrong.told(found)
     assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
     assert not replace(found, alike=("delay",)).open
@@ -63,19 +64,17 @@ def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
     assert wrong.unsure(SimpleNamespace(residual={"pan": left["pan"]})) == ""  # type: ignore[arg-type]
 
 
-def test_noise_that_is_larger_than_what_would_be_found_is_said_to_average_out() -> None:
-    """It is no contradiction, and where none is larger nothing is said."""
-
-    def said(after: float, state: str) -> str:
-        left = {"pan": Residual(state, 1e-3, 1.0)}
-        shown = SimpleNamespace(residual=left, extended={"torque_rmse": {"pan": after}}, detection_limit={"pan": 0.01})
-        shown.covering = Diagnosis.__dict__["covering"].fget(shown)
-        hides = Diagnosis.left(cast(Diagnosis, shown), "pan").removeprefix(state)
-        assert hides == (f", in which up to {after:g} N m may hide" if shown.covering else "")
-        return cast(Callable[[object], str], Diagnosis.__dict__["drowned"].fget)(shown)
-
-    assert said(0.02, "noise").startswith("pan: the noise that is left is larger") and "knocks" in said(0.02, "noise")
-    assert said(0.002, "noise") == said(0.02, "structured") == ""
+@pytest.mark.parametrize(
+    ("fit", "state", "told"), [(80.0, "noise", True), (97.0, "noise", False), (80.0, "slow", False)]
+)
+def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
+    fit: float, state: str, told: bool
+) -> None:
+    figures = {"torque_rmse": {"pan": 0.02}, "fit_percent": {"pan": fit}}
+    shown = SimpleNamespace(residual={"pan": Residual(state, 1e-3, 1.0)}, extended=figures)
+    shown.noisy = Diagnosis.__dict__["noisy"].fget(shown)
+    said = Diagnosis.__dict__["hidden"].fget(shown)
+    assert said.startswith("the noise may hide up to 0.02 N m at pan") if told else not said
 
 
 @pytest.mark.parametrize(("cause", "told"), [("payload-shift", True), ("cogging", False)])

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any
 
 from gimbal_pin.audit import Fault
+from gimbal_pin.diagnosis.engine.rivals import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
@@ -23,17 +24,10 @@ MEASURED = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
 
 
-DROWNED = (
-    "the noise that is left is larger than what would be found: a cause that acts all log long, in a form that the "
-    "library has, stands out of it. One of another form, or that knocks in few moments, may be as large and go unseen"
-)
-"""How the torque that would be found may be less than the noise that is left."""
-APART = 2.0
-"""Vuong's z from which two causes are told apart."""
-NEARLY = (
-    "nearly the same torque (correlation over 0.95), and a rig that is a little off either formula can make as much of "
-    "a difference: not ruled out"
-)
+NOISY = 0.1
+"""Share of a joint's torque from which it is told what may hide in the noise that is left: under it that has less than
+a hundredth of the torque's power."""
+WORSE = "not ruled out, though less well fitting, by no more than a rig that is a little off either formula can make"
 """Why a rival that fits less well may still be the cause."""
 TOGETHER = "only together; other sizes fit this log as well"
 """What holds of figures none of which the log tells by itself."""
@@ -56,6 +50,11 @@ class Residual:
     dispersion: float
     discrepancy: float = 0.0
     where: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """What is left, and where."""
+        return f"{self.state} {self.where}".strip()
 
 
 @dataclass(frozen=True)
@@ -119,23 +118,13 @@ class Finding:
         return self.parameters if self.cause != MEASURED and not self.sized else ()
 
     @property
-    def apart(self) -> tuple[Rival, ...]:
-        """Rivals that explain less on these logs by more than chance, and that yet are not ruled out."""
-        return tuple(rival for rival in self.rivals if rival.cause in self.alike and rival.z > APART)
-
-    @property
     def open(self) -> str:
         """What else it may be, and why that is not ruled out, in a sentence; nothing where it is named."""
-        if len(self.alike) < 2:
-            return ""
-        less = {rival.cause for rival in self.apart}
-        same = [name for name in self.alike[1:] if name not in less]
-        parts = [f"this log cannot tell it from {', '.join(same)}"] if same else []
-        if less:
-            names, far = (", ".join(x) for x in zip(*((one.cause, digits(one.z, 2)) for one in self.apart)))
-            s = "s" if len(less) == 1 else ""
-            parts.append(f"{names} fit{s} these logs less well, by {far} standard deviations, but add{s} {NEARLY}")
-        return "; ".join(parts)
+        worse = {one.cause: digits(one.z, 2) for one in self.rivals if one.z > APART}
+        same = ", ".join(name for name in self.alike[1:] if name not in worse)
+        less = ", ".join(f"{name} ({worse[name]} standard deviations)" for name in self.alike[1:] if name in worse)
+        parts = {"this log cannot tell it from ": same, f"{WORSE}: ": less}
+        return "; ".join(why + names for why, names in parts.items() if names)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -259,21 +248,17 @@ class Diagnosis:
         return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
 
     @property
-    def covering(self) -> dict[str, float]:
-        """Joint → noise that is left, N m rms, of joints at which that is more than would be found."""
-        after, limit = self.extended.get("torque_rmse", {}), self.detection_limit
-        return {j: after[j] for j, left in self.residual.items() if left.state == "noise" and after[j] > limit[j]}
+    def noisy(self) -> dict[str, float]:
+        """Joint → noise that is left, N m rms, of joints at which that is over `NOISY` of the torque."""
+        after, fit = (self.extended.get(name, {}) for name in ("torque_rmse", "fit_percent"))
+        noise = (joint for joint, left in self.residual.items() if left.state == "noise")
+        return {joint: after[joint] for joint in noise if fit[joint] < 100 * (1 - NOISY)}
 
     @property
-    def drowned(self) -> str:
-        """Why more is left of noise than would be found, where that is so of a joint, in a sentence; else nothing."""
-        return f"{', '.join(self.covering)}: {DROWNED}" if self.covering else ""
-
-    def left(self, joint: str) -> str:
-        """What is left at a joint: of noise how much may hide in it, where that is more than would be found."""
-        left, noise = self.residual[joint], self.covering.get(joint)
-        hidden = "" if noise is None else f", in which up to {digits(noise, 2)} N m may hide"
-        return f"{left.state} {left.where}".strip() + hidden
+    def hidden(self) -> str:
+        """What may hide in that noise, in a sentence; nothing where there is none."""
+        most = " and ".join(f"{digits(noise, 2)} N m at {joint}" for joint, noise in self.noisy.items())
+        return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
     @property
     def next_motion(self) -> Motion | None:

@@ -12,9 +12,10 @@ from scipy.stats import norm
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered
 from gimbal_pin.diagnosis.composed import ENTER, by_form, chance, chosen, same
 from gimbal_pin.diagnosis.difference import Difference
+from gimbal_pin.diagnosis.engine.rivals import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import APART, Diagnosis, Finding, Rival, Slight, overall
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight, overall
 from gimbal_pin.diagnosis.given import TOLD, given
 from gimbal_pin.diagnosis.heavier import inertias
 from gimbal_pin.diagnosis.heldout import CONFIRMED, rollout_rmse, torque_rmse

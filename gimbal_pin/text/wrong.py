@@ -34,14 +34,14 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any], command: str = "") -> 
             number(found.baseline["torque_rmse"][joint], 3),
             number(found.extended["torque_rmse"][joint], 3),
             number(found.detection_limit[joint], 2),
-            found.left(joint),
+            left.sentence,
         )
-        for joint in found.residual
+        for joint, left in found.residual.items()
     ]
     if rows:
         lines.append("")
         lines += [table("joint", "before N m", "after N m", "would be found N m", "what is left is", rows=rows)]
-        lines += [f"({found.drowned})"] if found.drowned else []
+        lines += [f"({found.hidden})"] if found.hidden else []
         lines += [ALONE] if len(found.findings) > 1 else []
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model{freely(found)}: {line}" for line in found.given.lines]

@@ -49,7 +49,7 @@ def diagnosis(found: Diagnosis, command: str = "") -> Section:
     if found.held is not None:
         parts += [heading("What is left")] if found.findings else []
         parts.append(table(HEAD, [row(found, joint) for joint in joints], label="Torque error before and after"))
-        parts += [paragraph(f"{found.drowned}.", "side")] if found.drowned else []
+        parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
     if found.given is not None:
@@ -84,8 +84,8 @@ def row(found: Diagnosis, joint: Joint) -> list[Content]:
     left = found.residual.get(joint.name)
     before, after = (part["torque_rmse"][joint.name] for part in (found.baseline, found.extended))
     limit = found.detection_limit.get(joint.name)
-    tone = "" if joint.name in found.covering else "good" if left and left.state == "noise" else "fair"
-    state: Content = toned(found.left(joint.name), tone) if left else "–"
+    tone = "" if joint.name in found.noisy else "good" if left and left.state == "noise" else "fair"
+    state: Content = toned(left.sentence, tone) if left else "–"
     shown: list[Content] = [
         torque_text(before, most),
         torque_text(after, most),
@@ -120,7 +120,7 @@ SURE = 20.0
 MOST = 6
 """Most rivals in a table."""
 ALIKE = 0.95
-"""Correlation from which on two causes are one to this log."""
+"""Correlation from which on two causes are outlined."""
 RIVALS: list[Content] = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Ruled out by this log"]
 
 
@@ -143,7 +143,7 @@ def alike_map(known: Likeness, colour: str) -> list[Markup]:
     alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
     caption = (
         f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
-        f"two, from {ALIKE} on they are outlined and share one name."
+        f"two, from {ALIKE} on they are outlined."
     )
     drawn = plots.picture(partial(cells, known, colour), alt, caption)
     return [folded(f"What looks like {known.causes[0]} here", drawn)]
