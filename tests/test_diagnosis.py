@@ -95,11 +95,9 @@ def test_whitening_is_linear(evidence: Evidence) -> None:
     np.testing.assert_allclose(both, 2.0 * evidence.whiten(a, 1) - evidence.whiten(b, 1), atol=1e-9)
 
 
-def test_mixed_torque_lies_between_its_sources(evidence: Evidence) -> None:
-    """Where both agree the mixture is what both say; its weights are shares."""
+def test_what_the_motion_shakes_is_a_share_of_the_noise(evidence: Evidence) -> None:
     for part in evidence.parts:
-        np.testing.assert_allclose(part.mixed(part.channels.tau, part.channels.tau), part.channels.tau, atol=1e-12)
-        assert np.all((part.trust >= 0) & (part.trust <= 1))
+        assert np.all((part.shaken >= 0) & (part.shaken * part.whitener**2 <= 1))
 
 
 def test_inertias_that_no_body_has_are_not_simulated(rig: Rig, evidence: Evidence) -> None:

@@ -94,6 +94,20 @@ def test_a_ridge_predicts_each_fold_from_the_others(columns: int) -> None:
     assert np.allclose(directions.T @ directions, np.eye(len(power)))
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_a_spring_takes_off_the_noise_of_an_acceleration_is_no_spring(seed: int) -> None:
+    """A slow motion whose rates are noisy, and nothing in it: a spring would smooth what is known of the motion."""
+    rig, rng, t = Rig.load(RIG), np.random.default_rng(seed), DT * np.arange(5000)
+    w, size = np.array([[1.38, 2.28], [2.62, 3.2]])[:, None], np.array([0.125, 0.0875])
+    phase = t[:, None] * w
+    q, v, a = (np.sum(size * x, axis=0) for x in (np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)))
+    tau = nominal(rig).inverse(q, v, a) + 3e-3 * rng.standard_normal(q.shape)
+    q, v = (x + std * rng.standard_normal(x.shape) for x, std in ((q, 1e-5), (v, 1e-3)))
+    assert not explain_log(
+        Log("log", rig.joints, t, q, v, tau), {"joint-flexibility": CAUSES["joint-flexibility"]}
+    ).state.causes
+
+
 def test_a_noise_is_smoothed_to_its_spectrum_and_a_line_stays_out() -> None:
     rng = np.random.default_rng(5)
     true = 1.0 / (1.0 + (np.arange(2000) / 300.0) ** 2)

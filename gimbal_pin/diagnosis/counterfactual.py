@@ -115,7 +115,7 @@ def counterfactual(
 def alike(evidence: Evidence, known: Evidence) -> Evidence:
     """Return the same stretches of logs, gated, timed and whitened as they are known."""
     pairs = zip(evidence.parts, known.parts, strict=True)
-    parts = [part._replace(gate=as_.gate, whitener=as_.whitener, trust=as_.trust) for part, as_ in pairs]
+    parts = [part._replace(gate=as_.gate, whitener=as_.whitener) for part, as_ in pairs]
     return retimed(replace(evidence, parts=tuple(parts)), shifts(known))
 
 

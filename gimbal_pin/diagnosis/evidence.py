@@ -70,7 +70,8 @@ class Part(NamedTuple):
         temperature: Motor temperatures, °C, (m, n).
         gate: Weight of each sample, (m, n): 0 near standstill and at the ends.
         whitener: Gain of each joint's whitening filter at the kept frequencies, (n, f).
-        trust: Weight of the measured torque in `mixed`, at all frequencies, (n, F).
+        shaken: Power of what the angles' and rates' noise leaves in each joint's rows before they are whitened, (N m)²,
+            (n, f).
         origin: Time at which its log began, s.
         dt: Interval of the grid, s.
         rows: How many rows it gives.
@@ -85,7 +86,7 @@ class Part(NamedTuple):
     temperature: Array
     gate: Array
     whitener: Array
-    trust: Array
+    shaken: Array
     origin: float
     dt: float
     rows: int
@@ -147,15 +148,6 @@ class Part(NamedTuple):
         """Motion of the base over `time`; None where it stands."""
         moving = self.channels.platform
         return None if moving is None else replace(moving, t=self.time)
-
-    def mixed(self, model: Array, measured: Array) -> Array:
-        """Best estimate of the torque that acts, N m, (m, n): the model's, and the measured one where it knows better.
-
-        At each frequency the two are weighted by each other's noise. The estimate's error is then uncorrelated with
-        their difference, so that a column built from it does not find its own noise in the residual.
-        """
-        difference = fft.rfft(measured - model, axis=0) * self.trust.T
-        return model + fft.irfft(difference, len(model), axis=0)
 
     def sample(self, joint: int) -> Sample:
         """Return the joint's channels as effects read them, with the measured torque; each side by side in memory."""
@@ -350,19 +342,27 @@ def part(
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)
-    every = fft.rfftfreq(length, dt)
-    frequency = every[: count // 2 + 1]
-    noise = floor(rig, log, every)
-    gain = band_edge(frequency, filtering.cutoff) / np.sqrt(
-        noise.total[:, : len(frequency)] * 2 * filtering.cutoff * stretch.dt
-    )
+    frequency = fft.rfftfreq(length, dt)[: count // 2 + 1]
+    noise, share = floor(rig, log, frequency), 2 * filtering.cutoff * stretch.dt  # of a power within the band
+    gain = band_edge(frequency, filtering.cutoff) / np.sqrt(noise.total * share)
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
     losses = losses_of(stretch.log if whole is None else whole, channels.t)
     # Each joint's gate side by side in memory: every column is multiplied by it.
     return Part(
-        channels, warm, np.asfortranarray(gate), gain, noise.trust, origin, dt, count, shock, 0.0, losses, logged
+        channels,
+        warm,
+        np.asfortranarray(gate),
+        gain,
+        noise.motion * share,
+        origin,
+        dt,
+        count,
+        shock,
+        0.0,
+        losses,
+        logged,
     )
 
 

@@ -86,7 +86,7 @@ class Library:
             if (now, before) not in still:
                 still[now, before] = all(near(new, old, STALE) for new, old in zip(now.arrays, before.arrays))
             if columns is None or not still[now, before]:
-                columns = state.columns(cause, state.total if self.of_model else None)
+                columns = state.columns(cause, state.torque if self.of_model else None)
                 self.built[cause] = now, columns
             found.append(columns)
         return found
@@ -103,7 +103,7 @@ class Library:
             return Read([state.stand.rig.phi, self.turns(state)] if what else [])
         j = self.rig.joint_index(place)
         if what == "acting":
-            return Read([x[:, j] for x in (state.total if self.of_model else state.acting)])
+            return Read([x[:, j] for x in (state.torque if self.of_model else state.acting)])
         if what == "weight":
             return Read([x[:, j] for x in (*state.load.borne, *state.load.weight)])
         return Read([x[:, j] for x in state.torque])

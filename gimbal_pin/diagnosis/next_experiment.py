@@ -144,8 +144,8 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
-    trust, none = np.ones((logs.rig.n, len(frequency))), np.zeros_like(q)
-    part = Part(channels, none + AMBIENT, gate, gain, trust, 0.0, dt, rows, none)
+    none = np.zeros_like(q)
+    part = Part(channels, none + AMBIENT, gate, gain, np.zeros_like(gain), 0.0, dt, rows, none)
     evidence = Evidence(logs.rig, (part,), logs.band, np.zeros(rows, int), logs.seen)
     return Problem.of(evidence, known.reduction), channels.tau
 

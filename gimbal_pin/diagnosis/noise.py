@@ -37,11 +37,6 @@ class Floor(NamedTuple):
         """Their sum."""
         return self.torque + self.motion
 
-    @property
-    def trust(self) -> Array:
-        """How much the measured torque tells more than the model's, in [0, 1]: their best mixture's weight."""
-        return self.motion / self.total
-
 
 def floor(rig: Rig, log: Log, frequency: Array) -> Floor:
     """``P_j(f) = σ_τj² + Σ_k M_jk² min(σ_qk² ω⁴, σ_vk² ω²)``: what the sensors' noise leaves in the torque balance.

@@ -145,7 +145,8 @@ class State:
         causes: The chosen causes.
         fit: The fit.
         rig: The rig with the fitted inertias.
-        torque: The best estimate of the torque that acts, N m, (m, n) per part.
+        torque: What the model predicts of `acting`, N m, (m, n) per part: columns that read a torque are built from it,
+            as the measured one's noise would stand on both sides.
         acting: The measured torque after the drives' signals, N m, (m, n) per part.
         unexplained: What of it the fit does not predict, N m, (m, n) per part.
         alike: A state whose joints are taken to bear the same; None: what the fit says.
@@ -207,11 +208,6 @@ class State:
             ]
             for j in range(evidence.rig.n)
         ]
-
-    @property
-    def total(self) -> list[Array]:
-        """What the model predicts of `acting`, N m, (m, n) per part: none of the sensors' noise is in it."""
-        return [acting - left for acting, left in zip(self.acting, self.unexplained)]
 
     def columns(self, cause: Cause, torque: list[Array] | None = None) -> Columns:
         """What a cause would add; a drive's signal acts on these torques, N m, (m, n) per part, or on `acting`."""
@@ -300,10 +296,9 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     A = np.concatenate([problem.rigid, *built], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None, problem.luck)
     total = predicted(problem, effects, now.theta, load)
-    mixed = [part.mixed(x, y) for part, x, y in zip(evidence.parts, total, acting)]
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     rig, alike = refitted(problem, now.theta), before if keep else None
-    return State(problem, tuple(causes), now, rig, mixed, acting, unexplained, alike)
+    return State(problem, tuple(causes), now, rig, total, acting, unexplained, alike)
 
 
 def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:

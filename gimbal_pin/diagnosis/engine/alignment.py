@@ -38,7 +38,7 @@ def later_by(state: State) -> Array:
     evidence = state.problem.evidence
     columns = []
     for j in range(evidence.rig.n):
-        slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, state.total)]
+        slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, state.torque)]
         columns.append(project(state.fit, Beside(j, evidence.whiten(slope, j)[:, None]))[:, 0])
     D, prior = np.stack(columns, axis=1), 1.0 / USUAL**2
     return np.asarray(

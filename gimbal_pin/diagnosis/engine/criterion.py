@@ -2,8 +2,9 @@
 
 ``C = Σ_j N_j log φ_j + k log N``: twice the negative log likelihood of rows of unit noise, up to a constant, with the
 penalty of Schwarz (Ann. Statist. 6, 1978); N_j are joint j's rows, k what the causes have free, φ_j is the dispersion
-``⟨|R(f)|²/ρ(f)⟩`` of its residual. A drive's signal changes the measured torque, and the noise in it: ρ is the share of
-a noise's power that it passes on at each frequency. Without that any low-pass would explain half of any noise.
+``⟨|R(f)|²/ρ(f)⟩`` of its residual. A drive's signal changes the measured torque, or what the model makes of the
+measured motion, and the noise in it: ρ is the share of a noise's power that it passes on at each frequency. Without
+that any low-pass would explain half of any noise, and any spring the noise of an acceleration.
 """
 
 from __future__ import annotations
@@ -66,7 +67,8 @@ def passes(state: State, signal: Signal) -> list[Array]:
     """Return the share of a noise's power that a drive's signal passes on, (f,) for each part.
 
     A small noise of the estimated spectrum is put beside the measured torque: for a filter the share is its gain. A
-    limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
+    limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing. What
+    of the noise comes through the acceleration passes what is `felt` of the joint's own inertia.
     """
     evidence, joint = state.problem.evidence, state.problem.evidence.rig.joint_index(signal.joint)
     bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
@@ -74,12 +76,21 @@ def passes(state: State, signal: Signal) -> list[Array]:
     for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
         torque, noise = part.channels.tau[:, joint], flattened(part, left[:, joint], joint)
         change = part.acted(signal, torque, joint, borne) - part.acted(signal, torque - noise, joint, borne)
-        after, before = (np.abs(fft.rfft(part.whiten(x, joint))) ** 2 for x in (change, noise))
-        inside = slice(0, int(INSIDE * len(before)) // WIDTH * WIDTH)
-        after, before = (np.mean(x[inside].reshape(-1, WIDTH), axis=1) for x in (after, before))
-        share = np.repeat(np.clip(after / np.maximum(before, 1e-300), 1e-300, 1.0), WIDTH)
+        share = ratio(part.whiten(change, joint), part.whiten(noise, joint))
+        if signal.springy:
+            felt = signal.felt(np.zeros((len(noise), 1)), noise[:, None], part.dt)[:, 0]
+            shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[: len(share)]
+            share += shaken * (ratio(part.whiten(felt, joint), part.whiten(noise, joint)) - share)
         shares.append(np.pad(share, (0, part.whitener.shape[1] - len(share)), mode="edge"))
     return shares
+
+
+def ratio(after: Array, before: Array) -> Array:
+    """Return the share of one signal's power, rows of a part, that another has at each frequency inside the band."""
+    powers = [np.abs(fft.rfft(x)) ** 2 for x in (after, before)]
+    inside = int(INSIDE * len(powers[0])) // WIDTH * WIDTH
+    a, b = (np.mean(x[:inside].reshape(-1, WIDTH), axis=1) for x in powers)
+    return np.repeat(np.clip(a / np.maximum(b, 1e-300), 1e-300, 1.0), WIDTH)
 
 
 def flattened(part: Part, signal: Array, joint: int) -> Array:

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.engine.noise import coloured
 from gimbal_pin.diagnosis.engine.rivals import Rival, contested
 from gimbal_pin.diagnosis.engine.selection import MOST, Search, polished, pruned, selected
 from gimbal_pin.diagnosis.engine.support import FORM, OF_CAUSE, added, fitted, without
-from gimbal_pin.diagnosis.engine.whitening import flat, modelled_torque, rewhitened_problem
+from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -101,7 +101,6 @@ def explain(
         causes: The causes to look for.
         timed: Whether to estimate the torques' time; False: it is known.
     """
-    evidence = modelled_torque(evidence)
     given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
     candidates = Candidates(evidence.rig, library(evidence, causes))
     found: tuple[Cause, ...] = ()

@@ -43,7 +43,7 @@ def matters(state: State, other: State) -> bool:
     library, of the rigid model and of every cause.
     """
     evidence, n = other.problem.evidence, len(other.fit.scale)
-    total = evidence.whiten_all(other.total)
+    total = evidence.whiten_all(other.torque)
     residuals = [one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state)]
     pieced = [one for one in state.causes if one.pieces]
     whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]

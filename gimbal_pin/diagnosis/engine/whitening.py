@@ -20,14 +20,6 @@ def flat(evidence: Evidence) -> Evidence:
     return replace(evidence, parts=tuple(parts))
 
 
-def modelled_torque(evidence: Evidence) -> Evidence:
-    """Return evidence whose torque is the model's, wherever a column is built of it.
-
-    The measured one's noise would stand on both sides, and be explained by itself.
-    """
-    return replace(evidence, parts=tuple(p._replace(trust=np.zeros_like(p.trust)) for p in evidence.parts))
-
-
 def edge_of(evidence: Evidence, part: Part) -> Array:
     """Return the gain by which a part's band fades at its upper end, (f,)."""
     return band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
