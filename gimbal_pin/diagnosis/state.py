@@ -372,6 +372,8 @@ def aimed(state: State, cause: Cause) -> Cause:
     if not isinstance(cause, RigEffect):
         return cause
     value = float(state.coefficients(cause)[0])
+    if value == 0:  # nothing of it shows: a change of no size at all has no direction either
+        return cause
     other = sized(cause, value)
     if abs(value - magnitude(cause)) < AIMED * abs(value) or max(cause.angle, other.angle) < BENT:
         return cause

@@ -90,7 +90,8 @@ def ratio(after: Array, before: Array) -> Array:
     powers = [np.abs(fft.rfft(x)) ** 2 for x in (after, before)]
     inside = int(INSIDE * len(powers[0])) // WIDTH * WIDTH
     a, b = (np.mean(x[:inside].reshape(-1, WIDTH), axis=1) for x in powers)
-    return np.repeat(np.clip(a / np.maximum(b, 1e-300), 1e-300, 1.0), WIDTH)
+    # What is passed on by several signals is a product: of 1e-300 twice nothing is left to divide by.
+    return np.repeat(np.clip(a / np.maximum(b, 1e-300), 1e-30, 1.0), WIDTH)
 
 
 def flattened(part: Part, signal: Array, joint: int) -> Array:
