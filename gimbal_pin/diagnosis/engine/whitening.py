@@ -1,4 +1,4 @@
-"""Rows whitened by other gains: every row is known by its spectrum, so another pass over the log is not needed."""
+"""Evidence and problems with other whitening gains than the sensors' noise asks for."""
 
 from __future__ import annotations
 
