@@ -17,10 +17,10 @@ from gimbal_pin.config import Limits, Motor
 from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Memory, Pid, Robust, bounds, margins, sampled_loop
 from gimbal_pin.control.base import Outer
 from gimbal_pin.control.design import braking
-from gimbal_pin.control.loop import sampled_plant
+from gimbal_pin.control.loop import responses, sampled_plant
 from gimbal_pin.control.lyapunov import error_system, lyapunov, stiffened, weight
 from gimbal_pin.control.uncertainty import inertia, poses
-from gimbal_pin.effects import Coulomb, Term, Viscous
+from gimbal_pin.effects import ActuatorLag, Coulomb, Delay, Term, Viscous
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Estimated, Model, nominal
@@ -83,6 +83,13 @@ def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Refere
     q, v = rng.uniform(-0.7, 0.7, n), rng.uniform(-2, 2, n)
     reference = Reference(q + 0.05 * rng.standard_normal(n), v + rng.standard_normal(n), 5 * rng.standard_normal(n))
     return q, v, reference, Memory(tuple((0.01 * rng.standard_normal(n)).tolist()))
+
+
+def test_a_response_solves_the_state_equations_at_each_frequency() -> None:
+    loop = sampled_loop(GAINS, DT, 3.3 * DT, drive=(Delay("pan", 0.004), ActuatorLag("pan", 0.002)) * 5)
+    omega = np.geomspace(0.1, 0.99 * np.pi / DT, 50)
+    solved = [loop.C @ np.linalg.solve(np.exp(1j * w * DT) * np.eye(loop.nstates) - loop.A, loop.B) for w in omega]
+    assert np.allclose(responses(loop, omega), np.ravel(solved), rtol=1e-9)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])

@@ -277,6 +277,17 @@ def test_the_base_turns_with_the_attitude_that_its_imu_reports(lumped: Rig) -> N
     assert np.allclose(shown.world[40], pose @ poses(lumped.model, log.q).world[40])
 
 
+def test_poses_are_pinocchio_s_forward_kinematics(lumped: Rig) -> None:
+    q = 4 * np.random.default_rng(0).normal(size=(30, lumped.n))
+    shown, data = poses(lumped.model, q), lumped.model.createData()
+    for k, row in enumerate(q):
+        pin.forwardKinematics(lumped.model, data, row)
+        for i in range(1, lumped.n + 1):
+            local = pin.SE3(pin.Quaternion(shown.quaternion[k, i - 1]), shown.position[k, i - 1])
+            assert local.isApprox(data.liMi[i], 1e-12)
+            assert np.allclose(shown.world[k, i], data.oMi[i].homogeneous, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", [*bundled_rigs(), "lumped"])
 def test_the_camera_holds_the_rig_and_its_line_of_sight_from_near(name: str, lumped: Rig) -> None:
     rig = lumped if name == "lumped" else Rig.load(name)

@@ -10,6 +10,7 @@ from math import floor, pi
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import schur
 
 from gimbal_pin.control.base import Pid
 from gimbal_pin.effects import Signal
@@ -120,10 +121,17 @@ def frequencies(gains: Pid, dt: float) -> Array:
 
 
 def responses(loop: control.StateSpace, omega: Array) -> Array:
-    """Loop gain ``C (z I - A)⁻¹ B`` at ``z = exp(j ω dt)``, complex, as long as `omega`, rad/s; all at one go."""
+    """Loop gain ``C (z I - A)⁻¹ B`` at ``z = exp(j ω dt)``, complex, as long as `omega`, rad/s; all at one go.
+
+    By Schur's form ``A = U T Uᴴ``, once: what is left to solve at each frequency is triangular.
+    """
+    T, U = schur(loop.A, output="complex")
     z = np.exp(1j * omega * loop.dt)
-    states = np.linalg.solve(z[:, None, None] * np.eye(loop.nstates) - loop.A, loop.B[None].astype(complex))
-    return np.asarray((loop.C @ states)[:, 0, 0])
+    into, out = U.conj().T @ loop.B[:, 0], loop.C[0] @ U
+    states = np.zeros((len(T), len(z)), dtype=complex)
+    for k in reversed(range(len(T))):
+        states[k] = (into[k] + T[k, k + 1 :] @ states[k + 1 :]) / (z - T[k, k])
+    return np.asarray(out @ states)
 
 
 def disk_margin(loop: control.StateSpace, response: Array, gain: float = 1.0) -> float:

@@ -46,7 +46,7 @@ def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, d
     if granted == wanted:
         return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}"
     late = f"with {digits(1e3 * (wish.delay + wish.dt / 2))} ms of delay and hold"
-    late += "".join(f", and the drive's {signal.name}" for signal in drive if signal.linear)
+    late += "".join(f", and the drive's {name}" for name in dict.fromkeys(s.name for s in drive if s.linear))
     if not isfinite(wanted):
         share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
         why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
@@ -106,9 +106,9 @@ def about_compensation(model: Model, kind: str) -> list[str]:
     terms = [f"{t.effect.name} at {t.effect.joint}" for t in model.terms if t.effect.name not in always]
     drive = [f"{signal.name} at {signal.joint}" for signal in model.drive]
     if kind == "pid":
-        return [f"the margins include {', '.join(drive)}"] if drive else []
+        return [f"the margins include {', '.join(dict.fromkeys(drive))}"] if drive else []
     found = [*terms, *drive, *(f"{change.name} at {change.place}" for change in model.changes)]
-    return [f"compensated: {', '.join(found)}"] if found else []
+    return [f"compensated: {', '.join(dict.fromkeys(found))}"] if found else []
 
 
 def about_inertia(nominal: float, ratios: Sequence[float]) -> str:
