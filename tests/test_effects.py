@@ -27,6 +27,7 @@ from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.encoder_offset import EncoderOffset
 from gimbal_pin.effects.friction_drift import FrictionDrift
+from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
@@ -34,11 +35,13 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.plain import cause_from, term_from
+from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion
@@ -383,6 +386,14 @@ def test_amplitude_and_phase_are_those_of_the_cosine() -> None:
     at = Sample(zero, q, zero, zero, zero, zero)
     np.testing.assert_allclose(term.torque(at), 0.03 * np.cos(42 * q + 0.7), atol=1e-15)
     assert term.sentence() == "yaw: cogging, 0.03 N m at 42 per turn"
+
+
+@pytest.mark.parametrize("kind", [Cogging, TorqueRipple, PositionDependentFriction])
+def test_what_is_read_of_a_harmonic_has_the_bounds_of_what_is_stated(kind: type[Harmonic]) -> None:
+    stated = {p.name: p for p in kind.stated()}
+    for p in kind("yaw", (12.0, 24.0)).shown((0.1, 0.2, 0.3, 0.4)):
+        of = stated[p.name.removesuffix("_2")]
+        assert of.lower <= p.lower and p.upper <= of.upper and p.unit == of.unit
 
 
 def test_uncertainty_is_carried_to_what_is_shown() -> None:

@@ -76,6 +76,17 @@ def test_the_mask_is_zero_at_standstill_and_one_far_away(width: int, taper: int)
     assert np.all(weight[: 500 - 3 * taper - 3] == 1) and np.all(weight >= 0) and np.all(weight <= 1)
 
 
+def test_swings_to_and_fro_keep_their_turns(turret: Rig) -> None:
+    """A swing faster than a second turns every few periods of the filter; there it accelerates most."""
+    w, t = 2 * np.pi * np.array([1.1, 1.4]), 1e-3 * np.arange(15000)[:, None]
+    q, v, a = 0.3 * np.sin(w * t), 0.3 * w * np.cos(w * t), -0.3 * w**2 * np.sin(w * t)
+    tau = nominal(turret).inverse(q, v, a)
+    tau += 0.01 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
+    found = identify(turret, [Log("swings", turret.joints, t[:, 0], q, v, tau)], filtering=EXACT)
+    assert min(found.train.used.values()) > 0.6
+    assert min(found.held_out.fit_percent.values()) > 99.0
+
+
 def test_angles_drowned_in_noise_are_not_called_a_lack_of_motion() -> None:
     rig = Rig.load("turret")
     log = prescribed(nominal(rig), 1, 12.0)

@@ -34,12 +34,14 @@ from gimbal_pin.rows import (
     Logged,
     Stretch,
     carrying,
+    dilated,
     impulse,
     mask,
+    memory,
     settling,
     sliding,
+    slow,
     smoothed,
-    standstill,
     stretches,
     thinning,
 )
@@ -332,7 +334,7 @@ def part(
     if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
         return None
     channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
-    gate = mask(standstill(channels, filtering), round(taper / filtering.cutoff / stretch.dt))
+    gate = mask(dilated(slow(channels), memory(channels, filtering)), round(taper / filtering.cutoff / stretch.dt))
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)

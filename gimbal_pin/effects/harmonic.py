@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, hypot, inf, nan, pi
 from typing import Any, ClassVar
 
@@ -102,7 +102,7 @@ class Harmonic(Effect):
                 std = propagated(lambda x: self.polar(x)[0], values[pair], covariance[pair, pair])
             end = f"_{rank + 1}" if rank else ""
             out += [
-                Parameter(f"{self.amplitude.name}{end}", size, self.amplitude.unit, 0.0, inf, float(std[0])),
+                replace(self.amplitude, name=f"{self.amplitude.name}{end}", value=size, std=float(std[0])),
                 Parameter(f"harmonic{end}", self.harmonic[i], "per turn", *self.limits()),
                 Parameter(f"phase{end}", phase, "rad", -pi, pi, float(std[1])),
             ]
