@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,7 +32,9 @@ def diagnose(
     *,
     payload: Payload = None,
     map: Map = (),
-    cutoff: Annotated[float | None, BAND, optional(None, "highest frequency that is looked at", "12")] = None,
+    cutoff: Annotated[
+        float | None, BAND, optional(None, "highest frequency that is looked at", "12, more for teeth")
+    ] = None,
     alignment: Alignment = None,
     holdout: Holdout = None,
     seed: Seed = 0,
@@ -50,14 +53,15 @@ def diagnose(
     import numpy as np
 
     from gimbal_pin import report
-    from gimbal_pin.diagnosis import BAND, planned
+    from gimbal_pin.diagnosis import BAND, planned, usual
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.io.diagnosis import write_diagnosis
-    from gimbal_pin.rows import Filtering
 
     loaded, read = load_logs(rig, payload, logs, map)
-    band = Filtering(BAND.cutoff if cutoff is None else cutoff, BAND.smoothing, alignment)
-    found = run(loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=band)
+    band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
+    found = run(
+        loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=replace(band, alignment=alignment)
+    )
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)

@@ -3,7 +3,8 @@
 log → audit → refitted model → evidence in rows of unit noise → causes tried, composed and pruned → rivals → verdict
 """
 
-from gimbal_pin.diagnosis.diagnose import BAND as BAND
+from gimbal_pin.diagnosis.band import BAND as BAND
+from gimbal_pin.diagnosis.band import usual as usual
 from gimbal_pin.diagnosis.diagnose import diagnose as diagnose
 from gimbal_pin.diagnosis.finding import Diagnosis as Diagnosis
 from gimbal_pin.diagnosis.finding import Finding as Finding

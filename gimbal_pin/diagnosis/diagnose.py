@@ -11,6 +11,7 @@ import numpy as np
 from gimbal_pin.audit import Audit, Fault, audit
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
+from gimbal_pin.diagnosis.band import usual
 from gimbal_pin.diagnosis.engine import explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
@@ -33,8 +34,6 @@ from gimbal_pin.rows import Filtering, chosen
 from gimbal_pin.threads import one_thread
 from gimbal_pin.wiring import check_columns
 
-BAND = Filtering(cutoff=12.0, smoothing=2.5)
-"""Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""
 LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""
 MOVED = 0.02
@@ -51,16 +50,18 @@ def diagnose(
     *,
     rng: np.random.Generator,
     holdout: str | None = None,
-    filtering: Filtering = BAND,
+    filtering: Filtering | None = None,
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
-    Of a long log some stretches are looked at, see `rows.chosen`; a note says which.
+    Of a long log some stretches are looked at, see `rows.chosen`; a note says which. The band is `band.usual` where no
+    filtering is given.
 
     Args and errors: as `examined`.
     """
     shown = [chosen(log) for log in logs]
-    found = examined(rig, [one.log for one in shown], causes, rng, holdout, filtering)
+    band = usual(rig, logs) if filtering is None else filtering
+    found = examined(rig, [one.log for one in shown], causes, rng, holdout, band)
     return replace(found, notes=(*(one.note for one in shown if one.note), *found.notes))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from gimbal_pin.diagnosis.diagnose import BAND
+from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import filtered, torque_error

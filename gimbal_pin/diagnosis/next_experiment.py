@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft
 from tqdm import trange
 
-from gimbal_pin.diagnosis.diagnose import BAND
+from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Diagnosis

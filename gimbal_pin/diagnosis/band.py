@@ -1,0 +1,48 @@
+"""The band that is looked at: 12 Hz, or as wide as the lines of a turning joint's torque ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.signal import welch
+
+from gimbal_pin.limited import MOSTLY, near_limit
+from gimbal_pin.log import Array, Log
+from gimbal_pin.rig import Rig
+from gimbal_pin.rows import Filtering
+
+BAND = Filtering(cutoff=12.0, smoothing=2.5)
+"""Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""
+WIDEST = 0.1
+"""Widest band, as a share of the sampling rate: the smoother then has its corner at a quarter of that."""
+SEGMENT, AROUND = 8.0, 33
+"""Length of the spectrum's segments, s, and frequencies around each that its median is of."""
+LINE = 20.0
+"""Power over that median from which it is a line: one of noise is under 2^-20 likely to be."""
+
+
+def usual(rig: Rig, logs: Sequence[Log]) -> Filtering:
+    """Return the filter for logs where none is asked for.
+
+    Doubled while some joint has more power in lines beyond the band than it has in the band: its teeth pass by at k
+    times its rate, 72 of them at 52 Hz where it turns 0.7 times a second. A joint that swings between its drive's
+    limits has lines, too, which are its loop's.
+    """
+    cutoff = BAND.cutoff
+    for log in logs:
+        if log.tau is not None and len(log) > AROUND:
+            frequency, power = welch(log.tau, 1 / log.dt, nperseg=min(len(log), round(SEGMENT / log.dt)), axis=0)
+            free = near_limit(log.tau, rig.tau_max) < MOSTLY
+            while 2 * cutoff <= WIDEST / log.dt and beyond(frequency, power[:, free], cutoff):
+                cutoff *= 2
+    return replace(BAND, cutoff=cutoff)
+
+
+def beyond(frequency: Array, power: Array, cutoff: float) -> bool:
+    """Whether the lines above a cutoff, Hz, hold more of any joint's power, (f, n), than all that is below it."""
+    lines = np.where(power > LINE * median_filter(power, (AROUND, 1)), power, 0.0)
+    above = frequency > cutoff
+    return bool(np.any(lines[above].sum(axis=0) > power[~above].sum(axis=0)))
