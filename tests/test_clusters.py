@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
+from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.clusters import BINS, beyond, binned, clustered, clusters, covariance
-from gimbal_pin.diagnosis.diagnose import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.uncertainty import parameters

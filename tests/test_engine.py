@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from gimbal_pin.diagnosis.diagnose import BAND
+from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.criterion import by_block, criterion, vuong
 from gimbal_pin.diagnosis.engine.discrepancy import lack_of_fit, principal, unit, unseen
