@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+ROW = "row"
+"""Column that every log has beside its own: the sample's number from 0, for files of a known rate without times."""
 WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from gimbal_pin import urdf
 from gimbal_pin.digits import digits
 from gimbal_pin.log import Array
-from gimbal_pin.naming import words
+from gimbal_pin.naming import ROW, words
 from gimbal_pin.rig import Rig
 
 WORDS = {
@@ -46,11 +46,12 @@ UNITS: Mapping[str, Mapping[str, str]] = {
     "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
                  "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad"},
     "gyro": {"rad": "rad", "deg": "deg", "dps": "deg"},
+    "current": {"ma": "mA", "milliamps": "mA"},
     "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "rpm": "rpm", "rps": "turns", "turns": "turns"},
 }  # fmt: skip
 """Words in a name that say its unit."""
-FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "rpm": "pi/30"}
-"""Unit → its radians, as a mapping writes it."""
+FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "rpm": "pi/30", "mA": "1e-3"}
+"""Unit → its radians or amperes, as a mapping writes it."""
 VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "rpm": pi / 30}
 TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
 TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
@@ -135,18 +136,25 @@ class Recognised:
         channels: Every column.
         mapping: Target → (column, factor, remark) for the rig, in the CONTRACT's order; empty without a rig.
         missing: Targets that a log of the rig needs and that nothing here is.
+        t: Times, s, of the samples that are later than all before them, (M,).
+        guesses: What is thought of each column at these times.
+        scale: Seconds of one unit of the times.
     """
 
     channels: tuple[Channel, ...]
     mapping: Mapping[str, tuple[str, str, str]]
     missing: tuple[str, ...]
+    t: Array
+    guesses: Mapping[str, Guess]
+    scale: float
 
 
 def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> Recognised:
     """Return what the columns of one stream are, for a rig if one is given.
 
     Args:
-        time: Name of the column of times.
+        time: Name of the column of times, or `ROW`: how far two samples are apart then shows where a rate's name says
+            so and it adds up to an angle.
         data: Column → values, (N,) each.
         rig: Whose joints they may be of.
     """
@@ -156,23 +164,22 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     guesses = {name: named(name, values[later]) for name, values in data.items() if name != time}
     copies(guesses.values())
     moving = [guess for guess in guesses.values() if not guess.still]
-    ties = relations(
-        t, [guess for guess in moving if guess.kind in ("position", "rate", "unknown", "attitude", "gyro")]
-    )
+    kinds = ("position", "rate") if time == ROW else ("position", "rate", "unknown", "attitude", "gyro")
+    ties = relations(t, [guess for guess in moving if guess.kind in kinds])
     by_motion(ties, guesses)
+    if time == ROW and (known := interval(ties, guesses)) is not None:
+        scale, factor, why = known, f"{known:.4g}", "the rates add up to the angles with so many seconds a sample"
+        t, ties = t * scale, [tie._replace(ratio=tie.ratio / scale) for tie in ties]
     limits = [] if rig is None else [limit.upper - limit.lower for limit in rig.limits]
     units(ties, guesses, [room for room in limits if isfinite(room)], bool(limits))
     for guess in guesses.values():
         if guess.kind in ("rate", "gyro") and guess.unit in ("rad", "deg", "turns"):
             guess.unit += "/s"
-    found = (
-        Assignment(t, guesses, rig, urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link"))
-        if rig is not None
-        else None
-    )
     mapping: dict[str, tuple[str, str, str]] = {}
-    if found is not None:
-        mapping = {"t": (time, factor, why), **found.mapping()}
+    if rig is not None:
+        mapping = {"t": (time, factor, why), **assigned(t, guesses, rig)}
+        if time == ROW and not factor:
+            del mapping["t"]
     owner = {column: target.partition("_")[2] for target, (column, _, _) in mapping.items() if target != "t"}
     channels = [Channel(time, "time", unit, factor, (why,), float(data[time].min()), float(data[time].max()), 0.0)]
     for guess in guesses.values():
@@ -182,11 +189,28 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
             guess.unit, guess.factor, tuple(guess.reasons), float(guess.values.min()), float(guess.values.max()),
             quantum(guess.values), joint if rig is not None and joint in rig.joints else None))  # fmt: skip
     needed = [] if rig is None else [f"{prefix}_{joint}" for prefix in ("q", "tau") for joint in rig.joints]
-    return Recognised(tuple(channels), mapping, tuple(target for target in needed if target not in mapping))
+    missing = tuple(target for target in needed if target not in mapping)
+    return Recognised(tuple(channels), mapping, missing, t, guesses, scale)
+
+
+def assigned(t: Array, guesses: Mapping[str, Guess], rig: Rig) -> dict[str, tuple[str, str, str]]:
+    """Return target → (column, factor, remark) of what columns are thought to be, those of several streams together."""
+    return Assignment(t, guesses, rig, urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")).mapping()
+
+
+def interval(ties: Sequence[Tie], guesses: Mapping[str, Guess]) -> float | None:
+    """Return the seconds from row to row by which rates add up to angles; of units that no name says, the same."""
+    for tie in ties:
+        x, v = guesses[tie.x], guesses[tie.v]
+        if v.rate_of == tie.x:
+            return abs(tie.ratio) * VALUES.get(x.unit, 1.0) / VALUES.get(v.unit, VALUES.get(x.unit, 1.0))
+    return None
 
 
 def time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
     """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval."""
+    if name == ROW:
+        return ROW, 1.0, "", "the sample's number"
     split = words(name)
     step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
     if split and split[-1] in TIME_WORDS:
@@ -318,7 +342,8 @@ def units(ties: Sequence[Tie], guesses: Mapping[str, Guess], rooms: Sequence[flo
         elif guess.kind == "torque":
             guess.unit = "N m"
         elif guess.kind == "current":
-            guess.unit = "A"
+            guess.unit = guess.unit or "A"
+            guess.factor = FACTORS.get(guess.unit, "")
 
 
 def unit_of_angle(guess: Guess, room: float, with_rig: bool) -> None:
@@ -479,6 +504,8 @@ class Assignment:
         """
         free = [guess for guess in self.guesses.values() if guess.kind == "unknown" and not guess.still]
         if not (len(q) == len(v) == self.rig.n and len(free) >= self.rig.n):
+            return {}
+        if {len(self.guesses[column].values) for column in (*q.values(), *v.values())} != {len(self.t)}:
             return {}
         width = min(max(round(AVERAGED / float(np.median(np.diff(self.t)))), 1), len(self.t) // 4)
 

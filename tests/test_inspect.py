@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 from math import pi
 from pathlib import Path
@@ -18,6 +19,7 @@ from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.io.files import to_json
 from gimbal_pin.io.inspection import expression, inspect
 from gimbal_pin.io.mapping import Source, parse_expression, read_mapping
+from gimbal_pin.log import Log
 from gimbal_pin.recognise import recognise
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused, result
@@ -25,7 +27,7 @@ from tests.test_formats import TURRET, swing
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
-from real_data.cases import Case, measured
+from real_data.cases import CAMERA, Case, measured
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 UNITS = {"rad": (1.0, 1.0), "deg": (pi / 180, pi / 180), "deg and rpm": (pi / 180, pi / 30), "turns": (2 * pi, 1.0)}
@@ -109,6 +111,70 @@ def test_an_imus_axes_are_of_the_link_that_is_named_or_of_the_base() -> None:
     assert [mapping[f"quat_head_mount_{a}"][0][-1] for a in "wxyz"] == list("wxyz")
     assert [mapping[f"gyro_{TURRET.base}_{a}"][:2] for a in "xyz"] == [(name, "") for name in flown]
     assert [mapping[f"accel_head_mount_{a}"][:2] for a in "xyz"] == [(name, "9.80665") for name in head]
+
+
+def proposed(path: Path, extra: str = "") -> Log:
+    """Read a log of the turret by what is proposed for it, with more on every line of a torque."""
+    found = inspect(path, TURRET)
+    assert found.missing == ()
+    lines = [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()]
+    return io.read_log(path, TURRET, [line + extra * line.startswith("tau") for line in lines])
+
+
+FRAME = {
+    "candump -L": "({t:.6f}) can0 {id:03X}#{data}",
+    "candump -L -x": "({t:.6f}) can0 {id:03X}#{data} R",
+    "candump -t a": " ({t:.6f})  can0  {id:03X}   [{size}]  {spaced}",
+}
+
+
+@pytest.mark.parametrize("style", FRAME)
+def test_odrives_on_a_bus_are_the_rigs_joints(style: str, tmp_path: Path) -> None:
+    """Estimates of two nodes, currents 0.3 ms later, an axis that says nan at first, requests and other devices."""
+    t = 1.7e9 + np.arange(0, 4, 0.002)
+    (q, v), (later, _) = swing(t - t[0]), swing(t + 3e-4 - t[0])
+    lines = []
+    for k, at in enumerate(t):
+        for node in (0, 1):
+            first = (q[k, node] / (2 * pi), v[k, node] / (2 * pi)) if k > 3 else (float("nan"), 0.0)
+            frames = [(9, struct.pack("<ff", *first), 0.0), (9, b"", 0.0), (1, bytes(8), 0.0)]
+            frames += [(0x14, struct.pack("<ff", 0.0, 2 * later[k, node]), 3e-4)]
+            for command, data, behind in frames:
+                told = {"id": node << 5 | command, "data": data.hex().upper() or "R", "spaced": data.hex(" ").upper()}
+                lines.append(FRAME[style].format(t=at + behind, size=len(data), **told))
+    (tmp_path / "bus.log").write_text("\n".join(lines) + "\n")
+    log = proposed(tmp_path / "bus.log", "*0.5")
+    q, v = swing(log.t - t[0])
+    assert log.v is not None and log.tau is not None and len(log) > len(t) - 8
+    for own, true in ((log.q, q), (log.v, v), (log.tau, q)):
+        np.testing.assert_allclose(own, true, atol=1e-4)
+    assert any("'001', '021'" in event for event in log.events) and any("no numbers" in event for event in log.events)
+
+
+def test_a_bus_without_odrives_is_refused_with_the_mend(tmp_path: Path, run: Run) -> None:
+    (tmp_path / "bus.log").write_text("(1.000000) can0 123#DEADBEEF\n(1.1) can0 00000009#0000000000000000\n")
+    refused(run("inspect", tmp_path / "bus.log"), 2, "DBC")
+
+
+def test_simplefocs_monitor_is_read_by_its_rows(tmp_path: Path, run: Run) -> None:
+    """No header, no times: what `motor.monitor()` prints of one joint behind its messages."""
+    t = np.arange(0, 10, 0.004)
+    q, v = (x[:, 0] for x in swing(t))
+    rows = np.column_stack([0 * t, 3 * q, 0 * t, 1e3 * q, 0 * t, v, q])
+    with (tmp_path / "serial.txt").open("w") as file:
+        file.write("MOT: Monitor enabled!\nMOT: Init\nMOT: Align sensor.\nMOT: Ready.\n")
+        np.savetxt(file, rows, fmt="%.4f", delimiter="\t")
+    (tmp_path / "arm.urdf").write_text(CAMERA)
+    arm = Rig.load(str(tmp_path / "arm.urdf"))
+    found = inspect(tmp_path / "serial.txt", arm)
+    texts = {target: expression(*source[:2]) for target, source in found.mapping.items()}
+    assert texts == {"t": "row*0.004", "q_tilt": "angle", "dq_tilt": "velocity", "tau_tilt": "current.q_ma*1e-3"}
+    log = io.read_log(tmp_path / "serial.txt", arm, [f"{target}={text}" for target, text in texts.items()])
+    np.testing.assert_allclose(log.t, t, atol=1e-12)
+    np.testing.assert_allclose(log.q[:, 0], q, atol=1e-4)
+    (tmp_path / "map.yaml").write_text(found.yaml)
+    call = ("identify", tmp_path / "arm.urdf", tmp_path / "serial.txt", "--map", tmp_path / "map.yaml", "--follow")
+    refused(run(*call, "--idle", 0), 2, "write its times")
 
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False) | st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e300, 5e-324])

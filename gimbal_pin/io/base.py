@@ -12,6 +12,7 @@ import numpy as np
 from gimbal_pin.errors import LogError
 from gimbal_pin.io.mapping import Source
 from gimbal_pin.log import REACH, Array, Log, implausible, untimely
+from gimbal_pin.naming import ROW
 
 JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
 """Attribute of `Log` → prefix of its columns, in the CONTRACT's order."""
@@ -112,7 +113,9 @@ def read_groups(table: Table, groups: Mapping[str, Group], sources: Mapping[str,
     known = {**{column: Source(column) for column in table.columns}, **sources}
     present = {c: known[c] for group in groups.values() for c in group.columns if c in known}
     check_header(table, groups, present)
-    raw = table.read(list(dict.fromkeys(source.column for source in present.values())))
+    wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in table.columns]
+    raw = table.read(wanted or table.columns[:1])
+    raw.setdefault(ROW, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
     arrays = {}
     for key, group in groups.items():
         if group.columns[0] in present:
@@ -161,7 +164,8 @@ def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str
     missing = [c for group in groups.values() if group.required for c in group.columns if c not in present]
     if missing:
         what = f"has no column {listed(missing)} (its columns: {listed(table.columns)})"
-        raise LogError(table.name, what, f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]")
+        mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
+        raise LogError(table.name, what, mend + f" or t={ROW}*SECONDS" * (missing[0] == "t"))
     for group in groups.values():
         absent = [column for column in group.columns if column not in present]
         if absent and len(absent) < len(group.columns):
@@ -173,7 +177,7 @@ def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str
 def check_source(table: Table, source: Source) -> None:
     """Raise `LogError` unless the table has the source's column exactly once."""
     count = table.columns.count(source.column)
-    if count == 0:
+    if count == 0 and source.column != ROW:
         what = f"has no column '{source.column}', which {source.place} names (its columns: {listed(table.columns)})"
         raise LogError(table.name, what, "map from a column that is there")
     if count > 1:

@@ -24,6 +24,13 @@ from gimbal_pin.reading import largest, read_bytes
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
 SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
+FOC = ("MOT:", "CS:")
+"""How the lines begin that SimpleFOC writes before its numbers."""
+FOC_COLUMNS = {
+    4: ("target", "voltage.q", "velocity", "angle"),
+    7: ("target", "voltage.q", "voltage.d", "current.q_ma", "current.d_ma", "velocity", "angle"),
+}
+"""What ``motor.monitor()`` writes by default and at most (docs.simplefoc.com/monitoring)."""
 GZIP = b"\x1f\x8b"
 BLOCK = 1 << 22  # bytes read at a time
 LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
@@ -144,8 +151,8 @@ class CsvTable:
 def open_csv(path: Path) -> CsvTable:
     """Read a CSV file and its header: the first line that is neither blank nor a ``#`` comment.
 
-    Where that line holds numbers only, the names stand in the comment before it (as `numpy.savetxt` writes them) or
-    the columns are called ``column1, column2, …``.
+    Where that line holds numbers only, the names stand in the comment before it (as `numpy.savetxt` writes them), are
+    those of SimpleFOC's monitor behind its messages, or ``column1, column2, …``.
 
     Raises:
         LogError: The file is missing, empty, binary, or has one column only.
@@ -180,6 +187,8 @@ def headed(name: str, data: bytes) -> CsvTable | None:
     for number, start, end, line in lines(data):
         if line.lstrip().startswith("#"):
             remark = line.lstrip().lstrip("#")
+        elif line.startswith(FOC):
+            remark = "MOT:"
         elif line.strip():
             return table(name, data, (number, start, end), line, remark)
     return None
@@ -204,7 +213,8 @@ def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark:
     begin, first = end, number + 1
     if all(number_in(field) is not None for field in fields if field):
         begin, first = start, number
-        names = split(remark.strip(), " " if spaced else separator)
+        foc = FOC_COLUMNS.get(len(fields), ()) if remark == "MOT:" else ()
+        names = list(foc) or split(remark.strip(), " " if spaced else separator)
         fields = names if len(names) == len(fields) else [f"column{i + 1}" for i in range(len(fields))]
     return CsvTable(name, tuple(fields), separator, data[begin:], first, spaced)
 

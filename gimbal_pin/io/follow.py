@@ -21,6 +21,7 @@ from gimbal_pin.io.csv_text import as_utf8
 from gimbal_pin.io.formats import FORMATS, TEXT
 from gimbal_pin.io.mapping import Source, read_mapping
 from gimbal_pin.log import Array, Log
+from gimbal_pin.naming import ROW
 from gimbal_pin.reading import readable
 from gimbal_pin.rig import Rig
 
@@ -49,6 +50,8 @@ def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: flo
     groups, sources = log_groups(rig.joints, links, True), read_mapping(mapping)
     check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
     for table in tables(name, whole_lines(chunks(file, idle))):
+        if ROW in {source.column for source in sources.values()} - set(table.columns):
+            raise UsageError(name, f"is mapped by the '{ROW}', which a growing log is not read by", "write its times")
         data, error = usable(table, groups, sources)
         if data is not None:
             yield to_log(data, table.name, rig, links, payload)

@@ -9,6 +9,8 @@ from pathlib import Path
 from gimbal_pin.errors import UsageError
 from gimbal_pin.io.bag import SUFFIXES, open_bag
 from gimbal_pin.io.base import Format, Table
+from gimbal_pin.io.candump import MAGIC as CANDUMP
+from gimbal_pin.io.candump import open_candump
 from gimbal_pin.io.csv import GZIP, open_csv, write_csv
 from gimbal_pin.io.joined import JoinedTable, time_of
 from gimbal_pin.io.mat import HDF5, open_mat
@@ -25,6 +27,8 @@ FORMATS: Mapping[str, Format] = {
     ".txt": Format(open_csv, write_csv),
     ".parquet": Format(open_parquet, write_parquet, (b"PAR1",)),
     ".gz": Format(open_csv, magic=(GZIP,)),
+    ".log": Format(open_csv),
+    ".candump": Format(open_candump, magic=CANDUMP),
     ".npy": Format(open_npy, magic=(NPY,)),
     ".npz": Format(open_npz, magic=(b"PK\3\4",)),
     ".mat": Format(open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", HDF5)),

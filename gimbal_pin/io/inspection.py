@@ -19,15 +19,14 @@ from gimbal_pin.io.formats import open_table
 from gimbal_pin.io.joined import JoinedTable, time_of
 from gimbal_pin.io.mapping import FACTOR
 from gimbal_pin.log import NOTHING, Array
-from gimbal_pin.recognise import Channel, Recognised, recognise
+from gimbal_pin.naming import ROW
+from gimbal_pin.recognise import Channel, Guess, Recognised, assigned, recognise
 from gimbal_pin.rig import Rig
 
 PLAIN = re.compile(r"[^\W\d][\w .\[\]]*")
 """Names that an expression of a mapping holds without quotes."""
 HUGE = 1e30
 """More than any column holds: of nanoseconds since 1970 there are 2e18, of counts a day at 1e5 rad/s 2e14."""
-ROW = "(row)"
-"""Stands for the times of a stream that has none: its rows' numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +90,8 @@ class Inspected:
         """The mapping as a file for ``--map``, each line with its reason; what is missing stands in comments."""
         lines = [f"# {self.name}: columns of a log of {self.rig}; look through, edit, and give with --map"]
         lines += [f"{entry(target, expression(*source[:2]))}  # {source[2]}" for target, source in self.mapping.items()]
-        lines += [f"# {target}: COLUMN*FACTOR  # not found" for target in self.missing]
+        by_row = f"; or, where samples are evenly spaced, {ROW}*SECONDS"
+        lines += [f"# {target}: COLUMN*FACTOR  # not found{by_row if target == 't' else ''}" for target in self.missing]
         return "\n".join(" ".join(line.split("\n")) for line in lines) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
@@ -123,10 +123,13 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     mapping: dict[str, tuple[str, str, str]] = {}
     for _, found in pairs:
         mapping = {**found.mapping, **mapping}
+    if rig is not None and len(pairs) > 1 and any(target.startswith("q_") for target in pairs[0][1].missing):
+        every: dict[str, Guess] = {}
+        for _, found in pairs:
+            every = {**every, **{name: guess for name, guess in found.guesses.items() if name not in every}}
+        mapping = {**mapping, **assigned(pairs[0][1].t, every, rig)}
     order = ["t", *(target for _, found in pairs for target in found.mapping)]
-    mapping = {target: mapping[target] for target in dict.fromkeys(order) if target in mapping}
-    if rig is not None and pairs[0][0].time == ROW:
-        del mapping["t"]
+    mapping = {target: mapping[target] for target in dict.fromkeys([*order, *mapping]) if target in mapping}
     needed = [] if rig is None else ["t", *pairs[0][1].missing]
     missing = tuple(target for target in needed if target not in mapping)
     streams = tuple(stream for stream, _ in pairs)
@@ -152,10 +155,9 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
         time = ROW
         data[ROW] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
     found = recognise(time, data, rig)
-    unit = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}[found.channels[0].unit]
     if time == ROW:
         found = replace(found, channels=found.channels[1:])
-    return Stream(time, data.pop(time) * unit, data, found.channels), found
+    return Stream(time, data.pop(time) * found.scale, data, found.channels), found
 
 
 def expression(column: str, factor: str) -> str:
