@@ -44,7 +44,7 @@ def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[
         other: Its channels, (M,) each.
     """
     if np.isin(u, t).mean() > 0.5:
-        return Offset(0.0, "has the times of the first file: one clock")
+        return Offset(0.0, "has the first's times: one clock")
     if min(len(t), len(u)) < 8:
         return Offset(0.0, "has too few samples to tell its clock's offset: taken as zero")
     usual, span = max(np.median(np.diff(t)), np.median(np.diff(u))), max(np.ptp(t), np.ptp(u))
@@ -56,13 +56,13 @@ def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[
         a, b = best.channels
         best = max(peak(*pair) for pair in pairs(t, {a: one[a]}, u, {b: other[b]}, step))
     if best is None or best.correlation < SURE:
-        return Offset(0.0, "has no channel that is alike in the first file: its clock's offset is taken as zero")
+        return Offset(0.0, "has no channel that is alike in the first: its clock's offset is taken as zero")
     if best.rival > ALONE * best.correlation:
         return Offset(0.0, "moves periodically, which does not tell its clock's offset: taken as zero")
     seconds = t[0] - u[0] + best.lag * step
     if abs(seconds) < step / 2:
-        return Offset(0.0, f"has the first file's clock to less than half a sample (by its {best.names})")
-    return Offset(float(seconds), f"by {best.names} its times are {-seconds:+.4g} s off the first file's: shifted")
+        return Offset(0.0, f"has the first's clock to less than half a sample (by its {best.names})")
+    return Offset(float(seconds), f"by {best.names} its times are {-seconds:+.4g} s off the first's: shifted")
 
 
 class Peak(NamedTuple):

@@ -247,6 +247,12 @@ def named(column: str, values: Array) -> Guess:
     return guess
 
 
+def measured_motion(column: str, values: Array) -> bool:
+    """Tell whether a column is an angle or a rate that was measured, by its name."""
+    guess = named(column, values)
+    return guess.kind in ("position", "rate", "gyro", "attitude") and not guess.wanted
+
+
 def copies(guesses: Iterable[Guess]) -> None:
     """Say of columns that they are another once more."""
     known: dict[bytes, str] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import sqlite3
 import struct
 import time
@@ -362,7 +363,7 @@ def test_the_offset_of_two_clocks_is_found_and_told(shared: bool, offset: float,
     np.testing.assert_allclose(log.v, swing(log.t)[1], atol=9e-3)
     assert 3 <= log.t[0] < 3.01 and 15.99 < log.t[-1] <= 16
     clock = next(event for event in log.events if "b.csv: " in event)
-    assert (f"{offset:+.3g}"[:5] in clock) if offset else "first file's clock" in clock
+    assert (f"{offset:+.3g}"[:5] in clock) if offset else "the first's clock" in clock
     assert any("samples are left out" in event for event in log.events)
 
 
@@ -386,18 +387,30 @@ def test_files_of_one_clock_are_joined_exactly_and_holes_stay(tmp_path: Path) ->
     same(io.read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.parquet'}", TURRET), log.part(rows))
 
 
-def test_topics_of_several_rates_are_joined_at_the_joints_times(tmp_path: Path) -> None:
-    """The first column that is asked for says whose times they are."""
-    t, u = np.arange(0, 2, 0.01), np.arange(0, 2, 0.0037)
+@pytest.mark.parametrize("offset", [0.0, -0.25, 1000.0])
+def test_topics_of_several_rates_are_joined_at_the_joints_times(offset: float, tmp_path: Path) -> None:
+    """The first column that is asked for says whose times they are; stamps that are off are told.
+
+    What was asked for leads, and a torque lags, by the loop's own time: no clock's offset.
+    """
+    t, u, lead = np.arange(0, 10, 0.01), np.arange(0, 10, 0.0037), 0.06
     q = swing(t)[0]
-    arrays = {"t": t, "q": q, "tau": np.cos(q), "imu": {"time": u, "gyro": swing(u)[1][:, [0, 1, 1]]}}
+    arrays = {"t": t, "q": q, "imu": {"time": u + offset, "gyro": swing(u)[1][:, [0, 1, 1]]}}
+    arrays |= {
+        "asked": {"time": u[:-1:2], "q_setpoint": swing(u[:-1:2] + lead)[0], "dq_setpoint": swing(u[:-1:2] + lead)[1]}
+    }
+    arrays |= {"drive": {"time": u[1:-1:2], "torque": swing(u[1:-1:2] - lead)[1]}}
     scipy.io.savemat(tmp_path / "log.mat", arrays)
-    named = [f"{of}_{j}={of}[{k}]" for of in ("q", "tau") for k, j in enumerate(TURRET.joints)]
+    sources = {"q": "q", "tau": "drive.torque", "q_ref": "asked.q_setpoint"}
+    named = [f"{of}_{j}={name}[{k}]" for of, name in sources.items() for k, j in enumerate(TURRET.joints)]
     named += [f"gyro_{TURRET.base}_{a}=imu.gyro[{k}]" for k, a in enumerate("xyz")]
     log = io.read_log(tmp_path / "log.mat", TURRET, named)
-    inside = t <= u[-1]
-    np.testing.assert_array_equal(log.t, t[inside])
-    np.testing.assert_allclose(log.imus[TURRET.base].gyro, swing(t)[1][inside][:, [0, 1, 1]], atol=1e-3)
+    assert 0 < len(t) - len(log) < 5 and set(log.t) < set(t)
+    np.testing.assert_allclose(log.imus[TURRET.base].gyro, swing(log.t)[1][:, [0, 1, 1]], atol=9e-3 if offset else 1e-3)
+    np.testing.assert_allclose(log.q_ref, swing(log.t + lead)[0], atol=2e-3)
+    np.testing.assert_allclose(log.tau, swing(log.t - lead)[1], atol=2e-3)
+    shifts = [float(found[1]) for event in log.events if (found := re.search(r"(\S+) s off .*shifted", event))]
+    assert shifts == ([pytest.approx(offset, abs=1e-3)] if offset else [])
 
 
 def test_a_verb_writes_over_no_file_of_several(tmp_path: Path, run: Run) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -79,25 +78,34 @@ def table_of(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> Tabl
 
 
 def streams_of(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
-    """Return the streams in named arrays, and what was left out: samples along the dimension that most arrays share.
+    """Return the streams in named arrays, and what was left out: samples along the dimension of times, or the longest.
 
-    Arrays of another length are a stream of their own where one of them holds its times, and left out elsewhere.
+    Arrays of another length are a stream of their own where one of them holds its times, and left out elsewhere; of one
+    length those of a structure with times of its own.
     """
     flat = {key: values for key, array in arrays.items() for key, values in numeric(key, array)}
     flat = {key: values for key, values in flat.items() if values.ndim in (1, 2) and max(values.shape) > 1}
-    sizes = Counter(size for values in flat.values() for size in set(values.shape))
-    groups: dict[int, dict[str, np.ndarray[Any, Any]]] = {}
+    times = {key: values for key, values in flat.items() if values.ndim == 1 and time_in([key.rpartition(".")[2]])}
+    groups: dict[tuple[int, bytes], dict[str, np.ndarray[Any, Any]]] = {}
     for key, values in flat.items():
-        size = max(values.shape, key=lambda one: (sizes[one], one))
+        size = max(values.shape, key=lambda one: (one in map(len, times.values()), one))
+        group = groups.setdefault((size, clock(key, size, times)), {})
         rows = values if values.shape[0] == size else values.T
         if rows.ndim == 1:
-            groups.setdefault(size, {})[key] = rows
+            group[key] = rows
         elif rows.shape[1] <= WIDEST:
-            groups.setdefault(size, {}).update({f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])})
+            group |= {f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])}
     found = [Stream(time_in(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
     streams = [stream for stream in found if stream is found[0] or (stream.time and found[0].time)]
     lost = [key for stream in found if stream not in streams for key in stream.columns]
     return streams, [f"{listed(lost)} have other lengths than the rest and no times: left out"] if lost else []
+
+
+def clock(key: str, size: int, times: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
+    """Return the times of so many samples that lie nearest to a key: in its own structure, or one around it."""
+    around = {name.rpartition(".")[0]: values for name, values in times.items() if len(values) == size}
+    near = max((place for place in around if not place or key.startswith(f"{place}.")), key=len, default=None)
+    return (around[near] if near is not None else next(iter(around.values()), np.empty(0))).tobytes()
 
 
 def numeric(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:

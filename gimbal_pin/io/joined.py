@@ -12,7 +12,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.io.base import Table, readable
 from gimbal_pin.log import Array
 from gimbal_pin.naming import words
-from gimbal_pin.recognise import time_unit
+from gimbal_pin.recognise import measured_motion, time_unit
 
 TIMES = ("t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit")
 """Words of which one stands in the name of a column of times."""
@@ -75,7 +75,7 @@ class JoinedTable:
         joined = {column: read[first][column] for column in asked[first]}
         kept = np.ones(len(t), dtype=bool)
         for k in list(asked)[1:]:
-            scale, shift = (1.0, 0.0) if self.shared else self.clock(first, k)
+            scale, shift = self.clock(first, k)
             own, at = np.unique(read[k][self.times[k]] * scale + shift, return_index=True)
             joined |= {column: np.interp(t, own, read[k][column][at]) for column in asked[k]}
             kept &= between(t, own)
@@ -90,14 +90,21 @@ class JoinedTable:
         return self.shared and column == "t" and not any("t" in part.columns for part in self.parts)
 
     def clock(self, first: int, other: int) -> tuple[float, float]:
-        """Return factor and offset that turn another table's times into the first's; tell the offset in `notes`."""
+        """Return factor and offset that turn another table's times into the first's; tell the offset in `notes`.
+
+        Of tables whose times are of one clock only what is measured of the motion counts: what was asked for comes
+        before it, and a torque's lag is the drive's.
+        """
         pair = [(self.parts[k], self.times[k]) for k in (first, other)]
         data = [readable(part)[0] for part, _ in pair]
         times = [one.pop(name) for one, (_, name) in zip(data, pair)]
-        scale, its = (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
+        scale, its = (1.0, 1.0) if self.shared else (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
         factor = 1.0 if its == scale else its / scale
+        if self.shared:
+            data = [{name: x for name, x in one.items() if measured_motion(name, x)} for one in data]
         found = offset_between(times[0] * scale, data[0], times[1] * its, data[1])
-        self.notes.append(f"{pair[1][0].name}: {found.sentence}")
+        if found.seconds or not self.shared:
+            self.notes.append(f"{pair[1][1] if self.shared else pair[1][0].name}: {found.sentence}")
         return factor, found.seconds / scale
 
     def place(self, row: int, column: str) -> str:
