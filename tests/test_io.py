@@ -222,10 +222,10 @@ BAD = {
     "one dq": (f"{HEADER},dq_tilt\n0,1,2,3,4,5\n", "", "has column 'dq_tilt' but not 'dq_yaw'", "whole group"),
     "part of imu": (f"{HEADER},gyro_arm_x,gyro_arm_z\n0,1,2,3,4,5,6\n", "", "but not 'gyro_arm_y'", "whole group"),
     "twice": (f"{HEADER},q_yaw\n0,1,2,3,4,5\n", "", "has 2 columns 'q_yaw'", "rename"),
-    "nan": (f"{HEADER}\n{ROWS}0.2,1,nan,3,4\n", ":4 column 'q_tilt'", "is nan", "delete the row"),
+    "nan": (f"{HEADER}\n{ROWS}0.2,1,nan,3,4\n", ":4 column 'q_tilt'", "is empty or nan", "delete the row"),
     "inf": (f"{HEADER}\n{ROWS}0.2,1,2,-inf,4\n", ":4 column 'tau_yaw'", "is -inf", "delete the row"),
     "overflow": (f"{HEADER}\n{ROWS}0.2,1,2,1e999,4\n", ":4 column 'tau_yaw'", "is 1e999", "delete the row"),
-    "empty field": (f"{HEADER}\n{ROWS}0.2,1,,3,4\n", ":4 column 'q_tilt'", "is empty", "fill in"),
+    "empty field": (f"{HEADER}\n{ROWS}0.2,1,,3,4\n", ":4 column 'q_tilt'", "is empty or nan", "fill it in"),
     "text": (f"{HEADER}\n# a\n\n0.0,1,2,3,4\n0.2,1,2,3,off\n", ":5 column 'tau_tilt'", "text 'off'", "write a number"),
     "NA": (f"{HEADER}\n0.0,1,NA,3,4\n", ":2 column 'q_tilt'", "text 'NA'", "write a number"),
     "groups": (f"{HEADER}\n0.0,1,1_0,3,4\n", ":2 column 'q_tilt'", "text '1_0'", "write a number"),
@@ -291,11 +291,16 @@ def test_the_line_is_the_editors(
     expected = lines.index(",".join(rows[row])) + 1
     path = tmp_path / "log.csv"
     path.write_text("\n".join(lines))
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(LogError) as caught:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(csv, "BLOCK", block)
-        io.read_log(path, rig)
-    assert caught.value.place.startswith(f"{path}:{expected}")
-    assert re.fullmatch(r":\d+( column '\w+')?", caught.value.place.removeprefix(str(path)))
+        if junk in ("", "nan"):  # one value of so many rows is left out, and told
+            told = io.read_log(path, rig).events[0].partition(": ")[0]
+        else:
+            with pytest.raises(LogError) as caught:
+                io.read_log(path, rig)
+            told = caught.value.place
+    assert told.startswith(f"{path}:{expected}")
+    assert re.fullmatch(r":\d+( column '\w+')?", told.removeprefix(str(path)))
 
 
 BAD_CALLS = {
@@ -355,8 +360,8 @@ BAD_CALLS = {
     "number in yaml": ("log.csv", ["number.yaml"], UsageError, "number.yaml: t", "maps to 5", "quote it"),
     "bad yaml entry": ("log.csv", ["entry.yaml"], UsageError, "entry.yaml: t", "has the factor 0", "finite"),
     "unreadable parquet": ("bad.parquet", [], LogError, "bad.parquet", "is not Parquet", "suffix"),
-    "nan parquet": ("nan.parquet", [], LogError, "nan.parquet row 2 column 'q_yaw'", "is nan", "repair"),
-    "null parquet": ("null.parquet", [], LogError, "null.parquet row 3 column 'q_yaw'", "is empty", "repair"),
+    "nan parquet": ("nan.parquet", [], LogError, "nan.parquet row 2 column 'q_yaw'", "or nan", "fill it in"),
+    "null parquet": ("null.parquet", [], LogError, "null.parquet row 3 column 'q_yaw'", "is empty", "fill it in"),
     "text parquet": ("text.parquet", [], LogError, "text.parquet column 'q_yaw'", "holds string", "float64"),
     "time parquet": ("time.parquet", [], LogError, "time.parquet row 2 column 't'", "goes back", "sort"),
     "empty parquet": ("empty.parquet", [], LogError, "empty.parquet", "has no rows", "samples"),

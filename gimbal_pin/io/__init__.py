@@ -47,8 +47,9 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
     file, payload = split_payload(path)
     links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
     table = open_table(file)
-    data = read_channels(table, rig, log_groups(rig.joints, links, need_tau), mapping)
-    return to_log(data, str(file), rig, links, payload, table.notes)
+    notes: list[str] = []
+    data = read_channels(table, rig, log_groups(rig.joints, links, need_tau), mapping, notes)
+    return to_log(data, str(file), rig, links, payload, (*table.notes, *notes))
 
 
 def to_log(
@@ -144,12 +145,16 @@ def split_payload(path: str | Path) -> tuple[Path, str | None]:
 
 
 def read_channels(
-    table: Table, rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]
+    table: Table,
+    rig: Rig,
+    groups: Mapping[str, Group],
+    mapping: Sequence[str | Path],
+    notes: list[str] | None = None,
 ) -> dict[str, Array]:
-    """Return key → (N, k) array of the groups that a table holds."""
+    """Return key → (N, k) array of the groups that a table holds; `notes` as `read_groups`."""
     sources = read_mapping(mapping)
     check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
-    return read_groups(table, groups, sources)
+    return read_groups(table, groups, sources, notes)
 
 
 def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:

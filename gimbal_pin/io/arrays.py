@@ -51,13 +51,13 @@ class ArrayTable:
         return tuple(self.data)
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
-        """Return the named columns as float64, (N,) each; `LogError` names the first value that is not finite."""
+        """Return the named columns as float64, (N,) each; `LogError` names the first value that is infinite."""
         read: dict[str, Array] = {column: self.data[column].astype(np.float64) for column in columns}
         for column, values in read.items():
             if not values.size:
                 raise LogError(self.name, "has no samples", "give a file with samples")
-            if not (finite := np.isfinite(values)).all():
-                row = int(np.argmin(finite))
+            if (wrong := np.isinf(values)).any():
+                row = int(np.argmax(wrong))
                 raise LogError(self.place(row, column), f"is {values[row]}", "repair the value, or leave the row out")
         return read
 

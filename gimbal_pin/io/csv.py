@@ -107,7 +107,7 @@ class CsvTable:
         except ValueError as error:
             self.check(index)
             raise self.odd(str(error)) from error
-        if not all(np.isfinite(column).all() for column in values.values()):
+        if any(np.isinf(column).any() for column in values.values()):
             self.check(index)
             raise self.odd("a value is not finite")
         return values
@@ -220,7 +220,7 @@ def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark:
 
 
 def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:
-    """Return column number → values by pandas' C parser; ValueError where a field is no number."""
+    """Return column number → values by pandas' C parser, nan where they are missing; ValueError of any other text."""
     import pandas
 
     # From 3.1 on, pandas parses exactly by itself and warns of the argument; before, exactness has to be asked for.
@@ -233,6 +233,8 @@ def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:
         usecols=places,
         index_col=False,
         dtype=np.float64,
+        keep_default_na=False,
+        na_values=["", "nan", "NaN", "NAN"],
         skipinitialspace=True,
         encoding_errors="replace",
         low_memory=False,

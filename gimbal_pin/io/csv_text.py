@@ -56,7 +56,8 @@ def uneven(body: bytes, separator: str, width: int) -> bool:
     separators = np.flatnonzero(characters == ord(separator))
     counts = np.diff(np.searchsorted(separators, ends), prepend=0)
     lengths = np.diff(ends, prepend=-1) - 1
-    return bool(np.any((counts != width - 1) & ((counts > 0) | (lengths > 1))))
+    returns = (lengths == 1) & (np.append(characters, 0)[ends - 1] == ord("\r"))
+    return bool(np.any((counts != width - 1) & (lengths > 0) & ~returns))
 
 
 def uneven_mend(found: int, width: int, separator: str) -> str:
@@ -76,12 +77,10 @@ def sound(fields: Sequence[str], places: Iterable[int]) -> bool:
 
 
 def flaw(field: str) -> tuple[str, str] | None:
-    """Return what is wrong with a number's text and the mend, or None."""
+    """Return what is wrong with a number's text and the mend, or None; nothing where a value is missing."""
     value = number_in(field)
-    if value is not None and math.isfinite(value):
+    if not field or (value is not None and not math.isinf(value)):
         return None
-    if not field:
-        return "is empty", "fill in the number, or delete the row"
     if value is not None:
         return f"is {field}", "repair the value, or delete the row"
     if DECIMAL_COMMA.fullmatch(field):

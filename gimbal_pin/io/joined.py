@@ -77,8 +77,9 @@ class JoinedTable:
         for k in list(asked)[1:]:
             scale, shift = self.clock(first, k)
             own, at = np.unique(read[k][self.times[k]] * scale + shift, return_index=True)
-            joined |= {column: np.interp(t, own, read[k][column][at]) for column in asked[k]}
-            kept &= between(t, own)
+            at = at[np.isfinite(own)]
+            joined |= {column: on_line(t, own[: len(at)], read[k][column][at]) for column in asked[k]}
+            kept &= between(t, own[: len(at)])
         if not kept.any():
             raise LogError(self.name, "have no time in common", "give files of one recording, times in the same unit")
         if not kept.all():
@@ -110,6 +111,12 @@ class JoinedTable:
     def place(self, row: int, column: str) -> str:
         """Return ``files sample S column 'name'``, joined samples counted from 1."""
         return f"{self.name} sample {row + 1} column '{column}'"
+
+
+def on_line(t: Array, own: Array, values: Array) -> Array:
+    """Return the values at the times `t`; nan where one beside them is."""
+    at = np.interp(t, own, np.nan_to_num(values))
+    return np.where(np.interp(t, own, np.isnan(values)) > 0, np.nan, at) if len(own) else np.full(len(t), np.nan)
 
 
 def between(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -43,18 +43,16 @@ class ParquetTable:
         return {column: self.numbers(data.column(column), column) for column in columns}
 
     def numbers(self, data: Any, column: str) -> Array:
-        """Return an Arrow column as float64; `LogError` if it holds something else or a value is missing."""
+        """Return an Arrow column as float64, nan where a value is missing; `LogError` if it holds something else."""
         import pyarrow
 
         kind = data.type
         if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind) or pyarrow.types.is_decimal(kind)):
             raise LogError(f"{self.name} column '{column}'", f"holds {kind}, not numbers", "write it as float64")
         values = np.array(data.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
-        wrong = ~np.isfinite(values)
-        if wrong.any():
+        if (wrong := np.isinf(values)).any():
             row = int(np.argmax(wrong))
-            what = "is empty" if not data[row].is_valid else f"is {values[row]}"
-            raise LogError(self.place(row, column), what, "repair the value, or delete the row")
+            raise LogError(self.place(row, column), f"is {values[row]}", "repair the value, or delete the row")
         return values
 
     def place(self, row: int, column: str) -> str:
