@@ -6,13 +6,13 @@ import gzip
 import re
 import sqlite3
 import struct
+import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas
 import pyarrow
@@ -21,8 +21,6 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import parquet
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -36,7 +34,10 @@ from tests.bench_logs import prescribed
 from tests.command_line import Run, refused
 from tests.test_io import same
 
-Columns = Mapping[str, np.ndarray]
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+
+from fuzzing.formats import Columns, as_bag, as_hdf5, as_mat, as_npy, as_records, as_ulog
+
 TURRET = Rig.load("turret")
 SOON = 5.0
 """Longest that a damaged file may take, s: a process and a library begin in less than one."""
@@ -49,79 +50,6 @@ def motion(rows: int = 60) -> Log:
     q, v, tau = (0.1 * np.cumsum(rng.normal(size=(rows, TURRET.n)), axis=0) for _ in range(3))
     imu = Imu(rng.normal(size=(rows, 3)), rng.normal(size=(rows, 3)), np.tile([1.0, 0, 0, 0], (rows, 1)))
     return Log("made", TURRET.joints, t, q, v, tau, imus={TURRET.base: imu})
-
-
-def as_records(columns: Columns) -> np.ndarray:
-    return np.rec.fromarrays(list(columns.values()), names=list(columns))
-
-
-def as_hdf5(columns: Columns, path: Path) -> None:
-    with h5py.File(path, "w", userblock_size=512) as file:
-        group = file.create_group("log")
-        for name, values in columns.items():
-            group.create_dataset(name, data=values[None, :], compression="gzip")  # as MATLAB does, transposed
-    with path.open("r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
-
-
-def as_npy(columns: Columns, path: Path) -> None:
-    with path.open("wb") as file:
-        np.save(file, np.column_stack(list(columns.values())))
-
-
-def as_bag(kind: str) -> Callable[[Columns, Path], None]:
-    """Write what a log's columns say as JointState and Imu messages, as ROS 1, or ROS 2 with one of its storages."""
-
-    def write(columns: Columns, path: Path) -> None:
-        store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
-        types = store.types
-        header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
-        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-        joints, imu = types["sensor_msgs/msg/JointState"], types["sensor_msgs/msg/Imu"]
-        sequence = {"seq": 0} if kind == "ros1" else {}
-        base = TURRET.base
-        with (
-            Writer1(path)
-            if kind == "ros1"
-            else Writer2(path, version=9, storage_plugin=StoragePlugin[kind.upper()]) as bag
-        ):
-            links = [bag.add_connection(topic, of.__msgtype__, typestore=store)
-                     for topic, of in (("/joint_states", joints), ("/imu", imu))]  # fmt: skip
-            for k, t in enumerate(columns["t"]):
-                at = round(t * 1e9)
-                for link, message in zip(links, (
-                    joints(header(**sequence, stamp=stamp(*divmod(at, 10**9)), frame_id=""), list(TURRET.joints),
-                           *(np.array([columns[f"{of}_{j}"][k] for j in TURRET.joints]) for of in ("q", "dq", "tau"))),
-                    imu(header(**sequence, stamp=stamp(*divmod(at, 10**9)), frame_id=base),
-                        quaternion(*(columns[f"quat_{base}_{a}"][k] for a in "xyzw")), np.zeros(9),
-                        vector(*(columns[f"gyro_{base}_{a}"][k] for a in "xyz")), np.zeros(9),
-                        vector(*(columns[f"accel_{base}_{a}"][k] for a in "xyz")), np.zeros(9)),
-                )):  # fmt: skip
-                    name = type(message).__msgtype__
-                    content = (store.serialize_ros1 if kind == "ros1" else store.serialize_cdr)(message, name)
-                    bag.write(link, at, content)
-
-    return write
-
-
-def as_ulog(columns: Columns, path: Path) -> None:
-    """Write a ULog as its published layout has it: magic, version, start; flag bits, format, subscription, data."""
-
-    def message(kind: bytes, content: bytes) -> bytes:  # fmt: skip
-        return struct.pack("<HB", len(content), kind[0]) + content
-
-    names = [name for name in columns if name != "t"]
-    layout = "uint64_t timestamp;" + "".join(f"double {name};" for name in names)
-    parts = [
-        b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0),
-        message(b"B", bytes(40)),
-        message(b"F", f"rig:{layout}".encode()),
-        message(b"A", struct.pack("<BH", 0, 7) + b"rig"),
-    ]
-    for k, t in enumerate(columns["t"]):
-        values = [columns[name][k] for name in names]
-        parts.append(message(b"D", struct.pack(f"<HQ{len(values)}d", 7, round(t * 1e6), *values)))
-    path.write_bytes(b"".join(parts))
 
 
 def frame(columns: Columns) -> pandas.DataFrame:
@@ -145,11 +73,11 @@ WRITERS: Mapping[str, tuple[str, Callable[[Columns, Path], None]]] = {
     "parquet": ("log", lambda c, path: parquet.write_table(pyarrow.table(dict(c)), path)),
     "npy": ("log.npy", as_npy),
     "npy by columns": ("log.npy", lambda c, path: np.save(path, np.array(list(c.values())).T)),
-    "record array": ("log.npy", lambda c, path: np.save(path, as_records(c))),
+    "record array": ("log.npy", as_records),
     "npz": ("log.npz", lambda c, path: np.savez(path, **c)),
     "packed npz": ("log", lambda c, path: path.with_suffix(".npz").rename(path)
                    if np.savez_compressed(path.with_suffix(".npz"), **c) is None else None),
-    "mat": ("log.mat", lambda c, path: scipy.io.savemat(path, dict(c), do_compression=True)),
+    "mat": ("log.mat", as_mat),
     "mat of a structure": ("log.mat", lambda c, path: scipy.io.savemat(path, {"log": dict(c)})),
     "mat 7.3": ("log.mat", as_hdf5),
     "ros1": ("log.bag", as_bag("ros1")),

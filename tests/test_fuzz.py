@@ -142,7 +142,7 @@ def valid() -> seeds.Seeds:
     table = b"t,q_pan,dq_pan,tau_pan\n" + b"".join(b"%g,0.5,0.25,1\n" % (k / 100) for k in range(200))
     model = b"kind: gimbal_pin model\njoints: [pan]\nphi: [1, 2, 3]\nterms: [{effect: coulomb, values: [0.5]}]\n"
     tables = dict.fromkeys(["log.csv", "log2.csv", "reference.csv", "platform.csv", "mapped.csv"], table)
-    packed = dict.fromkeys(["log.parquet", "platform.parquet"], b"PAR1" + table + b"PAR1")
+    packed = dict.fromkeys(["log.parquet", "platform.parquet", *seeds.WRITERS], b"PAR1" + table + b"PAR1")
     models = ["model.yaml", "extended.yaml", "controller.yaml", "controller2.yaml", "pid.yaml"]
     text = {"pan.urdf": seeds.PAN, "pan.yaml": seeds.PAN_YAML, "block.urdf": seeds.MOUNTED, "map.yaml": seeds.MAPPING}
     written = {name: content.encode() for name, content in text.items()}

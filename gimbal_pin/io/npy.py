@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -42,7 +43,7 @@ def open_npz(path: Path) -> Table:
                 if (room := room - entry.file_size) < 0:
                     raise LogError(str(path), "unfolds to more than memory allows", "give a smaller file")
                 arrays[entry.filename.removesuffix(".npy")] = array(archive.read(entry), f"{path}: {entry.filename}")
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, OSError, RuntimeError) as error:
+    except (*DAMAGED, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError) as error:
         raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error
     return table_of(str(path), *streams_of(arrays))
 

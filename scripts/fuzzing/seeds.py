@@ -5,9 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas
+
+from fuzzing import formats
 
 Seeds = dict[str, bytes]
 """Name → content."""
@@ -91,6 +95,7 @@ def made(folder: Path) -> None:
     called("tune", "turret", "model2.yaml", "-o", "controller2.yaml", "--robust")
     extended("model.yaml", "extended.yaml")
     packed("log.csv", "log.parquet")
+    formatted("log.csv")
     packed("platform.csv", "platform.parquet")
     for name in ("full.csv", "full2.csv"):
         Path(name).unlink()
@@ -138,6 +143,40 @@ def packed(source: str, target: str) -> None:
 
     columns = damaged_csv.shown(Path(source).read_bytes())
     Path(target).write_bytes(damaged_parquet.written({name: pyarrow.array(x) for name, x in columns.items()}))
+
+
+def formatted(source: str, rows: int = 200) -> None:
+    """Write the first samples of a log, with an IMU at rest, in every other format, by its own writer."""
+    from fuzzing import damaged_csv
+
+    table = {name: np.asarray(x)[:rows] for name, x in damaged_csv.shown(Path(source).read_bytes()).items()}
+    rest = {"gyro": (0.0, 0.0, 0.0), "accel": (0.0, 0.0, 9.81), "quat": (1.0, 0.0, 0.0, 0.0)}
+    axes = {"gyro": "xyz", "accel": "xyz", "quat": "wxyz"}
+    table |= {f"{of}_base_{axis}": np.full(rows, x) for of, x3 in rest.items() for axis, x in zip(axes[of], x3)}
+    for name, write in WRITERS.items():
+        write(table, Path(name))
+        if Path(name).is_dir():  # a bag's folder becomes its file
+            (file,) = (path for path in Path(name).iterdir() if path.suffix == Path(name).suffix)
+            content = file.read_bytes()
+            shutil.rmtree(name)
+            Path(name).write_bytes(content)
+        called("inspect", name)
+
+
+WRITERS = {
+    "log.npy": formats.as_records,
+    "plain.npy": formats.as_npy,
+    "log.npz": lambda columns, path: np.savez_compressed(path, **columns),
+    "log.mat": formats.as_mat,
+    "hdf5.mat": formats.as_hdf5,
+    "log.bag": formats.as_bag("ros1"),
+    "log.db3": formats.as_bag("sqlite3"),
+    "log.mcap": formats.as_bag("mcap"),
+    "log.ulg": formats.as_ulog,
+    "log.candump": formats.as_candump,
+    "log.csv.gz": lambda columns, path: pandas.DataFrame(dict(columns)).to_csv(path, index=False),
+}
+"""A file's name → what writes a log's columns to it."""
 
 
 def extended(source: str, target: str) -> None:
