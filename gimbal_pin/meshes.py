@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import subprocess
-import sys
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from gimbal_pin.bounded import Stopped, run
 
 FORMATS = (".stl", ".obj", ".ply", ".off", ".dae", ".glb")
 """Formats that trimesh reads whole from one stream: no archive, no need of files beside it."""
@@ -63,21 +63,15 @@ def find_meshes(names: Iterable[str], folder: Path) -> Mapping[str, Mesh | str]:
 def read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
     """Return the meshes of those files that are some; nothing of what is in the others is told, or opened beside them.
 
-    trimesh is not made for files of strangers: a few kilobytes keep it busy for minutes, fill the memory, or raise one
-    of a dozen kinds of error. So each file is read in a process of its own that has bounds, and that may fail.
+    trimesh is not made for files of strangers, so each is read in a process of its own that has bounds (`bounded`).
     """
     wanted = [file for file in dict.fromkeys(files) if file.suffix.lower() in FORMATS]
     if not wanted:
         return {}
-    # The path of this process and no other: else a module in the working directory would be run.
-    code = f"import sys; sys.path[:] = {sys.path!r}; from gimbal_pin.meshes import main; "
-    code += f"main(sys.argv[1], {MEMORY}, {SECONDS})"
-    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread's stack is memory, too
-    quiet = subprocess.DEVNULL
     with TemporaryDirectory() as folder:
-        command, names = [sys.executable, "-c", code, folder], b"\0".join(map(os.fsencode, wanted))
-        with suppress(subprocess.TimeoutExpired):
-            subprocess.run(command, env=alone, input=names, stdout=quiet, stderr=quiet, timeout=PATIENCE, check=False)
+        Path(folder, "names").write_bytes(b"\0".join(map(os.fsencode, wanted)))
+        with suppress(Stopped):
+            run(__name__, folder, memory=MEMORY, seconds=SECONDS, patience=PATIENCE)
         made = {file: Path(folder, f"{k}.npz") for k, file in enumerate(wanted)}
         return {file: loaded(out) for file, out in made.items() if out.exists()}
 
@@ -88,22 +82,18 @@ def loaded(file: Path) -> Mesh:
         return Mesh(data["vertices"], data["faces"])
 
 
-def main(folder: str, memory: int, seconds: int) -> None:
-    """Write the mesh of the k-th file that standard input names, NUL between them, as ``<k>.npz`` in a folder.
+def main(folder: str) -> None:
+    """Write the mesh of the k-th file that ``names`` in a folder holds, NUL between them, as ``<k>.npz`` there.
 
-    The reading of each may take `memory`, bytes, and `seconds` of the processor; an error ends its process alone.
+    Each is read by a process of its own, so that an error or a bound ends that one alone.
     """
-    import resource
-
     import trimesh
 
-    for k, name in enumerate(sys.stdin.buffer.read().split(b"\0")):
+    for k, name in enumerate(Path(folder, "names").read_bytes().split(b"\0")):
         if child := os.fork():
             os.waitpid(child, 0)
             continue
         try:
-            for what, bound in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
-                resource.setrlimit(what, (bound, bound))
             file = Path(os.fsdecode(name))
             with file.open("rb") as stream:
                 content = stream.read(LARGEST + 1)

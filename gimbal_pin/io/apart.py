@@ -1,23 +1,16 @@
-"""Files read in a process of its own, which has bounds and may fail: their libraries are not made for strangers' files.
-
-A few kilobytes can end such a library in C code, fill the memory, or raise one of dozens of kinds of error.
-"""
+"""Logs read in a process of its own (`bounded`): their libraries are not made for strangers' files."""
 
 from __future__ import annotations
 
-import json
-import os
-import re
-import resource
-import subprocess
-import sys
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
+from gimbal_pin.bounded import Stopped, run
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.io.arrays import Stream, table_of
 from gimbal_pin.io.base import Table
@@ -55,23 +48,12 @@ def open_apart(path: Path, reader: str, kind: str, module: str, extra: str, *, s
     if size > largest() and not streamed:
         raise LogError(str(path), f"is larger than {largest() / 1e6:.0f} MB", "give a smaller file")
     seconds = SECONDS + size / RATE
-    # The path of this process and no other: else a module in the working directory would be run.
-    code = f"import sys; sys.path[:] = {sys.path!r}; from gimbal_pin.io.apart import main; main(*sys.argv[1:])"
-    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread's stack is memory, too
     with TemporaryDirectory() as folder:
-        bounds = (str(MEMORY + 2 * size), str(int(seconds)))
-        command = [sys.executable, "-c", code, reader, str(path.resolve()), folder, *bounds]
         try:
-            done = subprocess.run(command, env=alone, capture_output=True, timeout=2 * seconds, check=False)
-        except subprocess.TimeoutExpired as error:
-            raise LogError(str(path), f"is not read in {2 * seconds:.0f} s", "give a shorter file") from error
-        if done.returncode:
-            last = (done.stderr.decode(errors="replace").strip().splitlines() or ["its reader was stopped"])[-1]
-            why = re.sub(r"^(\w+\.)+", "", last)[:120]  # the kind of error without its modules
-            raise LogError(
-                str(path), f"is {kind} that cannot be read ({why})", "write it again, or give a shorter file"
-            )
-        told = json.loads(Path(folder, "index.json").read_text("utf-8"))
+            told = run(__name__, reader, str(path.resolve()), folder, memory=MEMORY + 2 * size, seconds=seconds)
+        except Stopped as error:
+            mend = "write it again, or give a shorter file"
+            raise LogError(str(path), f"is {kind} that cannot be read ({error})", mend) from error
         if "wrong" in told:
             raise LogError(str(path), *told["wrong"])
         arrays = [np.load(Path(folder, f"{k}.npy"), allow_pickle=False) for k in range(len(told["streams"]))]
@@ -79,24 +61,16 @@ def open_apart(path: Path, reader: str, kind: str, module: str, extra: str, *, s
     return table_of(str(path), streams, told["notes"])
 
 
-def main(reader: str, path: str, folder: str, memory: str, seconds: str) -> None:
-    """Write the streams that a module reads into a folder: ``k.npy``, a row per column, and their names as JSON.
+def main(reader: str, path: str, folder: str) -> dict[str, Any]:
+    """Write the streams that a module reads into a folder, ``k.npy``, a row per column; return their names.
 
-    An error of the package's own is written as its words; any other ends this process with a status that is not zero.
+    Or the words of an error of the package's own.
     """
-    for what, bound in (
-        (resource.RLIMIT_AS, int(memory)),
-        (resource.RLIMIT_CPU, int(seconds)),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        resource.setrlimit(what, (bound, bound))
-    index = Path(folder, "index.json")
     try:
         streams, notes = import_module(f"gimbal_pin.io.{reader}").streams(Path(path))
     except GimbalPinError as error:
-        index.write_text(json.dumps({"wrong": [error.what, error.mend]}), "utf-8")
-        return
+        return {"wrong": [error.what, error.mend]}
     for k, (_, columns) in enumerate(streams):
         np.save(Path(folder, f"{k}.npy"), np.array(list(columns.values()), dtype=np.float64), allow_pickle=False)
     named = [{"time": time, "columns": list(columns)} for time, columns in streams]
-    index.write_text(json.dumps({"streams": named, "notes": list(notes)}), "utf-8")
+    return {"streams": named, "notes": list(notes)}
