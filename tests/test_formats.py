@@ -177,6 +177,9 @@ def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_tol
     table.to_csv(tmp_path / "half.csv", index=False)
     with pytest.raises(LogError, match=r"a.csv\+b.csv"):
         io.read_log(tmp_path / "half.csv", TURRET)
+    pandas.DataFrame({"t": [np.nan] * 3, "asked": 0.0}).to_csv(tmp_path / "timeless.csv", index=False)
+    with pytest.raises(LogError, match="no time in common"):
+        io.read_log(f"{tmp_path / 'log.csv'}+{tmp_path / 'timeless.csv'}", TURRET, ["temp_pan=asked"])
 
 
 # --- What is damaged, hostile or not installed ----------------------------------------------------------------------

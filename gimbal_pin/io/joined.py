@@ -98,6 +98,8 @@ class JoinedTable:
         """
         pair = [(self.parts[k], self.times[k]) for k in (first, other)]
         data = [readable(part)[0] for part, _ in pair]
+        if any(name not in one for one, (_, name) in zip(data, pair)):
+            return 1.0, 0.0  # a table without times has none in common
         times = [one.pop(name) for one, (_, name) in zip(data, pair)]
         scale, its = (1.0, 1.0) if self.shared else (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
         factor = 1.0 if its == scale else its / scale
@@ -115,8 +117,9 @@ class JoinedTable:
 
 def on_line(t: Array, own: Array, values: Array) -> Array:
     """Return the values at the times `t`; nan where one beside them is."""
-    at = np.interp(t, own, np.nan_to_num(values))
-    return np.where(np.interp(t, own, np.isnan(values)) > 0, np.nan, at) if len(own) else np.full(len(t), np.nan)
+    if not len(own):
+        return np.full(len(t), np.nan)
+    return np.where(np.interp(t, own, np.isnan(values)) > 0, np.nan, np.interp(t, own, np.nan_to_num(values)))
 
 
 def between(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
