@@ -30,13 +30,13 @@ def mixing_of(rig: Rig) -> Array:
 
 
 def oracle(mixing: Array, rows: Array, target: Array) -> float:
-    """The shortest residual that bodies reach, and other columns after theirs, by cvxpy."""
+    """The shortest residual that bodies reach, and friction's columns after theirs, none negative, by cvxpy."""
     cp = pytest.importorskip("cvxpy", reason="cvxpy is the oracle: pip install 'gimbal-pin[test]'")
     phi, free = cp.Variable(mixing.shape[1]), cp.Variable(rows.shape[1] - len(mixing) + 1)
     parts = cp.reshape(phi, (10, mixing.shape[1] // 10), order="F")
     exist = [sum(parts[k, i] * BASIS[k] for k in range(10)) >> 0 for i in range(mixing.shape[1] // 10)]
     theta = cp.hstack([mixing @ phi, free[:-1]])
-    problem = cp.Problem(cp.Minimize(cp.norm(rows @ theta - target)), exist)
+    problem = cp.Problem(cp.Minimize(cp.norm(rows @ theta - target)), [*exist, free >= 0])
     return float(problem.solve(solver=cp.CLARABEL))
 
 

@@ -28,8 +28,9 @@ class Harm(NamedTuple):
 
     @property
     def excess(self) -> Array:
-        """Error over what is admissible, (n,)."""
-        return self.error / np.maximum(self.admissible, 1e-300)
+        """Error over what is admissible, (n,); infinite where nothing is."""
+        with np.errstate(over="ignore"):
+            return self.error / np.maximum(self.admissible, 1e-300)
 
     @property
     def serious(self) -> bool:
