@@ -103,7 +103,7 @@ def check(rig: Rig) -> Checked:
         identifiable=len(base(rig).terms),
         columns=need,
         optional=may + imus,
-        warnings=tuple(warnings(joints)),
+        warnings=(*rig.notes, *warnings(joints)),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from gimbal_pin import urdf
+from gimbal_pin import mending, urdf
 from gimbal_pin.config import Config, Limits, Motor
 from gimbal_pin.errors import RigError
 from gimbal_pin.floating import floating
@@ -23,6 +23,7 @@ from gimbal_pin.rig_files import YAML, find, payload_path, read
 from gimbal_pin.rig_files import bundled as bundled
 from gimbal_pin.rig_files import bundled_payloads as bundled_payloads
 from gimbal_pin.rig_files import bundled_rigs as bundled_rigs
+from gimbal_pin.urdf_checks import MOVABLE
 
 GRAVITY = 9.81
 """Acceleration of gravity, m/s², down the world's z."""
@@ -51,6 +52,7 @@ class Rig:
         payload_link: Root link of the mounted payload, or None.
         config: The YAML it came with.
         path: URDF file, for meshes named relative to it.
+        notes: Sentences on what the URDF has wrong and what does not matter.
     """
 
     name: str
@@ -67,28 +69,33 @@ class Rig:
     payload_link: str | None
     config: Config
     path: Path
+    notes: tuple[str, ...] = ()
 
     @staticmethod
-    def load(rig: str | Path, payload: str | Path | None = None) -> Rig:
+    def load(rig: str | Path, payload: str | Path | None = None, mend: bool = False) -> Rig:
         """Load a bundled rig by name, a URDF, or a YAML that names a URDF.
 
-        `payload`: a bundled one's name or a URDF's path; None mounts the YAML's default.
+        `payload`: a bundled one's name or a URDF's path; None mounts the YAML's default. `mend`: whether every inertia
+        that breaks a rule becomes the nearest that does not.
 
         Raises:
             RigError: Anything that keeps it from being a rig, with file and mend.
         """
         path, config = find(rig)
         element = urdf.tree(read(path), str(path))
+        notes = mending.cleared(element, str(path))
         name = str(payload) if payload is not None else config.payload
         payload_link = None
         if name is not None:
             other = payload_path(name)
             part = urdf.tree(read(other), str(other))
+            notes += mending.cleared(part, str(other), carried=True)
             payload_link = urdf.root_link(part, str(other))
             urdf.mount(element, part, config.mount or "camera_mount", str(path))
         text, mounted = urdf.to_text(element), Path(name).stem if name else None
         stated = Path(rig) if Path(rig).suffix in YAML else path.with_suffix(".yaml")
-        return build(path, text, config, mounted, payload_link, str(stated))
+        built = build(path, text, config, mounted, payload_link, str(stated), mend)
+        return replace(built, notes=(*notes, *built.notes, *held(element)))
 
     def __repr__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
@@ -145,10 +152,21 @@ class Rig:
         return replace(self, model=model)
 
 
-def build(path: Path, text: str, config: Config, payload: str | None, payload_link: str | None, stated: str) -> Rig:
+def build(
+    path: Path,
+    text: str,
+    config: Config,
+    payload: str | None,
+    payload_link: str | None,
+    stated: str,
+    mend: bool,
+) -> Rig:
     """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
     robot = urdf.checked(text, str(path))
     model = to_pinocchio(text, str(path))
+    sound, notes = mending.mended(text) if mend else mending.felt(text, model, str(path))
+    if sound != text:
+        text, model = sound, to_pinocchio(sound, str(path))
     joints = tuple(model.names[1:])
     by_name = {joint.name: joint for joint in robot.joints}
     for key in (*config.motors, *config.limits):
@@ -175,12 +193,24 @@ def build(path: Path, text: str, config: Config, payload: str | None, payload_li
         payload_link=payload_link,
         config=config,
         path=path,
+        notes=tuple(notes),
     )
 
 
+def held(robot: etree._Element) -> list[str]:
+    """Return a sentence on the joints that mimic others."""
+    held = [f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in robot.xpath("joint[mimic]")]
+    return [f"a joint that mimics another is held where the other's zero has it: {mending.listed(held)}"] * bool(held)
+
+
 def to_pinocchio(text: str, place: str) -> pin.Model:
-    """Return the fixed-base model, `continuous` joints as unlimited revolute ones (logs hold one angle per joint)."""
+    """Return the fixed-base model, `continuous` joints as unlimited revolute ones (logs hold one angle per joint).
+
+    A joint that mimics another, ``q = multiplier q' + offset``, is fixed at its offset.
+    """
     robot = urdf.parse(text, place)
+    for joint in robot.xpath("joint[mimic]"):
+        hold(joint)
     for joint in robot.findall("joint[@type='continuous']"):
         joint.set("type", "revolute")
         if joint.find("limit") is None:
@@ -196,6 +226,26 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
                 f"{place}: joint '{joint}'", "moves no mass", "give its link an <inertial>, or mount a payload"
             )
     return model
+
+
+def hold(joint: etree._Element) -> None:
+    """Make a joint that mimics another a fixed one, at its offset, in place."""
+    offset, kind = float(joint.find("mimic").get("offset", "0")), joint.get("type")
+    joint.set("type", "fixed")
+    if offset and kind in MOVABLE:
+        origin, axis = urdf.child(joint, "origin"), joint.find("axis")
+        way = numbers("1 0 0" if axis is None else axis.get("xyz"))
+        way = way / np.linalg.norm(way)
+        turn = np.eye(3) if kind == "prismatic" else pin.exp3(offset * way)
+        place = pin.SE3(pin.rpy.rpyToMatrix(*numbers(origin.get("rpy", "0 0 0"))), numbers(origin.get("xyz", "0 0 0")))
+        place = place * pin.SE3(turn, offset * way if kind == "prismatic" else np.zeros(3))
+        origin.set("xyz", " ".join(f"{x:.17g}" for x in place.translation))
+        origin.set("rpy", " ".join(f"{x:.17g}" for x in pin.rpy.matrixToRpy(place.rotation)))
+
+
+def numbers(text: str) -> Array:
+    """Return the numbers of an attribute."""
+    return np.array(text.split(), dtype=float)
 
 
 def joint_limits(joint: Any, override: Mapping[str, float], place: str) -> Limits:

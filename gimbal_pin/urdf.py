@@ -13,7 +13,6 @@ from gimbal_pin.errors import FEW, RigError
 from gimbal_pin.urdf_checks import (
     ENTRIES,
     MOVABLE,
-    check_inertial,
     check_joint,
     check_names,
     check_numbers,
@@ -42,18 +41,18 @@ def parse(text: str, place: str) -> etree._Element:
 
 
 def tree(text: str, place: str) -> etree._Element:
-    """Return a file's ``<robot>`` once its names, references, tree, numbers and inertias are found to be in order.
+    """Return a file's ``<robot>`` once its names, references, tree and numbers are found to be in order.
 
     Raises:
         RigError: The first thing that is not, with the line of the file where it has one.
     """
     robot = parse(text, place)
+    if robot.xpath("joint/parent[@link='world']") and "world" not in names(robot, "link"):
+        robot.insert(0, etree.Element("link", name="world"))  # simulators know it without being told
     check_names(robot, place)
     check_references(robot, place)
     root_link(robot, place)
     check_numbers(robot, place)
-    for link in robot.findall("link"):
-        check_inertial(link, place)
     return robot
 
 
@@ -129,7 +128,7 @@ def skeleton(robot: etree._Element, *more: str) -> str:
 
 
 def checked(text: str, place: str) -> yourdfpy.Robot:
-    """Return the URDF as yourdfpy's dataclasses after checking tree, joint types, axes, limits and inertias.
+    """Return the URDF as yourdfpy's dataclasses after checking tree, joint types, axes and limits.
 
     Raises:
         RigError: The first thing that keeps the URDF from being a rig.
@@ -143,7 +142,7 @@ def checked(text: str, place: str) -> yourdfpy.Robot:
         raise RigError(place, f"is not a URDF that yourdfpy reads ({error})", "mend the attribute it names") from error
     for joint in rig.joints:
         check_joint(joint, place)
-    if not any(joint.type in MOVABLE for joint in rig.joints):
+    if not any(joint.type in MOVABLE and joint.mimic is None for joint in rig.joints):
         raise RigError(place, "has no movable joint", "give at least one revolute, continuous or prismatic joint")
     return rig
 

@@ -36,6 +36,7 @@ NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
     "axis": {"xyz": (3, 1e6)},
     "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), (1, 1e16)),  # what SDF writes for no limit
     "dynamics": {"damping": (1, 1e6), "friction": (1, 1e6)},
+    "mimic": {"multiplier": (1, 1e6), "offset": (1, 1e3)},
     "mass": {"value": (1, HEAVIEST)},
     "inertia": dict.fromkeys((name for name, _, _ in ENTRIES), (1, HEAVIEST * WIDEST**2)),
     "box": {"size": (3, WIDEST)},
@@ -49,6 +50,7 @@ REQUIRED: Mapping[str, Sequence[str]] = {
     "axis": ["xyz"],
     "limit": ["effort", "velocity"],
     "mesh": ["filename"],
+    "mimic": ["joint"],
     **{tag: list(NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
 }
 """Attributes that must be there: readers differ in what they take a missing one for, and some drop the whole tag."""
@@ -141,8 +143,6 @@ def check_joint(joint: yourdfpy.Joint, place: str) -> None:
         raise RigError(where, f"is of type {joint.type}", f"use one of {', '.join(MOVABLE)}, or fixed")
     if not np.linalg.norm(joint.axis) > 1e-6:  # of an exporter's rounding nobody can tell the direction
         raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
-    if joint.mimic is not None:
-        raise RigError(where, "mimics another joint", "drive it by a motor of its own, or make it fixed")
     limit, dynamics = joint.limit, joint.dynamics
     if joint.type != "continuous" and limit is None:
         raise RigError(where, "has no <limit>", "give lower, upper, effort and velocity, or make it continuous")
@@ -154,8 +154,15 @@ def check_joint(joint: yourdfpy.Joint, place: str) -> None:
         raise RigError(where, "has negative friction or damping", "give its size, or 0")
 
 
+def weightless(inertial: etree._Element) -> bool:
+    """Tell whether an ``<inertial>`` states less than `LIGHTEST` of mass and of inertia: exporters write zeros."""
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    given = [] if inertia is None else [float(inertia.get(name)) for name, _, _ in ENTRIES]
+    return mass is not None and 0 <= float(mass.get("value")) < LIGHTEST and max(map(abs, given), default=0) < LIGHTEST
+
+
 def check_inertial(link: etree._Element, place: str) -> None:
-    """Raise `RigError` unless mass > 0, the inertia at the centre of mass is positive definite and I₁ + I₂ ≥ I₃."""
+    """Raise `RigError` unless a mass and an inertia are stated, of sizes that can be (see `broken_rule`, too)."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -166,19 +173,35 @@ def check_inertial(link: etree._Element, place: str) -> None:
         raise RigError(where, f"has {stated}", "give a positive mass in kg, or leave <inertial> out")
     if inertia is None:
         raise RigError(where, "has a mass but no inertia", "give <inertia> in kg m²")
-    lower_triangle = np.zeros((3, 3))
-    for name, row, column in ENTRIES:
-        lower_triangle[column, row] = float(inertia.get(name))
-    small, middle, large = np.linalg.eigvalsh(lower_triangle, UPLO="L")
     if not LIGHTEST <= float(mass.get("value")) <= HEAVIEST:
         mend = f"give {LIGHTEST:g} to {HEAVIEST:g} kg, or leave <inertial> out"
         raise RigError(where, f"has mass {mass.get('value')}", mend)
-    if not small > 0:
-        raise RigError(where, f"has an inertia that is not positive definite (principal {small:.3g} kg m²)", "mend it")
-    if small + middle < large * (1 - 1e-9):
-        what = f"breaks the triangle inequality: principal inertias {small:.4g} + {middle:.4g} < {large:.4g} kg m²"
-        raise RigError(where, what, "no body has such an inertia: recompute it")
-    radii = np.sqrt(np.array([small, large]) / float(mass.get("value")))
-    if not (radii[0] >= NARROWEST and radii[1] <= WIDEST):
+    small, _, large = np.linalg.eigvalsh(stated_inertia(inertia))
+    radii = np.sqrt(np.array([max(small, 0.0), max(large, 0.0)]) / float(mass.get("value")))
+    if (0 < radii[0] < NARROWEST) or radii[1] > WIDEST:
         what = f"has radii of gyration of {radii[0]:.2g} to {radii[1]:.2g} m"
         raise RigError(where, what, "no body of its mass has such an inertia: give it in kg m²")
+
+
+def stated_inertia(inertia: etree._Element) -> np.ndarray:
+    """Return the matrix of an ``<inertia>``, kg m², (3, 3)."""
+    out = np.zeros((3, 3))
+    for name, row, column in ENTRIES:
+        out[row, column] = out[column, row] = float(inertia.get(name))
+    return out
+
+
+def broken_rule(link: etree._Element) -> str | None:
+    """Return what is said of a link whose inertia no body has; None if it has one that some body has, or none."""
+    inertia = link.find("inertial/inertia")
+    return None if inertia is None else rule(stated_inertia(inertia))
+
+
+def rule(inertia: np.ndarray) -> str | None:
+    """Return which rule an inertia about the centre of mass breaks: it is positive definite, and I₁ + I₂ ≥ I₃."""
+    small, middle, large = np.linalg.eigvalsh(inertia)
+    if not small > 0:
+        return f"has an inertia that is not positive definite (principal {small:.3g} kg m²)"
+    if small + middle < large * (1 - 1e-9):
+        return f"breaks the triangle inequality: principal inertias {small:.4g} + {middle:.4g} < {large:.4g} kg m²"
+    return None

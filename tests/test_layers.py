@@ -14,7 +14,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-FILED = "reading bounded meshes records log limited urdf_checks urdf config floating rig_files rig"
+FILED = "reading bounded meshes records log limited urdf_checks urdf mending config floating rig_formats rig_files rig"
 DATA = f"errors threads digits parameter controllers {FILED}"
 SENSED = "naming clocks signals platform aboard profile gyros eccentricity calibration regressor imu"
 ROWS = "holes rows replay"

@@ -18,9 +18,12 @@ from lxml import etree
 from gimbal_pin import urdf
 from gimbal_pin.config import Limits, Motor
 from gimbal_pin.errors import RigError
+from gimbal_pin.mending import nearest_inertia
 from gimbal_pin.regressor import rnea
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
 from gimbal_pin.rig import bundled as data_folder
+from gimbal_pin.urdf_checks import rule
+from tests.command_line import Run
 from tests.rigs import COMBINATIONS, bundled
 
 LINK = """  <link name="{0}">
@@ -55,6 +58,12 @@ def in_two(old: str, new: str) -> str:
     """TWO with the first `old` replaced."""
     assert old in TWO
     return TWO.replace(old, new, 1)
+
+
+def in_head(old: str, new: str) -> str:
+    """TWO with the `old` of the link that both joints turn replaced, each about a direction of its own."""
+    before, _, after = TWO.rpartition(old)
+    return before + new + after
 
 
 def write(folder: Path, content: str, name: str = "two.urdf") -> Path:
@@ -188,8 +197,8 @@ BAD_URDF = {
     "no inertia": (in_two('<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>', ""), "arm", "no inertia"),
     "half an inertia": (in_two(' ixy="0"', ""), ":7:", "<inertia> has no ixy"),
     "infinite inertia": (in_two('ixx="1"', 'ixx="inf"'), ":7:", "ixx='inf'"),
-    "triangle inequality": (in_two('izz="1"', 'izz="2.5"'), "arm", "triangle inequality"),
-    "not positive definite": (in_two('ixy="0"', 'ixy="1.2"'), "arm", "positive definite"),
+    "triangle inequality": (in_head('izz="1"', 'izz="2.5"'), "head", "triangle inequality", "--mend"),
+    "not positive definite": (in_head('ixy="0"', 'ixy="1.2"'), "head", "positive definite", "--mend"),
     "centre of mass": (in_two('xyz="0.1 0.2 0.3"', 'xyz="0.1 0.2"'), ":5:", "<origin> has xyz='0.1 0.2'", "3 finite"),
     "moves nothing": (in_two(LINK.format("head"), '<link name="head"/>'), "tilt", "moves no mass"),
     "loop": (in_two("</robot>", JOINT.format("back", "head", "base") + "</robot>"), "loop"),
@@ -438,6 +447,96 @@ def test_the_yaml_that_is_wrong_is_the_one_named(tmp_path: Path) -> None:
     refused(lambda: Rig.load(tmp_path / "here.yaml"), "here.yaml", "names itself")
     missing = write(tmp_path, "urdf: gone.urdf", "missing.yaml")
     refused(lambda: Rig.load(missing), str(tmp_path / "gone.urdf"), "does not exist")
+
+
+# --- inertias that break a rule -------------------------------------------------------------------------------------
+
+NO_BODY = '<inertia ixx="1" iyy="-0.5" izz="2.5" ixy="0.3" ixz="0" iyz="0.1"/>'
+"""Neither positive definite nor within the triangle inequality."""
+INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+
+
+def torques(rig: Rig) -> np.ndarray:
+    return rnea(rig, *np.random.default_rng(3).normal(size=(3, 20, rig.n)))
+
+
+def stated(text: str) -> np.ndarray:
+    """Torques of what a URDF states, whether a body can have it or not."""
+    model = pin.buildModelFromXML(text)
+    q, v, a = np.random.default_rng(3).normal(size=(3, 20, model.nv))
+    return np.array([pin.rnea(model, model.createData(), *row) for row in zip(q, v, a)])
+
+
+def test_what_no_torque_shows_is_said_and_changes_none(tmp_path: Path) -> None:
+    """A link at rest, one that weighs nothing, one that turns one way only, and one whose sum with others is sound."""
+    at_rest = LINK.format("base").replace(INERTIA, NO_BODY)
+    ballast = LINK.format("ballast").replace(INERTIA, INERTIA.replace('="1"', '="9"'))
+    tip = LINK.format("tip").replace(INERTIA, NO_BODY).replace('<mass value="1"/>', '<mass value="0.01"/>')
+    mark = '<link name="mark"><inertial><mass value="0"/>' + INERTIA.replace('"1"', '"0"') + "</inertial></link>"
+    fixed = "".join(
+        f'<joint name="to_{link}" type="fixed"><parent link="head"/><child link="{link}"/></joint>'
+        for link in ("ballast", "tip", "mark")
+    )
+    text = in_two('<link name="base"/>', at_rest).replace("</robot>", ballast + tip + mark + fixed + "</robot>")
+    text = text.replace(LINK.format("arm"), LINK.format("arm").replace(INERTIA, NO_BODY))
+    rig = Rig.load(write(tmp_path, text))
+    np.testing.assert_allclose(torques(rig), stated(text), rtol=1e-9, atol=1e-9)
+    for link, words in (("mark", "no mass"), ("base", "no joint moves"), ("arm", "is kept"), ("tip", "their sum")):
+        assert sum(link in note and words in note for note in rig.notes) == 1
+    assert len(rig.notes) == 4
+    for body in rig.model.inertias[1:]:
+        assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
+
+
+def test_a_mended_rig_is_sound_and_another_mends_to_itself(tmp_path: Path, run: Run) -> None:
+    path, out = write(tmp_path, TWO.replace(INERTIA, NO_BODY)), tmp_path / "out.urdf"
+    refused(lambda: Rig.load(path), "head", "--mend")
+    assert run("check", path, "--mend", out)[0] == 0
+    rig = Rig.load(out)
+    assert rig.notes == ()
+    for body in rig.model.inertias[1:]:
+        assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
+    again = tmp_path / "again.urdf"
+    assert run("check", out, "--mend", again)[0] == 0
+    assert again.read_text() == out.read_text()
+    assert run("check", path, "--mend", path)[0] == 2
+
+
+@given(st.lists(st.floats(-2, 2), min_size=6, max_size=6))
+def test_the_nearest_inertia_is_some_bodys_and_none_is_nearer(entries: list[float]) -> None:
+    inertia = np.zeros((3, 3))
+    inertia[np.tril_indices(3)] = entries
+    inertia = inertia + np.tril(inertia, -1).T
+    found, moments = nearest_inertia(1.0, inertia), lambda x: np.trace(x) / 2 * np.eye(3) - x
+    small, middle, large = np.linalg.eigvalsh(found)
+    assert small > 0 and small + middle > large
+    if rule(inertia) is None and np.linalg.eigvalsh(moments(inertia))[0] > 1e-5 * np.trace(moments(inertia)):
+        np.testing.assert_allclose(found, inertia, atol=1e-12)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        other = (root := rng.normal(size=(3, 3))) @ root.T
+        way = other - moments(found)
+        if np.linalg.eigvalsh(moments(inertia)).max() > 0.1:  # no descent towards any other body
+            assert np.sum((moments(found) - moments(inertia)) * way) > -1e-4
+
+
+def test_the_root_world_need_not_be_declared(tmp_path: Path) -> None:
+    weld = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint></robot>'
+    rig = Rig.load(write(tmp_path, in_two("</robot>", weld)))
+    assert rig.base == "world"
+    np.testing.assert_array_equal(rig.phi, Rig.load(write(tmp_path, TWO, "plain.urdf")).phi)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_joint_that_mimics_is_held_at_its_offset(tmp_path: Path, kind: str) -> None:
+    mimics = in_head('type="revolute">', f'type="{kind}"><mimic joint="yaw" multiplier="2" offset="0.3"/>')
+    rig, free = (
+        Rig.load(write(tmp_path, mimics)),
+        Rig.load(write(tmp_path, mimics.replace("<mimic", "<x"), "free.urdf")),
+    )
+    q, v, a = (np.random.default_rng(4).normal(size=(10, 2)) * [1, 0] + [0, c] for c in (0.3, 0, 0))
+    np.testing.assert_allclose(rnea(rig, q[:, :1], v[:, :1], a[:, :1])[:, 0], rnea(free, q, v, a)[:, 0], atol=1e-12)
+    assert rig.joints == ("yaw",) and "mimics" in rig.notes[0] and "tilt (yaw)" in rig.notes[0]
 
 
 # --- nothing else comes out -----------------------------------------------------------------------------------------

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import load_rig
-from gimbal_pin.cli.options import Json, Payload, RigName
-from gimbal_pin.cli.present import present
+from gimbal_pin.cli.options import Json, Payload, RigName, optional
+from gimbal_pin.cli.paths import Writes
+from gimbal_pin.cli.present import noted, present
+
+Mend = Annotated[
+    Path | None,
+    Writes(over=(".urdf",)),
+    optional("OUT.urdf", "write the URDF with the nearest inertia that a body can have where one breaks a rule"),
+]
 
 
-def check(rig: RigName, *, payload: Payload = None, json: Json = None) -> None:
+def check(rig: RigName, *, payload: Payload = None, mend: Mend = None, json: Json = None) -> None:
     """Validate a rig: tree, axes, limits, inertias, camera frame; say what a log must hold."""
     from gimbal_pin.checking import check as run
+    from gimbal_pin.io.files import atomic_write
+    from gimbal_pin.rig import Rig
 
-    found = run(load_rig(rig, payload))
+    loaded = Rig.load(rig, payload, mend=mend is not None)
+    if mend is not None:
+        atomic_write(mend, loaded.urdf)
+        noted([f"{mend} is written: name it as 'urdf:' in the rig's YAML"])
+    found = run(loaded)
     present(text.check(found), found.to_dict(), json)

@@ -23,10 +23,12 @@ if TYPE_CHECKING:
 
 
 def load_rig(rig: str, payload: str | None) -> Rig:
-    """Load a rig with the payload that was asked for."""
+    """Load a rig with the payload that was asked for; what is to be known of its file is told."""
     from gimbal_pin.rig import Rig
 
-    return Rig.load(rig, payload)
+    loaded = Rig.load(rig, payload)
+    noted(loaded.notes)
+    return loaded
 
 
 def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str]) -> tuple[Rig, list[Log]]:
