@@ -150,7 +150,8 @@ def directions(model: pin.Model, joint: int) -> list[np.ndarray]:
     """Return directions that a joint's body turns about, in its own axes: none, the one, or two that differ."""
     data = model.createData()
     columns = [model.joints[j].idx_v for j in model.supports[joint] if j]
-    turning = pin.computeJointJacobians(model, data, np.zeros(model.nq))[3:, columns].T @ data.oMi[joint].rotation
+    jacobian = pin.computeJointJacobians(model, data, np.zeros(model.nq)).reshape(6, model.nv)  # one joint's is flat
+    turning = jacobian[3:, columns].T @ data.oMi[joint].rotation
     ways = [way for way in turning if np.linalg.norm(way) > 0.5]
     other = [way for way in ways[1:] if np.linalg.norm(np.cross(way, ways[0])) > PARALLEL]
     return ways[:1] + other[:1]

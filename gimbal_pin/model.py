@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
+from gimbal_pin.effects import ALWAYS, Armature, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.plain import cause_from, term_from
@@ -289,8 +289,9 @@ def brakes(effect: Effect) -> bool:
 
 
 def nominal(rig: Rig) -> Model:
-    """Return the model as the rig's URDF states it, friction from ``<dynamics>``."""
+    """Return the model as the rig's URDF states it, friction from ``<dynamics>``, rotors from the motors."""
     terms = []
-    for joint, (dry, viscous) in zip(rig.joints, rig.friction):
+    for joint, (dry, viscous), motor in zip(rig.joints, rig.friction, rig.motors):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
+        terms += [Term(Armature(joint), (motor.armature,))] * (motor.armature > 0)
     return Model(rig, tuple(terms))

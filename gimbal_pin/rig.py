@@ -14,15 +14,17 @@ import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin import mending, urdf
-from gimbal_pin.config import Config, Limits, Motor
+from gimbal_pin.config import Config, Limits, Motor, overlaid
 from gimbal_pin.errors import RigError
 from gimbal_pin.floating import floating
 from gimbal_pin.log import Array
+from gimbal_pin.reading import decimal
 from gimbal_pin.records import LARGEST
-from gimbal_pin.rig_files import YAML, find, payload_path, read
+from gimbal_pin.rig_files import YAML, find, payload_path
 from gimbal_pin.rig_files import bundled as bundled
 from gimbal_pin.rig_files import bundled_payloads as bundled_payloads
 from gimbal_pin.rig_files import bundled_rigs as bundled_rigs
+from gimbal_pin.rig_formats import as_urdf
 from gimbal_pin.urdf_checks import MOVABLE
 
 GRAVITY = 9.81
@@ -73,28 +75,32 @@ class Rig:
 
     @staticmethod
     def load(rig: str | Path, payload: str | Path | None = None, mend: bool = False) -> Rig:
-        """Load a bundled rig by name, a URDF, or a YAML that names a URDF.
+        """Load a bundled rig by name, a URDF, xacro, SDF or MJCF file, or a YAML that names one.
 
-        `payload`: a bundled one's name or a URDF's path; None mounts the YAML's default. `mend`: whether every inertia
+        `payload`: a bundled one's name or a file's path; None mounts the YAML's default. `mend`: whether every inertia
         that breaks a rule becomes the nearest that does not.
 
         Raises:
             RigError: Anything that keeps it from being a rig, with file and mend.
         """
         path, config = find(rig)
-        element = urdf.tree(read(path), str(path))
-        notes = mending.cleared(element, str(path))
+        text, notes = as_urdf(path, config.xacro)
+        element = urdf.tree(text, str(path))
+        for joint, at in config.fixed.items():
+            hold(named(element, joint, str(path)), at)
+        notes = notes + mending.cleared(element, str(path))
         name = str(payload) if payload is not None else config.payload
         payload_link = None
         if name is not None:
             other = payload_path(name)
-            part = urdf.tree(read(other), str(other))
-            notes += mending.cleared(part, str(other), carried=True)
+            text, more = as_urdf(other, {})
+            part = urdf.tree(text, str(other))
+            notes += more + mending.cleared(part, str(other), carried=True)
             payload_link = urdf.root_link(part, str(other))
             urdf.mount(element, part, config.mount or "camera_mount", str(path))
-        text, mounted = urdf.to_text(element), Path(name).stem if name else None
+        mounted = Path(name).stem if name else None
         stated = Path(rig) if Path(rig).suffix in YAML else path.with_suffix(".yaml")
-        built = build(path, text, config, mounted, payload_link, str(stated), mend)
+        built = build(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
         return replace(built, notes=(*notes, *built.notes, *held(element)))
 
     def __repr__(self) -> str:
@@ -174,10 +180,16 @@ def build(
             raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
     element = urdf.parse(text, str(path))
     links = urdf.names(element, "link")
-    camera = config.camera_frame or ("camera" if "camera" in links else by_name[joints[-1]].child)
+    usual = "camera" if "camera" in links else (*urdf.sensed(element, "camera"), by_name[joints[-1]].child)[0]
+    camera = config.camera_frame or usual
     for link in (camera, *config.imus):
         if link not in links:
             raise RigError(stated, f"speaks of link '{link}', which the rig has not", f"links: {', '.join(links)}")
+    if config.optical_axis != "x":
+        camera = add_sight(element, camera, config.optical_axis)
+        text = urdf.to_text(element)
+        model = to_pinocchio(text, str(path))
+    config = replace(config, motors=overlaid(Config(motors=geared(element, joints)), config).motors)
     return Rig(
         name=path.stem,
         urdf=text,
@@ -197,6 +209,63 @@ def build(
     )
 
 
+OPTICAL = {
+    "x": np.eye(3),
+    "-x": np.diag([-1.0, -1.0, 1.0]),
+    "y": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "-y": np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),  # ROS: z forward, y down (REP 103)
+    "-z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),  # OpenGL, MuJoCo: -z forward, y up
+}
+"""Optical axis → rotation to a frame whose x is the line of sight and whose z is up in the picture."""
+
+
+def add_sight(robot: etree._Element, camera: str, axis: str) -> str:
+    """Add a link without mass to the camera's, its x along the optical axis, in place; return its name."""
+    sight = f"{camera}_sight"
+    etree.SubElement(robot, "link", name=sight)
+    joint = etree.SubElement(robot, "joint", name=f"{sight}_joint", type="fixed")
+    etree.SubElement(joint, "parent", link=camera)
+    etree.SubElement(joint, "child", link=sight)
+    rpy = pin.rpy.matrixToRpy(OPTICAL[axis])
+    etree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(f"{x:.17g}" for x in rpy))
+    return sight
+
+
+def geared(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
+    """Return joint → gear ratio, rotor inertia and torque constant, as far as a ``<transmission>`` states them.
+
+    ROS 1 (``mechanicalReduction``, ``motorTorqueConstant``), ros2_control (``mechanical_reduction``) and Drake
+    (``drake:gear_ratio``, ``drake:rotor_inertia``); one joint and one motor each. What is no number is passed over.
+    """
+    out = {}
+    for transmission in robot.iter("transmission"):
+        moved = [joint.get("name") for joint in transmission.findall("joint")]
+        if len(moved) != 1 or moved[0] not in joints or len(transmission.findall("actuator")) != 1:
+            continue
+        ratio, found = 1.0, dict[str, float]()
+        for element in transmission.iterdescendants(etree.Element):
+            value = abs(decimal((element.get("value") or element.text or "").strip()) or 0.0)
+            tag = etree.QName(element).localname.replace("_", "").lower()
+            if tag in ("mechanicalreduction", "gearratio") and 0 < value <= 1e5:
+                ratio *= value
+            elif tag in ("rotorinertia", "motortorqueconstant") and 1e-12 < value < 1e6:
+                found[tag] = value
+        constant = found.get("motortorqueconstant", 1.0 / ratio)
+        out[moved[0]] = Motor(
+            torque_constant=ratio * constant, gear_ratio=ratio, rotor_inertia=found.get("rotorinertia", 0.0)
+        )
+    return out
+
+
+def named(robot: etree._Element, joint: str, place: str) -> etree._Element:
+    """Return the joint of a name; `RigError` if there is none."""
+    found = [element for element in robot.findall("joint") if element.get("name") == joint]
+    if not found:
+        raise RigError(f"{place}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
+    return found[0]
+
+
 def held(robot: etree._Element) -> list[str]:
     """Return a sentence on the joints that mimic others."""
     held = [f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in robot.xpath("joint[mimic]")]
@@ -210,7 +279,7 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     """
     robot = urdf.parse(text, place)
     for joint in robot.xpath("joint[mimic]"):
-        hold(joint)
+        hold(joint, float(joint.find("mimic").get("offset", "0")))
     for joint in robot.findall("joint[@type='continuous']"):
         joint.set("type", "revolute")
         if joint.find("limit") is None:
@@ -228,17 +297,17 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     return model
 
 
-def hold(joint: etree._Element) -> None:
-    """Make a joint that mimics another a fixed one, at its offset, in place."""
-    offset, kind = float(joint.find("mimic").get("offset", "0")), joint.get("type")
+def hold(joint: etree._Element, at: float) -> None:
+    """Make a joint a fixed one where it reads `at`, rad or m, in place."""
+    kind = joint.get("type")
     joint.set("type", "fixed")
-    if offset and kind in MOVABLE:
+    if at and kind in MOVABLE:
         origin, axis = urdf.child(joint, "origin"), joint.find("axis")
         way = numbers("1 0 0" if axis is None else axis.get("xyz"))
-        way = way / np.linalg.norm(way)
-        turn = np.eye(3) if kind == "prismatic" else pin.exp3(offset * way)
+        way = at * way / max(float(np.linalg.norm(way)), 1e-6)
         place = pin.SE3(pin.rpy.rpyToMatrix(*numbers(origin.get("rpy", "0 0 0"))), numbers(origin.get("xyz", "0 0 0")))
-        place = place * pin.SE3(turn, offset * way if kind == "prismatic" else np.zeros(3))
+        slides = kind == "prismatic"
+        place = place * (pin.SE3(np.eye(3), way) if slides else pin.SE3(pin.exp3(way), np.zeros(3)))
         origin.set("xyz", " ".join(f"{x:.17g}" for x in place.translation))
         origin.set("rpy", " ".join(f"{x:.17g}" for x in pin.rpy.matrixToRpy(place.rotation)))
 

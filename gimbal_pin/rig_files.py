@@ -1,4 +1,4 @@
-"""Where a rig's URDF, YAML and payload lie: bundled, or named by a path."""
+"""Where a rig's file, its YAML and its payload lie: bundled, or named by a path."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 
 from gimbal_pin.config import Config, load_config, overlaid
 from gimbal_pin.errors import RigError
-from gimbal_pin.reading import TEXT, read_bytes
 
 YAML = (".yaml", ".yml")
+SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")
+"""Of the rig's file that is sought beside a YAML which names none."""
 
 
 def bundled() -> Path:
@@ -30,7 +31,7 @@ def bundled_payloads() -> tuple[str, ...]:
 
 
 def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
-    """Return the URDF's path and the configuration of a bundled name, URDF or YAML path.
+    """Return the path of the rig's file and the configuration of a bundled name, rig's file or YAML.
 
     `above`: the YAML files that led here, resolved: none may name itself, directly or in a circle.
     """
@@ -45,7 +46,7 @@ def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
         raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
     config = located(load_config(path), path)
     target = find_target(path, config)
-    if target.suffix == ".urdf":
+    if target.suffix not in YAML:
         return target, config
     base_path, base = find(target, (*above, path.resolve()))
     return base_path, overlaid(base, config)
@@ -61,7 +62,8 @@ def located(config: Config, path: Path) -> Config:
 def find_target(path: Path, config: Config) -> Path:
     """Return what a YAML's `urdf:` names: a bundled rig, or a file relative to the YAML."""
     if config.urdf is None:
-        return path.with_suffix(".urdf")
+        beside = [path.with_suffix(suffix) for suffix in SUFFIXES]
+        return next((file for file in beside if file.is_file()), beside[0])
     if config.urdf in bundled_rigs():
         return bundled() / f"{config.urdf}.yaml"
     return path.parent / config.urdf
@@ -72,13 +74,7 @@ def payload_path(payload: str) -> Path:
     path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)
     if not path.is_file():
         names = ", ".join(bundled_payloads())
-        raise RigError(payload, "is neither a file nor a bundled payload", f"give a URDF, or one of {names}")
+        raise RigError(
+            payload, "is neither a file nor a bundled payload", f"give a URDF, xacro, SDF or MJCF, or one of {names}"
+        )
     return path
-
-
-def read(path: Path) -> str:
-    """Return a text file's content; `RigError` if it cannot be read."""
-    try:
-        return read_bytes(path, RigError, TEXT).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise RigError(str(path), f"is not text ({error})", "give a text file in UTF-8") from error

@@ -27,17 +27,23 @@ if TYPE_CHECKING:
 
 def parse(text: str, place: str) -> etree._Element:
     """Return the ``<robot>`` element of a URDF; `RigError` names the line where the XML breaks."""
-    try:
-        # The text is decoded already, whatever encoding it declares.
-        parser = etree.XMLParser(encoding="utf-8", resolve_entities=False, load_dtd=False, no_network=True)
-        robot = etree.fromstring(text.encode(), parser)
-    except etree.XMLSyntaxError as error:
-        raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
-    if robot.getroottree().docinfo.doctype:
-        raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
+    robot = parse_xml(text, place)
     if robot.tag != "robot":
         raise RigError(place, f"starts with <{robot.tag}>, not <robot>", "give a URDF")
     return robot
+
+
+def parse_xml(text: str, place: str) -> etree._Element:
+    """Return the root element of a file of XML without a document type; `RigError` names the line where it breaks."""
+    try:
+        # The text is decoded already, whatever encoding it declares.
+        parser = etree.XMLParser(encoding="utf-8", resolve_entities=False, load_dtd=False, no_network=True)
+        root = etree.fromstring(text.encode(), parser)
+    except etree.XMLSyntaxError as error:
+        raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
+    if root.getroottree().docinfo.doctype:
+        raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
+    return root
 
 
 def tree(text: str, place: str) -> etree._Element:
@@ -107,6 +113,12 @@ def reached(robot: etree._Element, root: str) -> set[str]:
         fresh = [child for parent in fresh for child in below.get(parent, ()) if child not in links]
         links.update(fresh)
     return links
+
+
+def sensed(robot: etree._Element, kind: str) -> list[str]:
+    """Return the links on which Gazebo's tags (``<gazebo reference="LINK"><sensor type="KIND">``) put a sensor."""
+    found = [tag.get("reference", "") for tag in robot.findall("gazebo") if tag.xpath("sensor[@type=$k]", k=kind)]
+    return [link for link in names(robot, "link") if link in found]
 
 
 def skeleton(robot: etree._Element, *more: str) -> str:

@@ -213,7 +213,6 @@ GOOD = {"mass": "1", "ixx": "0.01", "kind": "revolute", "more": ""}
     ("change", "place"),
     [
         ({"mass": "-1"}, "arm"),
-        ({"ixx": "0.5"}, "triangle"),
         ({"kind": "fixed"}, "movable"),
         ({"more": '<joint name="back" type="fixed"><parent link="arm"/><child link="base"/></joint>'}, "loop"),
     ],

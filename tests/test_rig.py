@@ -217,7 +217,7 @@ BAD_URDF = {
     "no type": (in_two(' type="revolute"', ""), "yaw", "type None"),
     "broken XML": (TWO.replace("</robot>", ""), "not XML"),
     "empty": ("", "not XML"),
-    "another format": ("<sdf/>", "<sdf>", "URDF"),
+    "another format": ("<html/>", "<html>", "URDF", "SDF", "MJCF", "xacro"),
     "link twice": (in_two("</robot>", '<link name="arm"/></robot>'), "two links are named 'arm'"),
     "joint twice": (in_two('name="tilt"', 'name="yaw"'), "two joints are named 'yaw'"),
     "nameless joint": (in_two('<joint name="yaw"', "<joint"), ":17:", "<joint> has no name"),

@@ -73,7 +73,7 @@ def payloads(value: str, given: Mapping[str, Any]) -> list[Path]:
     """URDF of a payload, and the meshes that it names."""
     from gimbal_pin.rig_files import payload_path
 
-    return with_meshes(payload_path(value))
+    return with_meshes(payload_path(value), {})
 
 
 def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
@@ -86,19 +86,19 @@ def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
     while path.suffix in YAML:
         yield path
         path = find_target(path, load_config(path))
-    yield from (urdf.with_suffix(".yaml"), *with_meshes(urdf))
+    yield from (urdf.with_suffix(".yaml"), *with_meshes(urdf, config.xacro))
     if config.payload is not None and given.get("payload") is None:
         yield from payloads(config.payload, given)
 
 
-def with_meshes(urdf: Path) -> list[Path]:
-    """Return a URDF and the mesh files that it names."""
+def with_meshes(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
+    """Return the file of a rig or payload and the mesh files that it names; `arguments`: of a xacro file."""
     from gimbal_pin.meshes import mesh_file
-    from gimbal_pin.rig_files import read
+    from gimbal_pin.rig_formats import as_urdf
     from gimbal_pin.urdf import parse
 
-    named = [mesh.get("filename", "") for mesh in parse(read(urdf), str(urdf)).iter("mesh")]
-    return [urdf, *(file for name in named if (file := mesh_file(name, urdf.parent)) is not None)]
+    named = [mesh.get("filename", "") for mesh in parse(as_urdf(rig, arguments)[0], str(rig)).iter("mesh")]
+    return [rig, *(file for name in named if (file := mesh_file(name, rig.parent)) is not None)]
 
 
 def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:
