@@ -53,6 +53,8 @@ class Checked:
         rig: The rig's name.
         payload: The mounted payload, or None.
         camera_frame: Link whose +x is the line of sight.
+        mount: Link that a payload is fixed to, or None.
+        imus: Links that carry an IMU.
         joints: Joint → what was found.
         identifiable: Number of base parameters, friction included.
         columns: Columns that a log must hold.
@@ -63,6 +65,8 @@ class Checked:
     rig: str
     payload: str | None
     camera_frame: str
+    mount: str | None
+    imus: tuple[str, ...]
     joints: Mapping[str, JointCheck]
     identifiable: int
     columns: tuple[str, ...]
@@ -99,6 +103,8 @@ def check(rig: Rig) -> Checked:
         rig=rig.name,
         payload=rig.payload,
         camera_frame=rig.camera_frame,
+        mount=rig.config.mount,
+        imus=rig.config.imus,
         joints=joints,
         identifiable=len(base(rig).terms),
         columns=need,

@@ -176,7 +176,7 @@ def build(
     joints = tuple(model.names[1:])
     by_name = {joint.name: joint for joint in robot.joints}
     for key in (*config.motors, *config.limits):
-        if key not in joints:
+        if key not in joints and key not in config.fixed:
             raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
     element = urdf.parse(text, str(path))
     links = urdf.names(element, "link")

@@ -22,7 +22,7 @@ LOOP = "sensors planting drive simulation"
 MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"
 BEFORE = "suspicion halves wiring audit identification excitation control trajectories"
 VERBS = f"{BEFORE} tuning experiment tracking diagnosis base pointing"
-WHOLE = "checking balance payloads recognise online"
+WHOLE = "checking new_rig balance payloads recognise online"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""

@@ -25,6 +25,7 @@ from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.identify import identify
 from gimbal_pin.cli.inspect import inspect
+from gimbal_pin.cli.new_rig import new_rig
 from gimbal_pin.cli.present import complain, say
 from gimbal_pin.cli.rigs import rigs
 from gimbal_pin.cli.simulate import simulate
@@ -33,8 +34,23 @@ from gimbal_pin.cli.tune import tune
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 VERBS: Mapping[str, Callable[..., None]] = {
-    verb.__name__: verb
-    for verb in (inspect, rigs, check, base, excite, simulate, identify, diagnose, tune, track, animate, auto, demo)
+    verb.__name__.replace("_", "-"): verb
+    for verb in (
+        inspect,
+        rigs,
+        new_rig,
+        check,
+        base,
+        excite,
+        simulate,
+        identify,
+        diagnose,
+        tune,
+        track,
+        animate,
+        auto,
+        demo,
+    )
 }
 
 

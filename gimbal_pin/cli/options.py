@@ -49,7 +49,9 @@ def between(option: str, low: float, high: float, unit: str = "", kind: type[int
 
 
 RigName = Annotated[
-    Positional[str], Reads(rigs), arg(metavar="RIG", help="bundled rig, URDF, or YAML that names a URDF")
+    Positional[str],
+    Reads(rigs),
+    arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF or MJCF, or a YAML that names one"),
 ]
 Logs = Annotated[
     Positional[tuple[str, ...]],

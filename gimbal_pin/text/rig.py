@@ -42,10 +42,12 @@ def check(found: Checked) -> str:
         + (f" with {found.payload}" if found.payload else "")
         + ": tree, axes, limits and inertias are sound",
         table(*heads, rows=rows),
-        f"camera frame  {found.camera_frame} (+x is the line of sight)",
+        f"camera frame  {found.camera_frame} (+x is the line of sight; 'camera_frame:' and 'optical_axis:' in a YAML)",
+        f"payload on    {found.mount or '-'} ('mount:'); IMUs on {', '.join(found.imus) or '-'} ('imus:', 'noise:')",
         f"identifiable  {found.identifiable} parameters, friction included (gimbal-pin base names them)",
         f"a log needs   {', '.join(found.columns)}",
         f"and may hold  {', '.join(found.optional)}",
+        "to state more 'gimbal-pin new-rig' writes a YAML for a rig, with comments",
         *(f"note          {warning}" for warning in found.warnings),
     ]
     return "\n".join(lines)
