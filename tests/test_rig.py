@@ -91,7 +91,7 @@ def refused(load: Callable[[], object], *words: str) -> RigError:
 
 
 def test_the_promised_rigs_and_payloads_are_there() -> None:
-    assert set(bundled_rigs()) >= {"thesis", "handheld", "turret"}
+    assert set(bundled_rigs()) >= {"thesis", "handheld", "turret", "drone", "ptu"}
     assert set(bundled_payloads()) >= {"mirrorless", "cinema", "zoom-lens", "infrared", "none"}
 
 

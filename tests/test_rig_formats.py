@@ -87,10 +87,13 @@ def as_urdf(tree: list[Part]) -> str:
     return "".join([*out, "</robot>"])
 
 
-def as_sdf(tree: list[Part]) -> str:
-    """Links placed in the model or by their parents, in radians or degrees or quaternions; joints turned in links."""
+def as_sdf(tree: list[Part], version: str = "1.9") -> str:
+    """Links placed in the model or by their parents, in radians or degrees or quaternions; joints turned in links.
+
+    Before 1.5 axes are stated in the model's axes.
+    """
     massless = "<inertial><mass>0</mass><inertia><ixx>0</ixx><iyy>0</iyy><izz>0</izz></inertia></inertial>"
-    out = [f'<sdf version="1.9"><model name="tree"><pose>1 2 3 0 0 1</pose><link name="base">{massless}</link>']
+    out = [f'<sdf version="{version}"><model name="tree"><pose>1 2 3 0 0 1</pose><link name="base">{massless}</link>']
     for k, part in enumerate(tree):
         by, at = "", part.pose
         if part.parent >= 0 and k % 2:
@@ -104,7 +107,9 @@ def as_sdf(tree: list[Part]) -> str:
             where = f'<pose {by} rotation_format="quat_xyzw">{numbers(at.translation)} {numbers(q)}</pose>'
         turned = pin.SE3(pin.exp3(np.array([0.3, k, 0.1])), part.anchor)
         axis = f"<xyz>{numbers(turned.rotation.T @ part.axis)}</xyz>"
-        if k == 3:
+        if version == "1.4":
+            axis = f"<xyz>{numbers(part.pose.rotation @ part.axis)}</xyz>"
+        elif k == 3:
             axis = f'<xyz expressed_in="__model__">{numbers(part.pose.rotation @ part.axis)}</xyz>'
         inertia = "".join(f"<{key}>{value}</{key}>" for key, value in entries(part.inertia).items())
         own = f"{numbers(part.own.translation)} {numbers(pin.rpy.matrixToRpy(part.own.rotation))}"
@@ -174,7 +179,7 @@ def written(folder: Path, name: str, text: str) -> Path:
 def test_one_rig_in_every_format_asks_for_the_same_torques(tmp_path: Path, seed: int) -> None:
     tree = parts(seed)
     plain, peer = spelled(as_urdf(tree)), mujoco.MjModel.from_xml_string(as_mjcf(tree))
-    sdf = Rig.load(written(tmp_path, "tree.sdf", as_sdf(tree)))
+    sdf = Rig.load(written(tmp_path, "tree.sdf", as_sdf(tree, ("1.4", "1.9", "1.11")[seed % 3])))
     twin = spelled(mjcf.converted(peer, "tree.xml")[0])
     peer.opt.gravity[:] = 0, 0, -GRAVITY
     peer.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -338,12 +343,6 @@ BAD = {
     "no mass": (changed('<link name="head"><inertial><mass>1', '<link name="head"><inertial><mass>-1'), "mass -1"),
     "not a quaternion": (changed("<pose>0 0 1 0 0 0", '<pose rotation_format="quat_xyzw">0 0 1 0 0 0 0'), "quaternion"),
     "MJCF that is none": ("<mujoco><wordbody/></mujoco>", "wordbody"),
-    "MJCF of two joints": (MUJOCO.replace("<joint", '<joint axis="1 0 0"/><joint', 1), "head", "2 joints"),
-    "MJCF with a ball": (MUJOCO.replace('axis="0 1 0" pos', 'type="ball" pos').replace('ref="0.4"', ""), "ball"),
-    "MJCF that is welded": (
-        MUJOCO.replace("<actuator>", '<equality><weld body1="head" body2="base"/></equality><actuator>'),
-        "cut the loop",
-    ),
     "xacro that never ends": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="m" params=""><xacro:m/>'
         "</xacro:macro><xacro:m/></robot>",
@@ -364,6 +363,21 @@ def test_what_cannot_be_a_rig_is_told_in_one_line(tmp_path: Path, run: Run, case
     assert (code, out, err.count("\n")) == (2, "", 1)
     for word in ("bad.xml", *words):
         assert word in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<joint", '<joint axis="1 0 0"/><joint', "2 joints"),
+        ('axis="0 1 0" pos="0 0 0.5" ref="0.4"', 'type="ball"', "ball"),
+        ("<actuator>", '<equality><weld body1="head" body2="base"/></equality><actuator>', "cut the loop"),
+    ],
+)
+def test_a_mujoco_model_that_no_urdf_can_say_is_refused(old: str, new: str, words: str) -> None:
+    assert old in MUJOCO
+    model = mujoco.MjModel.from_xml_string(MUJOCO.replace(old, new, 1))
+    with pytest.raises(RigError, match=words):
+        mjcf.converted(model, "g.xml")
 
 
 @settings(max_examples=40)

@@ -29,7 +29,8 @@ FORWARD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 def convert(path: Path) -> tuple[str, list[str]]:
     """Return a MuJoCo model as a URDF, and a sentence on what that does not hold."""
     if find_spec("mujoco") is None:
-        raise UsageError(str(path), "is an MJCF, which needs the package mujoco", "install it (pip install mujoco)")
+        mend = "install it (pip install 'gimbal_pin[mjcf]'), or convert the file to a URDF"
+        raise UsageError(str(path), "is an MJCF, which needs the package mujoco", mend)
     try:
         found = run(__name__, str(path.resolve()))
     except Stopped as error:

@@ -24,8 +24,8 @@ from gimbal_pin.urdf_checks import ENTRIES, LINKS
 KINDS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
 CAMERAS = ("camera", "depth", "depth_camera", "rgbd_camera", "thermal", "thermal_camera", "wideanglecamera")
 MODEL, WORLD = "__model__", "world"
-OLD = 1.5
-"""Version before which an axis is stated in the model's axes, not in its joint's."""
+NEW = (1, 5)
+"""Version from which on an axis is stated in its joint's axes, not in the model's."""
 
 
 def convert(root: etree._Element, place: str) -> tuple[str, list[str]]:
@@ -44,15 +44,16 @@ def convert(root: etree._Element, place: str) -> tuple[str, list[str]]:
             raise RigError(f"{place}:{nested.sourceline}", f"nests another model (<{tag}>)", mend)
     if len(model.findall("*")) + len(model.findall("link/sensor")) > 3 * LINKS:
         raise RigError(place, f"has over {3 * LINKS} links, joints, frames and sensors", f"give at most {LINKS} links")
-    return Converter(model, decimal(root.get("version", "")) or OLD, place).converted()
+    version = tuple(map(int, re.findall("[0-9]{1,4}", root.get("version", ""))[:2]))
+    return Converter(model, bool(version) and version < NEW, place).converted()
 
 
 class Converter:
     """One model on its way to a URDF."""
 
-    def __init__(self, model: etree._Element, version: float, place: str) -> None:
-        """Look up what has a name; `RigError` where two things share one."""
-        self.model, self.version, self.place = model, version, place
+    def __init__(self, model: etree._Element, old: bool, place: str) -> None:
+        """Look up what has a name; `RigError` where two things share one. `old`: whether it is from before `NEW`."""
+        self.model, self.old, self.place = model, old, place
         named = [e for e in model if e.tag in ("link", "joint", "frame")]
         if twice := repeated(e.get("name", "") for e in named):
             raise RigError(place, f"two links, joints or frames are named '{twice[0]}'", "rename one")
@@ -166,7 +167,7 @@ class Converter:
         xyz = axis.find("xyz")
         way = np.array([0.0, 0.0, 1.0]) if xyz is None else self.numbers(xyz, 3)
         inside = "" if xyz is None else xyz.get("expressed_in", "")
-        old = axis.findtext("use_parent_model_frame", "1" if self.version < OLD else "0").strip().lower()
+        old = axis.findtext("use_parent_model_frame", "1" if self.old else "0").strip().lower()
         if old in ("1", "true"):
             return way
         frame = self.pose(inside, joint) if inside else self.pose_of(joint.get("name", ""), joint)
