@@ -85,7 +85,7 @@ class Rig:
         """
         path, config = find(rig)
         text, notes = as_urdf(path, config.xacro)
-        element = urdf.tree(text, str(path))
+        element = urdf.tree(text, str(path), config.fixed)
         for joint, at in config.fixed.items():
             hold(named(element, joint, str(path)), at)
         notes = notes + mending.cleared(element, str(path))

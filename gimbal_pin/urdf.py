@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,8 +46,10 @@ def parse_xml(text: str, place: str) -> etree._Element:
     return root
 
 
-def tree(text: str, place: str) -> etree._Element:
+def tree(text: str, place: str, fixed: Collection[str] = ()) -> etree._Element:
     """Return a file's ``<robot>`` once its names, references, tree and numbers are found to be in order.
+
+    `fixed`: joints that will be held.
 
     Raises:
         RigError: The first thing that is not, with the line of the file where it has one.
@@ -55,7 +57,7 @@ def tree(text: str, place: str) -> etree._Element:
     robot = parse(text, place)
     if robot.xpath("joint/parent[@link='world']") and "world" not in names(robot, "link"):
         robot.insert(0, etree.Element("link", name="world"))  # simulators know it without being told
-    check_names(robot, place)
+    check_names(robot, place, fixed)
     check_references(robot, place)
     root_link(robot, place)
     check_numbers(robot, place)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,8 +61,11 @@ def names(robot: etree._Element, tag: str) -> list[str]:
     return [element.get("name", "") for element in robot.findall(tag)]
 
 
-def check_names(robot: etree._Element, place: str) -> None:
-    """Raise `RigError` if the robot, links or joints are too many, or two share a name, or one cannot name a column."""
+def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) -> None:
+    """Raise `RigError` if the robot, links or joints are too many, or two share a name, or one cannot name a column.
+
+    `fixed`: joints that are held, as those are that mimic others.
+    """
     links, joints = robot.findall("link"), robot.findall("joint")
     for element in (robot, *links, *joints):
         name = element.get("name", "")
@@ -75,10 +78,13 @@ def check_names(robot: etree._Element, place: str) -> None:
     for tag, elements in (("link", links), ("joint", joints)):
         if twice := repeated(element.get("name") for element in elements):
             raise RigError(place, f"two {tag}s are named '{twice[0]}'", "rename one")
-    movable = {joint.get("name") for joint in joints if joint.get("type") in MOVABLE}
+    free = [joint for joint in joints if joint.find("mimic") is None and joint.get("name") not in fixed]
+    movable = {joint.get("name") for joint in free if joint.get("type") in MOVABLE}
     if len(links) > LINKS or len(movable) > JOINTS:
         what = f"has {len(links)} links and {len(movable)} movable joints"
-        raise RigError(place, what, f"give at most {LINKS} and {JOINTS}: cut off, or fix, what the log does not hold")
+        raise RigError(
+            place, what, f"give at most {LINKS} and {JOINTS}: name in the YAML ('fixed:') what the log does not hold"
+        )
     if both := sorted(joint for joint in movable if f"ref_{joint}" in movable):
         what = f"q_ref_{both[0]} would be the angle of joint 'ref_{both[0]}' and the reference of '{both[0]}'"
         raise RigError(place, what, "rename one")
