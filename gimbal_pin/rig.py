@@ -223,6 +223,8 @@ OPTICAL = {
 def add_sight(robot: etree._Element, camera: str, axis: str) -> str:
     """Add a link without mass to the camera's, its x along the optical axis, in place; return its name."""
     sight = f"{camera}_sight"
+    while sight in urdf.names(robot, "link"):
+        sight += "_"
     etree.SubElement(robot, "link", name=sight)
     joint = etree.SubElement(robot, "joint", name=f"{sight}_joint", type="fixed")
     etree.SubElement(joint, "parent", link=camera)
