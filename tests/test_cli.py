@@ -25,7 +25,7 @@ from gimbal_pin.controllers import HOLDING
 from gimbal_pin.errors import LogError
 from gimbal_pin.io import read_log, write_log
 from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig import Rig, bundled_rigs
 from gimbal_pin.walk import tuned
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
@@ -231,7 +231,7 @@ def test_bad_usage_is_one_line(run: Run) -> None:
         ["excite", "turret", "-o", "x", "--starts", "x"],
     ):
         refused(run(*arguments), 2)
-    refused(run("base", "nowhere.urdf"), 2, "nowhere.urdf", "handheld, thesis, turret")
+    refused(run("base", "nowhere.urdf"), 2, "nowhere.urdf", ", ".join(bundled_rigs()))
 
 
 @pytest.mark.parametrize(
