@@ -22,7 +22,7 @@ LOOP = "sensors planting drive simulation"
 MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"
 BEFORE = "suspicion halves wiring audit identification excitation control trajectories"
 VERBS = f"{BEFORE} tuning experiment tracking diagnosis base pointing"
-WHOLE = "checking new_rig balance payloads recognise online"
+WHOLE = "checking new_rig balance payloads recognise online export"
 EDGES = "io view report walk text cli"
 ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
 """Modules and folders of the package, each of which imports only what stands before it."""
@@ -49,7 +49,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
-HEAVY |= {"h5py", "rosbags", "pyulog"}
+HEAVY |= {"h5py", "rosbags", "pyulog", "casadi"}
 NAMELESS = {"identification", "planting", "drive", "simulation", "diagnosis"}
 """Verbs that know causes, but none of them by name."""
 

@@ -23,6 +23,7 @@ from gimbal_pin.cli.check import check
 from gimbal_pin.cli.demo import demo
 from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
+from gimbal_pin.cli.export import export
 from gimbal_pin.cli.identify import identify
 from gimbal_pin.cli.inspect import inspect
 from gimbal_pin.cli.new_rig import new_rig
@@ -47,6 +48,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
         diagnose,
         tune,
         track,
+        export,
         animate,
         auto,
         demo,

@@ -14,7 +14,7 @@ from gimbal_pin.cli.present import noted, say
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Log
+    from gimbal_pin.log import Array, Imu, Log
     from gimbal_pin.model import Model
     from gimbal_pin.platform import Platform
     from gimbal_pin.rig import Rig
@@ -94,8 +94,6 @@ def carried(
     """
     import numpy as np
 
-    from gimbal_pin.aboard import sound
-    from gimbal_pin.io import read_imu
     from gimbal_pin.platform import Platform
     from gimbal_pin.profile import profile_s
 
@@ -104,9 +102,22 @@ def carried(
         return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
     if profile == "S":
         raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
+    t, imu = measured_motion(rig, log, mapping)
+    return Platform.measured(t - t[0], imu, str(log))
+
+
+def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array, Imu]:
+    """Return time, s, (N,), and what the base's IMU reported in a log; say what is wrong with it.
+
+    Raises:
+        LogError: The log cannot be used, see `aboard.sound`.
+    """
+    from gimbal_pin.aboard import sound
+    from gimbal_pin.io import read_imu
+
     t, imu, notes = sound(*read_imu(log, rig, rig.base, mapping), str(log))
     noted(notes)
-    return Platform.measured(t - t[0], imu, str(log))
+    return t, imu
 
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:

@@ -2,6 +2,7 @@
 
 from gimbal_pin.text.camera import verified as verified
 from gimbal_pin.text.everything import auto as auto
+from gimbal_pin.text.exported import exported as exported
 from gimbal_pin.text.held import inspected as inspected
 from gimbal_pin.text.loops import tracking as tracking
 from gimbal_pin.text.loops import tuning as tuning

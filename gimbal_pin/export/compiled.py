@@ -1,0 +1,184 @@
+"""A compiled controller as a control law of the simulation: processor in the loop, on this processor."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.errors import ModelError
+from gimbal_pin.log import Array
+from gimbal_pin.pointing.navigator import Navigator
+from gimbal_pin.pointing.seen import Seen
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import Reference
+
+MEND = "build it from what 'gimbal-pin export' wrote: cmake -S DIR -B DIR/build && cmake --build DIR/build"
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """A controller's shared library.
+
+    Attributes:
+        path: The file, absolute.
+        about: What it says of itself: rig, payload, joints, links, controller, dt, delay.
+    """
+
+    path: str
+    about: dict[str, Any]
+
+    @staticmethod
+    def load(path: str | Path, rig: Rig) -> Library:
+        """Load a library; its code runs in this process, so it has to be one's own.
+
+        Raises:
+            ModelError: It is no library, no exported controller, or one of other joints.
+        """
+        place = str(path)
+        try:
+            code = ctypes.CDLL(str(Path(path).resolve()))
+        except OSError:
+            raise ModelError(place, "cannot be loaded as a library of this machine", MEND) from None
+        if not hasattr(code, "gimbal_about"):
+            raise ModelError(place, "holds no controller of gimbal-pin", MEND)
+        code.gimbal_about.restype = ctypes.c_char_p
+        about = json.loads(code.gimbal_about())
+        if about["joints"] != list(rig.joints):
+            what = f"is for the joints {', '.join(about['joints'])}"
+            raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: export for it")
+        return Library(str(Path(path).resolve()), about)
+
+    @cached_property
+    def code(self) -> ctypes.CDLL:
+        """The loaded library."""
+        code = ctypes.CDLL(self.path)
+        code.gimbal_tracking_size.restype = code.gimbal_holding_size.restype = ctypes.c_size_t
+        return code
+
+    @cached_property
+    def parameters(self) -> ctypes.c_void_p:
+        """Address of the default parameters."""
+        return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.in_dll(self.code, "gimbal_default_parameters")))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.about["joints"])
+
+    def __reduce__(self) -> tuple[type[Library], tuple[str, dict[str, Any]]]:
+        """Make it pass between processes: each loads the file anew."""
+        return Library, (self.path, self.about)
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledLaw:
+    """A compiled controller that follows a reference: a `simulation.Controller`.
+
+    Attributes:
+        library: The controller.
+    """
+
+    library: Library
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return float(self.library.about["dt"])
+
+    def start(self) -> bytes:
+        """Memory before the first sample: the C structure, byte by byte."""
+        code = self.library.code
+        memory = ctypes.create_string_buffer(code.gimbal_tracking_size())
+        code.gimbal_tracking_start(memory)
+        return memory.raw
+
+    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: bytes) -> tuple[Array, bytes]:
+        """Return the torque, N m, (n,), within the limits, and the next memory."""
+        held = ctypes.create_string_buffer(memory, len(memory))
+        tau = np.empty(self.library.n, np.float32)
+        aim = single(reference.q, reference.v, reference.a)
+        here, rates = single(q), single(v)
+        self.library.code.gimbal_tracking_step(
+            self.library.parameters, held, ctypes.c_float(t), at(here), at(rates), at(aim), at(tau)
+        )
+        return tau.astype(np.float64), held.raw
+
+
+class CompiledMemory(NamedTuple):
+    """What a compiled controller that holds the camera remembers.
+
+    Attributes:
+        state: The C structure, byte by byte.
+    """
+
+    state: bytes
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What happened, in sentences: the C side keeps flags and counts, which `Pointing` has no use for."""
+        return ()
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledPointer:
+    """A compiled controller that holds the camera, in place of a `Pointer`.
+
+    Attributes:
+        library: The controller.
+        navigator: Of the Python controller beside it, which says what is wanted.
+    """
+
+    library: Library
+    navigator: Navigator
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return float(self.library.about["dt"])
+
+    def start(self, seen: Seen, camera: Array, base: Array) -> CompiledMemory:
+        """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
+        code = self.library.code
+        state = ctypes.create_string_buffer(code.gimbal_holding_size())
+        sensors = sampled(seen)
+        known = single(*(quaternion(R) for R in (camera, base, self.navigator.wanted)))
+        code.gimbal_holding_start(self.library.parameters, state, at(sensors), at(known))
+        return CompiledMemory(state.raw)
+
+    def torque(self, seen: Seen, memory: CompiledMemory) -> tuple[Array, CompiledMemory]:
+        """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
+        state = ctypes.create_string_buffer(memory.state, len(memory.state))
+        tau, sensors = np.empty(self.library.n, np.float32), sampled(seen)
+        self.library.code.gimbal_holding_step(self.library.parameters, state, at(sensors), at(tau))
+        return tau.astype(np.float64), CompiledMemory(state.raw)
+
+
+def at(array: np.ndarray) -> ctypes.c_void_p:
+    """Address of an array's entries, which the caller keeps alive."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def single(*parts: Array) -> np.ndarray:
+    """Return arrays one after the other in single precision."""
+    return np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
+
+
+def sampled(seen: Seen) -> np.ndarray:
+    """Return ``struct gimbal_sensors``: a stamp in microseconds, which wraps around, and single-precision readings."""
+    links = seen.links if len(seen.links) else np.zeros(3)
+    out = single(np.zeros(1), seen.q, seen.gyro, seen.w, seen.f, links)
+    out[:1].view(np.uint32)[0] = round(1e6 * seen.t) % 2**32 if np.isfinite(seen.t) else 0
+    return out
+
+
+def quaternion(R: Array) -> Array:
+    """Quaternion (w, x, y, z) of a rotation matrix."""
+    x, y, z, w = pin.Quaternion(np.asarray(R)).coeffs()
+    return np.array([w, x, y, z])

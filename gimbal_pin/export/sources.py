@@ -1,0 +1,316 @@
+"""A controller as C99: parameters, generated equations, and the sources that are the same for every gimbal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.resources import files
+from math import exp, inf
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.control import ComputedTorque, JointPid
+from gimbal_pin.control.base import Outer
+from gimbal_pin.control.carried import MOST, PAID, CarriedTorque
+from gimbal_pin.control.lyapunov import Robust
+from gimbal_pin.controllers import TUNED
+from gimbal_pin.effects.resistance import Resistance
+from gimbal_pin.export.ccode import c_function, number
+from gimbal_pin.export.symbolic import Chain, checked, table, terms
+from gimbal_pin.log import Imu
+from gimbal_pin.pointing import guard
+from gimbal_pin.pointing.able import unable
+from gimbal_pin.pointing.bench import WANTED, rehearsed
+from gimbal_pin.pointing.forecast import TAPS
+from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.seen import Station
+from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between
+from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.tuning import Stored
+
+SAME = (
+    "gimbal_controller.h",
+    "gimbal_attitude.h",
+    "gimbal_attitude.c",
+    "gimbal_guard.h",
+    "gimbal_guard.c",
+    "gimbal_law.h",
+    "gimbal_law.c",
+    "gimbal_holding.c",
+    "main.c",
+    "CMakeLists.txt",
+    "platformio.ini",
+)
+"""Files that are copied as they are."""
+MADE = ("gimbal_sizes.h", "gimbal_model.h", "gimbal_model.c", "gimbal_parameters.c", "gimbal_about.c", "README.md")
+"""Files that are made from templates."""
+NAMES = (*SAME, *MADE)
+"""All files of an exported controller."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exported:
+    """A controller as C99.
+
+    Attributes:
+        files: Name → content.
+        operations: Part of a step that holds the camera → floating-point operations; a sine counts as one.
+        memory: Bytes of the state of a controller that holds the camera.
+        difference: Largest difference of the equations from Pinocchio in double precision, relative over one.
+    """
+
+    files: Mapping[str, str]
+    operations: Mapping[str, int]
+    memory: int
+    difference: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        return {
+            "schema": 1,
+            "files": list(self.files),
+            "operations": dict(self.operations),
+            "memory_bytes": self.memory,
+            "difference_from_pinocchio": self.difference,
+        }
+
+
+def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
+    """Return the Python controller that holds the camera with the gains of a file: ``tuned`` of `track --platform`.
+
+    Args:
+        stored: The controller.
+        imu: Time, s, and readings of the base's IMU, which say how the platform moves; None: as if shaken by hand.
+    """
+    rig, wish = stored.model.rig, stored.wish
+    t, readings = rehearsed(rig) if imu is None else imu
+    spectrum = Spectrum.of(readings, float(np.median(np.diff(t))))
+    station = Station.of(rig)
+    step = float(station.step.max())
+    late = wish.samples
+    roster = Roster(stored.model, WANTED, spectrum, station.noise, step, dt=wish.dt, delay=late, law=stored.law)
+    return roster.pointer(TUNED)
+
+
+def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
+    """Return a controller's C sources.
+
+    Raises:
+        ModelError: casadi is not installed, or the rig moves in a way that the equations do not know.
+    """
+    pointer, model = holder(stored, imu), stored.model
+    rig, sight = model.rig, pointer.navigator.sight
+    chain = Chain(rig)
+    kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
+    difference = checked(rig, kinematics, sight, np.random.default_rng(0))
+    rest, coefficients = terms(model)
+    made = [c_function(function, SAYS[function.name()]) for function in (*kinematics, rest)]
+    links, points = gyros_between(rig), [table(*drive) for drive in drives(stored)]
+    context = {
+        "joints": rig.n,
+        "links": len(links),
+        "leads": len(pointer.navigator.forecast.leads),
+        "taps": TAPS,
+        "others": max(len(coefficients), 1),
+        "loaded": int(model.loaded),
+        "weighed": int(model.weighed),
+        "functions": made,
+        "joint_names": [quoted(name) for name in rig.joints],
+        "link_names": [quoted(name) for name in links or ("",)],
+        "points": [point for own in points for point in own] or [(0.0, 0.0)],
+        "parameters": parameters(stored, pointer, coefficients, [len(own) for own in points]),
+        "about": json.dumps(about(stored)),
+        "rig": rig,
+        "links_said": ", ".join(links),
+        "unable": unable(rig, WANTED),
+        "stored": stored,
+    }
+    counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), made)}
+    cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
+    memory = state_bytes(rig.n, len(links))
+    return Exported(rendered({**context, "operations": cost, "memory": memory}), cost, memory, difference)
+
+
+PER_TAP = 18
+"""Operations of a forecast for each sample that it looks back on: a product and a sum for three axes of three rows."""
+
+
+def calls(stored: Stored, pointer: Pointer) -> dict[str, int]:
+    """Return how often a step that holds the camera calls the functions of its model, and the forecast."""
+    leads, model = len(pointer.navigator.forecast.leads), stored.model
+    if not isinstance(stored.law, ComputedTorque):
+        return {"camera": 1}
+    return {
+        "rigid_torque": leads * (2 if model.weighed else 1),
+        "camera": leads,
+        "camera_drift": leads,
+        "camera_between": 1,
+        "terms": leads * (3 if model.loaded else 1),
+        "forecast": leads,
+    }
+
+
+def state_bytes(n: int, links: int) -> int:
+    """Size of ``struct gimbal_holding`` where 64-bit integers align to eight bytes, for gyros on so many links."""
+    sensors = 10 + n + 3 * max(links, 1)
+    guarded, gyros = 2 * sensors + 15 + 4 * n, links + 1
+    after = 11 + 2 * n + 10 * gyros + 6 * TAPS + 1 + 3
+    return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
+
+
+SAYS = {
+    "rigid_torque": "Torque that moves the rigid bodies, N m: joints at angles q, rates v and accelerations a, on a"
+    "\n   base of specific force f, rate w and angular acceleration dw, in the base link's frame.",
+    "camera": "Attitude R of the camera in the base link, and J: the camera's rate in its own frame is R^T w + J v.",
+    "camera_drift": "Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s^2.",
+    "camera_between": "Attitude of the camera in the base link, and in every link between that has a gyro.",
+    "terms": "Torque of all terms that are not affine in direction and rate, N m: time t, angles, rates, accelerations,"
+    "\n   directions of sliding, total torques, weights; c are their coefficients.",
+}
+"""What the generated functions are."""
+
+
+def about(stored: Stored) -> dict[str, Any]:
+    """Return what a loaded library says of itself."""
+    rig = stored.model.rig
+    return {
+        "schema": 1,
+        "rig": rig.name,
+        "payload": rig.payload,
+        "joints": list(rig.joints),
+        "links": list(gyros_between(rig)),
+        "controller": stored.wish.kind,
+        "dt": stored.wish.dt,
+        "delay": stored.wish.delay,
+    }
+
+
+def drives(stored: Stored) -> list[tuple[Any, float]]:
+    """Return, per joint, what to command for a torque, and the motor's limit, N m; a PID compensates no drive."""
+    from gimbal_pin.control.computed_torque import passed
+
+    model = stored.model
+    own = model.drives if isinstance(stored.law, ComputedTorque) else ((),) * model.rig.n
+    return [(partial(passed, drive), min(limit, 1e6)) for drive, limit in zip(own, model.tau_max.tolist())]
+
+
+def parameters(
+    stored: Stored, pointer: Pointer, coefficients: Sequence[float], counts: Sequence[int]
+) -> dict[str, Any]:
+    """Return ``struct gimbal_parameters`` as plain data, in its order."""
+    law, model, navigator = stored.law, stored.model, pointer.navigator
+    n, dt, forecast = model.rig.n, stored.law.dt, navigator.forecast
+    friction, back = Resistance(model.by_joint), pointer.fallback
+    holding = pointer.law
+    assert isinstance(holding, (JointPid, CarriedTorque)) and back is not None and pointer.guard is not None
+    computed = isinstance(law, ComputedTorque)
+    robust = law.robust if isinstance(law, ComputedTorque) else None
+    firsts = np.cumsum([0, *counts])[:-1].tolist()
+    return {
+        "law": "GIMBAL_COMPUTED_TORQUE" if computed else "GIMBAL_PID",
+        "dt": dt,
+        "dt_us": round(1e6 * dt),
+        "gravity": float(np.linalg.norm(model.rig.model.gravity.linear)),
+        "limit": model.tau_max.tolist(),
+        "tracking": loops(law.outer, inertia(law, n)),
+        "holding": loops(holding.outer, inertia(holding, n)),
+        "fallback": loops(back.outer, back.inertia),
+        "robust": redesign(robust, n),
+        "terms": {
+            "constant": friction.constant,
+            "per_slide": friction.per_slide,
+            "per_rate": friction.per_rate,
+            "others": list(coefficients) or [0.0],
+        },
+        "drive": [{"first": first, "count": count} for first, count in zip(firsts, counts)],
+        "still": law.still if isinstance(law, ComputedTorque) else 0.0,
+        "tracking_lead": list(law.leads) if isinstance(law, ComputedTorque) else [0.0] * n,
+        "holding_lead": list(forecast.leads),
+        "lead_of": list(holding.which) if isinstance(holding, CarriedTorque) else [0] * n,
+        "forecast": [weights.tolist() for weights in forecast.weights],
+        "lasting": exp(-dt / PAID),
+        "most_owed": MOST,
+        "fusion_gain": 0.0 if navigator.fusion is None else navigator.fusion.gain,
+        "limits": {
+            "noisy": pointer.guard.noisy,
+            "held": guard.HELD,
+            "repeats": guard.REPEATS,
+            "back": guard.BACK,
+            "moved": guard.MOVED,
+            "longest": guard.GAP,
+            "fastest": guard.FASTEST,
+            "smoothing": guard.SMOOTHING,
+            "steep": STEEP,
+            "damping": DAMPING,
+        },
+    }
+
+
+def inertia(law: Any, n: int) -> Sequence[float]:
+    """Return what a law multiplies the accelerations of its outer loop by, kg m²; one where it has a model for that."""
+    return law.inertia if isinstance(law, JointPid) else (1.0,) * n
+
+
+def loops(outer: Outer, inertias: Sequence[float]) -> list[dict[str, float]]:
+    """Return ``struct gimbal_loop`` of every joint."""
+    keys = ("kp", "ki", "kd", "knee", "braking")
+    return [{**dict(zip(keys, row)), "inertia": own} for row, own in zip(outer.rows, inertias)]
+
+
+def redesign(robust: Robust | None, n: int) -> dict[str, Any]:
+    """Return ``struct gimbal_robust``."""
+    if robust is None:
+        return {"active": False, "direction": [[0.0] * 3] * n, "alpha": 0.0, "disturbance": 0.0, "gain": 0.0}
+    return {
+        "active": True,
+        "direction": [list(row) for row in robust.rows],
+        "alpha": robust.bounds.alpha,
+        "disturbance": robust.bounds.inverse * robust.bounds.phi,
+        "gain": robust.gain,
+    }
+
+
+def written(value: Any, depth: int = 0) -> str:
+    """Return plain data as a C99 initialiser: mappings by field, sequences in order, floats in single precision."""
+    inner, outer = "    " * (depth + 1), "    " * depth
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return number(value if abs(value) < 1e30 else float(np.copysign(inf, value)))
+    if isinstance(value, Mapping):
+        rows = [f"{inner}.{key} = {written(own, depth + 1)},\n" for key, own in value.items()]
+        return f"{{\n{''.join(rows)}{outer}}}"
+    parts = [written(own, depth + 1) for own in value]
+    if all(isinstance(own, (int, float, str)) for own in value):
+        parts = [", ".join(parts[i : i + 8]) for i in range(0, len(parts), 8)]
+        if len(parts) == 1:
+            return f"{{{parts[0]}}}"
+    return "{\n" + "".join(f"{inner}{part},\n" for part in parts) + f"{outer}}}"
+
+
+def quoted(text: str) -> str:
+    """Return a C string of ASCII: every other byte of its UTF-8 as an octal escape, so that none is a trigraph."""
+    plain = set(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-. ,:{}[]")
+    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'
+
+
+def rendered(context: Mapping[str, Any]) -> dict[str, str]:
+    """Return every file's name and content."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(  # it writes C: nothing to escape
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    environment.filters |= {"c": written, "string_c": quoted}
+    folder = files("gimbal_pin.export") / "templates"
+    read = {name: (folder / name).read_text("utf-8") for name in SAME}
+    made = {name: (folder / f"{name}.j2").read_text("utf-8") for name in MADE}
+    return {**read, **{name: environment.from_string(text).render(context) for name, text in made.items()}}

@@ -1,0 +1,302 @@
+"""A model's equations in casadi's symbols: rigid body on a moving base, the camera's kinematics, the terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.effects import Sample
+from gimbal_pin.errors import ModelError
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model
+from gimbal_pin.pointing.sight import gyros_between
+from gimbal_pin.rig import Rig
+
+if TYPE_CHECKING:
+    import casadi
+
+Symbols = Any
+"""casadi's SX: a scalar, or a matrix of them."""
+
+ROUNDING = 1e-15
+"""Entries of a placement below this are what a cosine of 90° leaves in double precision: they count as zero."""
+AGREED = 1e-12
+"""Largest difference from Pinocchio, N m (and rad/s, rad/s²), times the size of the value where that is over one."""
+STATES = 100
+"""Random states at which both are compared."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint as the recursion needs it.
+
+    Attributes:
+        parent: Index of the joint before it; -1 for the base.
+        rotation: Attitude of its frame in the parent's at angle zero, (3, 3).
+        place: Its origin in the parent's frame, m, (3,).
+        axis: Unit axis in its own frame, (3,).
+        mass: Mass of its body, kg.
+        lever: Centre of mass in its own frame, m, (3,).
+        inertia: About the centre of mass, kg m², (3, 3).
+    """
+
+    parent: int
+    rotation: Array
+    place: Array
+    axis: Array
+    mass: float
+    lever: Array
+    inertia: Array
+
+
+def joints_of(model: pin.Model) -> list[Joint]:
+    """Return the joints of a floating model (see `floating.floating`), the free-flyer left out."""
+    out, q = [], pin.neutral(model)
+    for j in range(2, model.njoints):
+        data = model.joints[j].createData()
+        model.joints[j].calc(data, q)
+        place, body = model.jointPlacements[j], model.inertias[j]
+        axis = np.asarray(data.S).ravel()[3:]
+        out.append(
+            Joint(
+                int(model.parents[j]) - 2,
+                rounded(place.rotation),
+                rounded(place.translation),
+                rounded(axis),
+                float(body.mass),
+                np.asarray(body.lever),
+                np.asarray(body.inertia),
+            )
+        )
+    return out
+
+
+def rounded(x: Array) -> Array:
+    """Return an array with entries of `ROUNDING` set to zero."""
+    return np.where(np.abs(x) < ROUNDING, 0.0, x)
+
+
+class Chain:
+    """The bodies of a rig at symbolic angles.
+
+    Attributes:
+        ca: The module casadi, which is loaded where a controller is exported and nowhere else.
+        joints: The joints.
+        q: Angles, rad, (n).
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        """Lay out the rotations of all joints."""
+        self.ca, self.rig = loaded(), rig
+        self.model, self.joints = rig.floating, joints_of(rig.floating)
+        self.n = len(self.joints)
+        self.q = self.ca.SX.sym("q", self.n)
+        self.turns = [self.turn(joint, self.q[j]) for j, joint in enumerate(self.joints)]
+
+    def turn(self, joint: Joint, angle: Symbols) -> Symbols:
+        """Attitude of a joint's frame in its parent's: ``R (I + sin q [s] + (1 - cos q) [s]²)``, (3, 3)."""
+        skew = pin.skew(joint.axis)
+        rodrigues = self.ca.SX(np.eye(3) + skew @ skew) + self.ca.sin(angle) * skew - self.ca.cos(angle) * (skew @ skew)
+        return self.ca.mtimes(self.ca.SX(joint.rotation), self.cleaned(rodrigues))
+
+    def cleaned(self, x: Symbols) -> Symbols:
+        """Return a matrix of symbols without entries that are zero whatever the angle."""
+        return self.ca.sparsify(self.ca.simplify(x))
+
+    def torque(self) -> casadi.Function:
+        """``tau = D(q) a + C(q, v) v + G`` on a base of specific force f, rate w and angular acceleration dw.
+
+        Newton and Euler's recursion, with classical accelerations: no velocity of a point is needed.
+        """
+        ca = self.ca
+        v, a = ca.SX.sym("v", self.n), ca.SX.sym("a", self.n)
+        f, w, dw = (ca.SX.sym(name, 3) for name in ("f", "w", "dw"))
+        rates, swings, forces = list[Symbols](), list[Symbols](), list[Symbols]()
+        for j, joint in enumerate(self.joints):
+            rate, swing, force = (w, dw, f) if joint.parent < 0 else (x[joint.parent] for x in (rates, swings, forces))
+            place, axis, back = ca.SX(joint.place), ca.SX(joint.axis), self.turns[j].T
+            at_joint = force + ca.cross(swing, place) + ca.cross(rate, ca.cross(rate, place))
+            forces.append(ca.mtimes(back, at_joint))
+            own = axis * v[j]
+            carried = ca.mtimes(back, rate)
+            rates.append(carried + own)
+            swings.append(ca.mtimes(back, swing) + axis * a[j] + ca.cross(carried, own))
+        pushes, moments, tau = [ca.SX(3, 1)] * self.n, [ca.SX(3, 1)] * self.n, [ca.SX(0)] * self.n
+        for j in reversed(range(self.n)):
+            joint, rate, swing = self.joints[j], rates[j], swings[j]
+            lever, inertia = ca.SX(joint.lever), ca.SX(joint.inertia)
+            at_centre = forces[j] + ca.cross(swing, lever) + ca.cross(rate, ca.cross(rate, lever))
+            force = joint.mass * at_centre
+            push = pushes[j] + force
+            spin = ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
+            moment = moments[j] + spin + ca.cross(lever, force)
+            tau[j] = ca.dot(ca.SX(joint.axis), moment)
+            if joint.parent >= 0:
+                k, through = joint.parent, ca.mtimes(self.turns[j], push)
+                pushes[k] = pushes[k] + through
+                moments[k] = moments[k] + ca.mtimes(self.turns[j], moment) + ca.cross(ca.SX(joint.place), through)
+        return self.function("rigid_torque", dict(q=self.q, v=v, a=a, f=f, w=w, dw=dw), dict(tau=ca.vertcat(*tau)))
+
+    def camera(self) -> casadi.Function:
+        """Attitude R of the camera in the base link, row by row, and J: ``ω_c = Rᵀ ω + J q̇`` in the camera's frame."""
+        frame = self.frame(self.rig.camera_frame)
+        R = self.attitude(frame)
+        columns, at = [self.ca.SX(3, 1)] * self.n, int(frame.parentJoint) - 2
+        onward = self.ca.SX(rounded(frame.placement.rotation)).T
+        while at >= 0:
+            columns[at] = self.ca.mtimes(onward, self.ca.SX(self.joints[at].axis))
+            onward = self.ca.mtimes(onward, self.turns[at].T)
+            at = self.joints[at].parent
+        J = self.ca.horzcat(*columns)
+        return self.function("camera", dict(q=self.q), dict(R=self.rows(R), J=self.rows(J)))
+
+    def drift(self) -> casadi.Function:
+        """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (3)."""
+        ca, frame = self.ca, self.frame(self.rig.camera_frame)
+        v, w, dw = ca.SX.sym("v", self.n), ca.SX.sym("w", 3), ca.SX.sym("dw", 3)
+        rates, swings = list[Symbols](), list[Symbols]()
+        for j, joint in enumerate(self.joints):
+            rate, swing = (w, dw) if joint.parent < 0 else (rates[joint.parent], swings[joint.parent])
+            carried, own = ca.mtimes(self.turns[j].T, rate), ca.SX(joint.axis) * v[j]
+            rates.append(carried + own)
+            swings.append(ca.mtimes(self.turns[j].T, swing) + ca.cross(carried, own))
+        swing = ca.mtimes(ca.SX(rounded(frame.placement.rotation)).T, swings[int(frame.parentJoint) - 2])
+        return self.function("camera_drift", dict(q=self.q, v=v, w=w, dw=dw), dict(drift=swing))
+
+    def between(self) -> casadi.Function:
+        """Attitude of the camera in the base link and in each link between with a gyro, row by row."""
+        camera = self.attitude(self.frame(self.rig.camera_frame))
+        links = [self.attitude(self.frame(link)).T for link in gyros_between(self.rig)]
+        rows = [self.rows(self.ca.mtimes(back, camera)) for back in (self.ca.SX.eye(3), *links)]
+        return self.function("camera_between", dict(q=self.q), dict(R=self.ca.vertcat(*rows)))
+
+    def frame(self, link: str) -> pin.Frame:
+        """Return a link's frame."""
+        return self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
+
+    def attitude(self, frame: pin.Frame) -> Symbols:
+        """Attitude of a frame in the base link, (3, 3)."""
+        R, at = self.ca.SX(rounded(frame.placement.rotation)), int(frame.parentJoint) - 2
+        while at >= 0:
+            R, at = self.ca.mtimes(self.turns[at], R), self.joints[at].parent
+        return R
+
+    def rows(self, matrix: Symbols) -> Symbols:
+        """Entries of a matrix row by row, as C stores them."""
+        return self.ca.vec(matrix.T)
+
+    def function(self, name: str, inputs: dict[str, Symbols], outputs: dict[str, Symbols]) -> casadi.Function:
+        """Return a function of named vectors, what its formulas share worked out but once."""
+        dense = [self.ca.densify(x) for x in self.ca.cse(list(outputs.values()))]
+        return self.ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
+
+
+def loaded() -> Any:
+    """Return casadi, its arithmetic open to numpy's functions, which the causes' formulas are written with.
+
+    Raises:
+        ModelError: It is not installed.
+    """
+    try:
+        import casadi
+    except ImportError:
+        mend = "install it with: pip install 'gimbal-pin[export]'"
+        raise ModelError("export", "needs casadi, which is not installed", mend) from None
+    casadi.GlobalOptions.setNumpyMode(1)
+    return casadi
+
+
+def terms(model: Model) -> tuple[casadi.Function, list[float]]:
+    """Return the torque of all terms that are not affine, and their coefficients: the causes' own lines, on symbols.
+
+    An affine term (``c0 + c1 slide + c2 v``) is three numbers a joint, see `Resistance`.
+    """
+    ca, n = loaded(), model.rig.n
+    names = ("q", "v", "a", "slide", "tau", "weight")
+    own = {name: ca.SX.sym(name, n) for name in names}
+    t, out, values = ca.SX.sym("t"), [ca.SX(0)] * n, list[float]()
+    count = sum(len(term.values) for terms in model.by_joint for term in terms if not term.effect.affine)
+    coefficients = ca.SX.sym("c", max(count, 1))
+    for j, terms_here in enumerate(model.by_joint):
+        at = {name: x[j] for name, x in own.items()}
+        sample = Sample(t=t, **at)
+        for term in terms_here:
+            if not term.effect.affine:
+                for value, basis in zip(term.values, term.effect.basis(sample)):
+                    out[j] = out[j] + coefficients[len(values)] * basis
+                    values.append(float(value))
+    found = [ca.densify(ca.cse(ca.vertcat(*out)))]
+    return ca.Function("terms", [coefficients, t, *own.values()], found, ["c", "t", *names], ["added"]), values
+
+
+def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.random.Generator) -> float:
+    """Return the largest difference between the symbols and Pinocchio, in double precision, relative over one.
+
+    Raises:
+        ModelError: It is larger than `AGREED`: the rig has something that the recursion does not know.
+    """
+    torque, camera, drift, between = functions
+    worst, n = 0.0, rig.n
+    data = sight.data
+    for _ in range(STATES):
+        q, v, a = rng.uniform(-np.pi, np.pi, n), rng.normal(0, 3, n), rng.normal(0, 30, n)
+        f, w, dw = rng.normal(0, 10, 3), rng.normal(0, 3, 3), rng.normal(0, 30, 3)
+        state = np.concatenate([np.zeros(6), [1.0], q])
+        expected = pin.rnea(sight.model, data, state, np.concatenate([np.zeros(3), w, v]), np.concatenate([f, dw, a]))[
+            6:
+        ]
+        turned = sight.between(q)
+        pairs = [
+            (torque(q, v, a, f, w, dw), expected),
+            (camera(q)[0], turned[0].ravel()),
+            (turned[0].T @ w + np.array(camera(q)[1]).reshape(3, n) @ v, sight.rate(q, v, w)),
+            (drift(q, v, w, dw), sight.drift(q, v, w, dw)),
+            (between(q), np.ravel(turned)),
+        ]
+        for found, right in pairs:
+            gap = np.abs(np.array(found).ravel() - right)
+            worst = max(worst, float((gap / np.maximum(1.0, np.abs(right).max())).max()))
+    if not worst <= AGREED:
+        what = f"moves otherwise than Pinocchio says, by {worst:.2g}"
+        raise ModelError(f"rig {rig.name}", what, "export a rig of revolute joints alone")
+    return worst
+
+
+def table(command: Callable[[float], float], limit: float) -> list[tuple[float, float]]:
+    """Return torques, N m, and what to command for them: points between which a straight line is close enough.
+
+    Empty where a drive takes the torque itself.
+
+    Args:
+        command: What to command, N m, so that a torque acts.
+        limit: Largest torque of the motor, N m; beyond twice of it a command is cut anyway.
+    """
+    ends = [-4 * limit, 0.0, 4 * limit]
+    points = [(ends[0], command(ends[0]))]
+    for low, high in pairwise(ends):
+        points += refined(command, limit, (low, command(low)), (high, command(high)), DEPTH)
+    return [] if all(abs(x - y) <= CLOSE * limit for x, y in points) else points
+
+
+CLOSE = 1e-6
+"""Error of a table of commands, in torque limits: a tenth of what the exported controller is compared to."""
+DEPTH = 24
+"""Halvings of an interval of such a table: then it is a jump."""
+
+
+def refined(
+    command: Callable[[float], float], limit: float, low: tuple[float, float], high: tuple[float, float], depth: int
+) -> list[tuple[float, float]]:
+    """Return the points after `low` up to `high`."""
+    thirds = [low[0] + share * (high[0] - low[0]) for share in (0.25, 0.5, 0.75)]
+    middle = [(x, command(x)) for x in thirds]
+    gap = max(abs(y - (low[1] + (high[1] - low[1]) * (x - low[0]) / (high[0] - low[0]))) for x, y in middle)
+    beyond = max(0.0, min(abs(low[1]), abs(high[1])) - 2 * limit)
+    if depth == 0 or gap <= CLOSE * limit + beyond:
+        return [high]
+    return [*refined(command, limit, low, middle[1], depth - 1), *refined(command, limit, middle[1], high, depth - 1)]

@@ -1,0 +1,526 @@
+#include <math.h>
+
+#include "gimbal_attitude.h"
+#include "gimbal_controller.h"
+#include "gimbal_guard.h"
+#include "gimbal_law.h"
+#include "gimbal_model.h"
+
+/* Rows of the camera's Jacobian that the rig commands: all three, or of two axes those across the line of sight. */
+enum { COMMANDED = GIMBAL_JOINTS > 2 ? 3 : 2, FIRST = 3 - COMMANDED };
+
+/* The camera at some angles. */
+struct view {
+    float R[9];                         /* its attitude in the base link */
+    float J[3 * GIMBAL_JOINTS];         /* of its rate in its own frame */
+    float against[3 * GIMBAL_JOINTS];   /* rates of the joints that undo a turn of the camera, joint by joint */
+    bool steep;                         /* whether the inverse was damped */
+};
+
+/* Where the joints are and should be at one sample. */
+struct fix {
+    struct gimbal_aim aim;
+    float v[GIMBAL_JOINTS];
+    bool steep;
+};
+
+/* --- Kinematics --------------------------------------------------------------------------------------------------- */
+
+/* Inverse of three rows of three entries by cofactors; false where there is none, or a steep one. */
+static bool cofactors(const float J[9], float steepest, float inverse[9])
+{
+    const float c[9] = {
+        J[4] * J[8] - J[5] * J[7], J[2] * J[7] - J[1] * J[8], J[1] * J[5] - J[2] * J[4],
+        J[5] * J[6] - J[3] * J[8], J[0] * J[8] - J[2] * J[6], J[2] * J[3] - J[0] * J[5],
+        J[3] * J[7] - J[4] * J[6], J[1] * J[6] - J[0] * J[7], J[0] * J[4] - J[1] * J[3],
+    };
+    const float size = J[0] * c[0] + J[1] * c[3] + J[2] * c[6];
+    float most = 0.0f;
+    for (int i = 0; i < 9; ++i) {
+        most = fmaxf(most, fabsf(c[i]));
+    }
+    if (!(most < steepest * fabsf(size)) || fabsf(size) < 1e-9f) {
+        return false;
+    }
+    for (int i = 0; i < 9; ++i) {
+        inverse[i] = c[i] / size;
+    }
+    return true;
+}
+
+/* J^T (J J^T + damping^2 I)^-1 of the commanded rows, by Cholesky's factors; false where the sum is singular.
+   inverse: (joints, COMMANDED); size: product of the squared pivots, the determinant of the sum. */
+static bool squared(const float J[3 * GIMBAL_JOINTS], float damping, float inverse[COMMANDED * GIMBAL_JOINTS],
+                    float *size)
+{
+    float L[COMMANDED][COMMANDED];
+    *size = 1.0f;
+    for (int r = 0; r < COMMANDED; ++r) {
+        for (int c = 0; c <= r; ++c) {
+            float sum = r == c ? damping * damping : 0.0f;
+            for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+                sum += J[(FIRST + r) * GIMBAL_JOINTS + j] * J[(FIRST + c) * GIMBAL_JOINTS + j];
+            }
+            for (int k = 0; k < c; ++k) {
+                sum -= L[r][k] * L[c][k];
+            }
+            if (r == c && !(sum > 0.0f)) {
+                return false;
+            }
+            L[r][c] = r == c ? sqrtf(sum) : sum / L[c][c];
+        }
+        *size *= L[r][r] * L[r][r];
+    }
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        float *x = &inverse[COMMANDED * j];
+        for (int r = 0; r < COMMANDED; ++r) {
+            float sum = J[(FIRST + r) * GIMBAL_JOINTS + j];
+            for (int k = 0; k < r; ++k) {
+                sum -= L[r][k] * x[k];
+            }
+            x[r] = sum / L[r][r];
+        }
+        for (int r = COMMANDED - 1; r >= 0; --r) {
+            float sum = x[r];
+            for (int k = r + 1; k < COMMANDED; ++k) {
+                sum -= L[k][r] * x[k];
+            }
+            x[r] = sum / L[r][r];
+        }
+    }
+    return true;
+}
+
+/* Inverse of the commanded rows, (joints, COMMANDED); true where it is steep and damped. */
+static bool inverted(const struct gimbal_limits *limits, const float J[3 * GIMBAL_JOINTS],
+                     float inverse[COMMANDED * GIMBAL_JOINTS])
+{
+    float size;
+    if (GIMBAL_JOINTS == 3) {
+        if (cofactors(J, limits->steep, inverse)) {
+            return false;
+        }
+    } else if (squared(J, 0.0f, inverse, &size) && size > powf(limits->steep, -2.0f * (float)COMMANDED)) {
+        float most = 0.0f;
+        for (int i = 0; i < COMMANDED * GIMBAL_JOINTS; ++i) {
+            most = fmaxf(most, fabsf(inverse[i]));
+        }
+        if (most < limits->steep) {
+            return false;
+        }
+    }
+    if (!squared(J, limits->damping, inverse, &size)) {
+        for (int i = 0; i < COMMANDED * GIMBAL_JOINTS; ++i) {
+            inverse[i] = 0.0f;
+        }
+    }
+    return true;
+}
+
+static void look(const struct gimbal_limits *limits, const float q[GIMBAL_JOINTS], struct view *out)
+{
+    float inverse[COMMANDED * GIMBAL_JOINTS];
+    gimbal_camera(q, out->R, out->J);
+    out->steep = inverted(limits, out->J, inverse);
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        for (int i = 0; i < 3; ++i) {
+            out->against[3 * j + i] = i < FIRST ? 0.0f : -inverse[COMMANDED * j + i - FIRST];
+        }
+    }
+}
+
+/* Rates of the joints that undo a turn of the camera. */
+static void undo(const struct view *view, const float turn[3], float out[GIMBAL_JOINTS])
+{
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        const float *row = &view->against[3 * j];
+        out[j] = row[0] * turn[0] + row[1] * turn[1] + row[2] * turn[2];
+    }
+}
+
+/* Attitudes of the camera in the base link and in every link between that has a gyro. */
+static void between(const float q[GIMBAL_JOINTS], float out[GIMBAL_GYROS][4])
+{
+    float R[9 * GIMBAL_GYROS];
+    gimbal_camera_between(q, R);
+    for (int i = 0; i < GIMBAL_GYROS; ++i) {
+        gimbal_quaternion(&R[9 * i], out[i]);
+    }
+}
+
+/* --- Attitude: the camera's own gyro, and the others with the encoders between ------------------------------------- */
+
+static const float *gyro(const struct gimbal_sensors *seen, int i)
+{
+    return i == 0 ? seen->base_gyro : seen->link_gyro[i - 1];
+}
+
+/* Begin to fuse from the base's attitude in the wanted frame. */
+static void begin(struct gimbal_holding *state, const struct gimbal_sensors *seen, const float base[4])
+{
+    float to[GIMBAL_GYROS][4];
+    float camera[4];
+    between(seen->q, to);
+    gimbal_product(base, to[0], camera);
+    for (int i = 0; i < GIMBAL_GYROS; ++i) {
+        float back[4];
+        float attitude[4];
+        gimbal_inverse(to[i], back);
+        gimbal_product(camera, back, attitude);
+        for (int k = 0; k < 4; ++k) {
+            state->others[i][k] = i == 0 ? base[k] : attitude[k];
+        }
+        for (int k = 0; k < 3; ++k) {
+            state->other_rates[i][k] = gyro(seen, i)[k];
+            state->gaps[i][k] = 0.0f;
+            state->turn[k] = 0.0f;
+        }
+    }
+}
+
+/* Integrate the other gyros. */
+static void others_on(struct gimbal_holding *state, const struct gimbal_sensors *seen, float elapsed)
+{
+    for (int i = 0; i < GIMBAL_GYROS; ++i) {
+        float turn[3];
+        for (int k = 0; k < 3; ++k) {
+            turn[k] = (state->other_rates[i][k] + gyro(seen, i)[k]) * (0.5f * elapsed);
+            state->other_rates[i][k] = gyro(seen, i)[k];
+        }
+        gimbal_turn(state->others[i], turn);
+    }
+}
+
+/* While a sensor is in doubt every attitude comes from what is left. */
+static void unfused(struct gimbal_holding *state, const struct gimbal_sensors *seen)
+{
+    const struct gimbal_guard *guard = &state->guard;
+    const bool encoders = gimbal_guard_doubtful(guard, GIMBAL_ENCODERS);
+    const bool base_gyro = gimbal_guard_doubtful(guard, GIMBAL_BASE_GYRO);
+    float to[GIMBAL_GYROS][4];
+    float base[4];
+    between(seen->q, to);
+    for (int k = 0; k < 4; ++k) {
+        base[k] = state->others[0][k];
+    }
+    if (gimbal_guard_doubtful(guard, GIMBAL_CAMERA_GYRO) && !base_gyro && !encoders) {
+        gimbal_product(base, to[0], state->attitude);
+    } else if (base_gyro && !encoders) {
+        float back[4];
+        gimbal_inverse(to[0], back);
+        gimbal_product(state->attitude, back, base);
+    }
+    begin(state, seen, base);
+}
+
+/* Compare the camera's attitude with what the other gyros make of it; rate: what to add to the camera's, rad/s. */
+static void compare(const struct gimbal_parameters *p, struct gimbal_holding *state, const float q[GIMBAL_JOINTS],
+                    float rate[3])
+{
+    float to[GIMBAL_GYROS][4];
+    float own[4];
+    float turn[3] = {0.0f, 0.0f, 0.0f};
+    between(q, to);
+    gimbal_inverse(state->attitude, own);
+    for (int i = 0; i < GIMBAL_GYROS; ++i) {
+        float link[4];
+        float gap[4];
+        float seen[3];
+        gimbal_product(own, state->others[i], link);
+        gimbal_product(link, to[i], gap);
+        gimbal_log(gap, seen);
+        for (int k = 0; k < 3; ++k) {
+            state->gaps[i][k] += p->fusion_gain * (seen[k] - state->gaps[i][k]);
+            turn[k] += state->gaps[i][k] / (float)(GIMBAL_GYROS + 1);
+        }
+    }
+    for (int k = 0; k < 3; ++k) {
+        rate[k] = (turn[k] - state->turn[k]) / p->dt;
+        state->turn[k] = turn[k];
+    }
+}
+
+/* Turn of the camera from where it should look, rad; rate: what to add to its rate, rad/s. */
+static void estimate(const struct gimbal_parameters *p, struct gimbal_holding *state,
+                     const struct gimbal_sensors *seen, float elapsed, float turn[3], float rate[3])
+{
+    float actual[4];
+    for (int k = 0; k < 3; ++k) {
+        turn[k] = (state->turning[k] + seen->camera_gyro[k]) * (0.5f * elapsed);
+        state->turning[k] = seen->camera_gyro[k];
+        rate[k] = 0.0f;
+    }
+    gimbal_turn(state->attitude, turn);
+    if (p->fusion_gain > 0.0f) {
+        bool doubtful = false;
+        others_on(state, seen, elapsed);
+        for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
+            doubtful = doubtful || gimbal_guard_lost(&state->guard, (enum gimbal_channel)channel) ||
+                       gimbal_guard_doubtful(&state->guard, (enum gimbal_channel)channel);
+        }
+        if (doubtful) {
+            unfused(state, seen);
+        } else {
+            compare(p, state, seen->q, rate);
+        }
+    }
+    for (int k = 0; k < 4; ++k) {
+        actual[k] = state->attitude[k];
+    }
+    gimbal_turn(actual, state->turn);
+    gimbal_log(actual, turn);
+}
+
+/* --- The base's motion ahead --------------------------------------------------------------------------------------- */
+
+static void remember(struct gimbal_holding *state, const struct gimbal_sensors *seen)
+{
+    state->newest = (state->newest + GIMBAL_TAPS - 1) % GIMBAL_TAPS;
+    for (int k = 0; k < 3; ++k) {
+        state->past[state->newest][k] = seen->base_gyro[k];
+        state->past[state->newest][3 + k] = seen->base_force[k];
+    }
+}
+
+/* The base's rate, angular acceleration and force when the torque of a lead acts, from the last samples. */
+static void foresee(const struct gimbal_parameters *p, const struct gimbal_holding *state, int lead,
+                    struct gimbal_ahead *out)
+{
+    for (int k = 0; k < 3; ++k) {
+        out->w[k] = 0.0f;
+        out->dw[k] = 0.0f;
+        out->f[k] = 0.0f;
+    }
+    for (int tap = 0; tap < GIMBAL_TAPS; ++tap) {
+        const float *past = state->past[(state->newest + tap) % GIMBAL_TAPS];
+        for (int k = 0; k < 3; ++k) {
+            out->w[k] += p->forecast[lead][0][tap] * past[k];
+            out->dw[k] += p->forecast[lead][1][tap] * past[k];
+            out->f[k] += p->forecast[lead][2][tap] * past[3 + k];
+        }
+    }
+}
+
+/* Rates and accelerations of the joints that keep the camera's attitude on the base that moves so. */
+static void wish(const struct view *view, struct gimbal_ahead *there)
+{
+    float carried[3];
+    float drift[3];
+    gimbal_back(view->R, there->w, carried);
+    undo(view, carried, there->v);
+    gimbal_camera_drift(there->q, there->v, there->w, there->dw, drift);
+    undo(view, drift, there->a);
+}
+
+static void look_ahead(const struct gimbal_parameters *p, const struct gimbal_holding *state,
+                       const struct gimbal_sensors *seen, const struct view *first, struct fix *fix)
+{
+    for (int lead = 0; lead < GIMBAL_LEADS; ++lead) {
+        struct gimbal_ahead *there = &fix->aim.ahead[lead];
+        struct view view = *first;
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            there->q[j] = seen->q[j] + p->holding_lead[lead] * fix->v[j];
+        }
+        if (lead > 0) {
+            look(&p->limits, there->q, &view);
+        }
+        foresee(p, state, lead, there);
+        wish(&view, there);
+    }
+}
+
+/* --- One sample ---------------------------------------------------------------------------------------------------- */
+
+/* From the sensors to where the joints are and should be. */
+static void navigate(const struct gimbal_parameters *p, struct gimbal_holding *state,
+                     const struct gimbal_sensors *seen, float elapsed, struct fix *fix)
+{
+    struct view view;
+    float q[GIMBAL_JOINTS];
+    float carried[3];
+    float turn[3];
+    float rate[3];
+    float error[GIMBAL_JOINTS];
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        q[j] = seen->q[j] + p->holding_lead[0] * state->v[j];
+    }
+    look(&p->limits, q, &view);
+    fix->steep = view.steep;
+    gimbal_back(view.R, seen->base_gyro, carried);
+    estimate(p, state, seen, elapsed, turn, rate);
+    undo(&view, turn, error);
+    for (int k = 0; k < 3; ++k) {
+        turn[k] = carried[k] - seen->camera_gyro[k];
+        rate[k] += carried[k];
+    }
+    undo(&view, turn, fix->v);
+    undo(&view, rate, fix->aim.v);
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        fix->aim.q[j] = seen->q[j] + error[j];
+        state->v[j] = fix->v[j];
+    }
+    if (p->law == GIMBAL_COMPUTED_TORQUE) {
+        remember(state, seen);
+        look_ahead(p, state, seen, &view, fix);
+    }
+}
+
+/* What a lost camera gyro would say, by the base's gyro and the encoders' rates; without that the base stands. */
+static void stand_in(const struct gimbal_holding *state, struct gimbal_sensors *seen)
+{
+    float R[9];
+    float J[3 * GIMBAL_JOINTS];
+    const float none[3] = {0.0f, 0.0f, 0.0f};
+    gimbal_camera(seen->q, R, J);
+    gimbal_back(R, gimbal_guard_lost(&state->guard, GIMBAL_BASE_GYRO) ? none : seen->base_gyro, seen->camera_gyro);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            seen->camera_gyro[i] += J[i * GIMBAL_JOINTS + j] * state->guard.rates[j];
+        }
+    }
+}
+
+/* Begin the fallback where the last torque leaves off: its integral holds what the model gave. */
+static void take_over(const struct gimbal_parameters *p, struct gimbal_holding *state, const float q[],
+                      const struct fix *fix)
+{
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        const struct gimbal_loop *loop = &p->fallback[j];
+        const float error = fix->aim.q[j] - q[j];
+        const float rate = fix->aim.v[j] - fix->v[j];
+        const float wanted = state->tau[j] / loop->inertia - loop->kp * error - loop->kd * rate;
+        state->memory.integral[j] = loop->ki > 0.0f ? wanted / loop->ki : 0.0f;
+    }
+}
+
+static void begin_law(struct gimbal_memory *memory)
+{
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        memory->integral[j] = 0.0f;
+        memory->owed[j] = 0.0f;
+    }
+}
+
+/* The law that is in force, or the fallback where an IMU is lost. */
+static void command(const struct gimbal_parameters *p, struct gimbal_holding *state, const float q[],
+                    const struct fix *fix, float tau[GIMBAL_JOINTS])
+{
+    const struct gimbal_guard *guard = &state->guard;
+    const bool back = gimbal_guard_lost(guard, GIMBAL_CAMERA_GYRO) || gimbal_guard_lost(guard, GIMBAL_BASE_GYRO) ||
+                      gimbal_guard_lost(guard, GIMBAL_BASE_FORCE);
+    if (back != state->fallback) {
+        begin_law(&state->memory);
+        if (back) {
+            take_over(p, state, q, fix);
+        }
+        state->fallback = back;
+    }
+    if (back || p->law == GIMBAL_PID) {
+        struct gimbal_error error;
+        gimbal_errors(p->dt, q, fix->v, fix->aim.q, fix->aim.v, state->memory.integral, &error);
+        gimbal_pid(p, back ? p->fallback : p->holding, state->memory.integral, &error, tau);
+        return;
+    }
+    gimbal_hold(p, &state->memory, 1e-6f * (float)state->time_us, q, fix->v, &fix->aim, tau);
+}
+
+/* A torque that is no number becomes none, and the law begins anew; a limiter may make a limit of what is no number,
+   so what went in is looked at, too. */
+static void refuse(const struct gimbal_parameters *p, struct gimbal_holding *state, const struct fix *fix,
+                   float tau[GIMBAL_JOINTS])
+{
+    bool numbers = gimbal_finite(tau, GIMBAL_JOINTS) && gimbal_finite(fix->aim.q, GIMBAL_JOINTS) &&
+                   gimbal_finite(state->memory.integral, GIMBAL_JOINTS);
+    if (p->law == GIMBAL_COMPUTED_TORQUE) {
+        numbers = numbers && gimbal_finite(fix->aim.ahead[0].a, GIMBAL_JOINTS);
+    }
+    if (numbers) {
+        return;
+    }
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        tau[j] = 0.0f;
+    }
+    begin_law(&state->memory);
+    state->fallback = false;
+    state->refused += 1u;
+}
+
+static void report(const struct gimbal_parameters *p, struct gimbal_holding *state, bool steep, const float tau[])
+{
+    bool limited = false;
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        limited = limited || fabsf(tau[j]) >= p->limit[j];
+        state->tau[j] = tau[j];
+    }
+    state->limited = limited ? state->limited + 1u : 0u;
+    state->steep = steep;
+    state->lost = 0u;
+    for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
+        if (gimbal_guard_lost(&state->guard, (enum gimbal_channel)channel)) {
+            state->lost |= 1u << channel;
+        }
+    }
+}
+
+void gimbal_attitudes_now(const float q[GIMBAL_JOINTS], struct gimbal_attitudes *out)
+{
+    float to[GIMBAL_GYROS][4];
+    between(q, to);
+    for (int k = 0; k < 4; ++k) {
+        out->base[k] = k == 0 ? 1.0f : 0.0f;
+        out->camera[k] = to[0][k];
+        out->wanted[k] = to[0][k];
+    }
+}
+
+void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holding *state,
+                          const struct gimbal_sensors *seen, const struct gimbal_attitudes *known)
+{
+    float wanted[4];
+    float base[4];
+    gimbal_guard_start(&p->limits, &state->guard, seen, p->dt_us);
+    const struct gimbal_sensors *good = &state->guard.good;
+    begin_law(&state->memory);
+    gimbal_inverse(known->wanted, wanted);
+    gimbal_product(wanted, known->camera, state->attitude);
+    gimbal_product(wanted, known->base, base);
+    begin(state, good, base);
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        state->v[j] = 0.0f;
+        state->tau[j] = 0.0f;
+    }
+    for (int k = 0; k < 3; ++k) {
+        state->turning[k] = good->camera_gyro[k];
+    }
+    state->newest = 0;
+    for (int tap = 0; tap < GIMBAL_TAPS; ++tap) {
+        remember(state, good);
+    }
+    state->time_us = -(int64_t)p->dt_us;
+    state->fallback = false;
+    state->steep = false;
+    state->limited = 0u;
+    state->refused = 0u;
+    state->lost = 0u;
+}
+
+void gimbal_holding_step(const struct gimbal_parameters *p, struct gimbal_holding *state,
+                         const struct gimbal_sensors *seen, float tau[GIMBAL_JOINTS])
+{
+    struct fix fix;
+    const uint32_t elapsed_us = gimbal_guard_step(&p->limits, &state->guard, seen, p->dt_us, state->v, state->steep);
+    struct gimbal_sensors good = state->guard.good;
+    state->time_us += (int64_t)elapsed_us;
+    if (gimbal_guard_lost(&state->guard, GIMBAL_CAMERA_GYRO)) {
+        stand_in(state, &good);
+    }
+    navigate(p, state, &good, 1e-6f * (float)elapsed_us, &fix);
+    command(p, state, good.q, &fix, tau);
+    if (gimbal_guard_lost(&state->guard, GIMBAL_ENCODERS) && gimbal_guard_lost(&state->guard, GIMBAL_CAMERA_GYRO)) {
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            tau[j] = 0.0f;
+        }
+    }
+    refuse(p, state, &fix, tau);
+    report(p, state, fix.steep, tau);
+}

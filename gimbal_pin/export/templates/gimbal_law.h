@@ -1,0 +1,48 @@
+/* The control laws: from where the joints are and should be to torques. */
+#ifndef GIMBAL_LAW_H
+#define GIMBAL_LAW_H
+
+#include "gimbal_controller.h"
+
+/* Where the model is to be evaluated: the middle of the hold of a torque. */
+struct gimbal_ahead {
+    float q[GIMBAL_JOINTS]; /* rad */
+    float v[GIMBAL_JOINTS]; /* wanted rates, rad/s */
+    float a[GIMBAL_JOINTS]; /* wanted accelerations, rad/s^2 */
+    float f[3];             /* specific force of the base, m/s^2 */
+    float w[3];             /* its rate, rad/s */
+    float dw[3];            /* its angular acceleration, rad/s^2 */
+};
+
+/* Where the joints should be so that the camera looks where it should. */
+struct gimbal_aim {
+    float q[GIMBAL_JOINTS]; /* rad */
+    float v[GIMBAL_JOINTS]; /* rad/s */
+    struct gimbal_ahead ahead[GIMBAL_LEADS];
+};
+
+/* Errors of one sample. */
+struct gimbal_error {
+    float angle[GIMBAL_JOINTS];    /* rad */
+    float rate[GIMBAL_JOINTS];     /* rad/s */
+    float integral[GIMBAL_JOINTS]; /* with this sample, rad s */
+};
+
+/* Computed torque on a base that moves. */
+void gimbal_hold(const struct gimbal_parameters *p, struct gimbal_memory *memory, float t,
+                 const float q[GIMBAL_JOINTS], const float v[GIMBAL_JOINTS], const struct gimbal_aim *aim,
+                 float tau[GIMBAL_JOINTS]);
+
+/* A PID on every joint's own inertia. */
+void gimbal_pid(const struct gimbal_parameters *p, const struct gimbal_loop loop[GIMBAL_JOINTS],
+                float integral[GIMBAL_JOINTS], const struct gimbal_error *error, float tau[GIMBAL_JOINTS]);
+
+/* Errors towards an aim, with the integrals at the sample before. */
+void gimbal_errors(float dt, const float q[GIMBAL_JOINTS], const float v[GIMBAL_JOINTS],
+                   const float aim_q[GIMBAL_JOINTS], const float aim_v[GIMBAL_JOINTS],
+                   const float integral[GIMBAL_JOINTS], struct gimbal_error *out);
+
+/* Whether all of some values are numbers. */
+bool gimbal_finite(const float x[], int count);
+
+#endif
