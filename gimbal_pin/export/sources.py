@@ -158,7 +158,7 @@ def state_bytes(n: int, links: int) -> int:
     """Size of ``struct gimbal_holding`` where 64-bit integers align to eight bytes, for gyros on so many links."""
     sensors = 10 + n + 3 * max(links, 1)
     guarded, gyros = 2 * sensors + 15 + 4 * n, links + 1
-    after = 11 + 2 * n + 10 * gyros + 6 * TAPS + 1 + 3
+    after = 15 + 2 * n + 14 * gyros + 6 * TAPS + 1 + 3
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
 

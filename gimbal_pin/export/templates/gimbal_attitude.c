@@ -21,19 +21,22 @@ void gimbal_inverse(const float a[4], float out[4])
     }
 }
 
-void gimbal_turn(float attitude[4], const float turn[3])
+void gimbal_turn(struct gimbal_attitude *attitude, const float turn[3])
 {
+    float *q = attitude->q;
     const float angle = sqrtf(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
     const float half = 0.5f * angle;
     const float share = half < SMALL ? 0.5f * (1.0f - half * half / 6.0f) : sinf(half) / angle;
-    const float step[4] = {half < SMALL ? 1.0f - 0.5f * half * half : cosf(half), share * turn[0], share * turn[1],
-                           share * turn[2]};
-    float turned[4];
-    gimbal_product(attitude, step, turned);
-    const float length = sqrtf(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2] +
-                               turned[3] * turned[3]);
+    const float less_one = half < SMALL ? -0.5f * half * half : cosf(half) - 1.0f;
+    const float step[4] = {less_one, share * turn[0], share * turn[1], share * turn[2]};
+    const float longer = 0.5f * (1.0f - (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]));
+    float change[4];
+    gimbal_product(q, step, change);
     for (int i = 0; i < 4; ++i) {
-        attitude[i] = turned[i] / length;
+        const float wanted = change[i] + longer * q[i] - attitude->rest[i];
+        const float next = q[i] + wanted;
+        attitude->rest[i] = (next - q[i]) - wanted;
+        q[i] = next;
     }
 }
 

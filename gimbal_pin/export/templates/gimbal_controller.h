@@ -169,6 +169,12 @@ struct gimbal_guard {
     float rates[GIMBAL_JOINTS];      /* joint rates, from the encoders where something fails, rad/s */
 };
 
+/* An attitude that is integrated: a unit quaternion, and what its floats cannot hold. */
+struct gimbal_attitude {
+    float q[4];
+    float rest[4];
+};
+
 /* What the law remembers. */
 struct gimbal_memory {
     float integral[GIMBAL_JOINTS]; /* rad s */
@@ -180,11 +186,11 @@ struct gimbal_holding {
     struct gimbal_guard guard;
     struct gimbal_memory memory;
     int64_t time_us;                        /* time of the last sample on an even clock */
-    float attitude[4];                      /* of the camera, in the frame that is wanted for it */
+    struct gimbal_attitude attitude;        /* of the camera, in the frame that is wanted for it */
     float turning[3];                       /* camera's rate that was integrated last, rad/s */
     float v[GIMBAL_JOINTS];                 /* joint rates, rad/s */
     float tau[GIMBAL_JOINTS];               /* last torques, N m */
-    float others[GIMBAL_GYROS][4];          /* attitudes by the other gyros, the base's first, in the wanted frame */
+    struct gimbal_attitude others[GIMBAL_GYROS]; /* attitudes by the other gyros, the base's first, in the wanted frame */
     float other_rates[GIMBAL_GYROS][3];     /* their last rates, rad/s */
     float gaps[GIMBAL_GYROS][3];            /* what they make of the camera's attitude beyond its own gyro, rad */
     float turn[3];                          /* what the camera's attitude is turned by, rad */

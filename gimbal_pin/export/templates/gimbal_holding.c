@@ -27,7 +27,7 @@ struct fix {
 /* --- Kinematics --------------------------------------------------------------------------------------------------- */
 
 /* Inverse of three rows of three entries by cofactors; false where there is none, or a steep one. */
-static bool cofactors(const float J[9], float steepest, float inverse[9])
+static bool cofactors(const float J[], float steepest, float inverse[])
 {
     const float c[9] = {
         J[4] * J[8] - J[5] * J[7], J[2] * J[7] - J[1] * J[8], J[1] * J[5] - J[2] * J[4],
@@ -124,7 +124,10 @@ static void look(const struct gimbal_limits *limits, const float q[GIMBAL_JOINTS
     out->steep = inverted(limits, out->J, inverse);
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         for (int i = 0; i < 3; ++i) {
-            out->against[3 * j + i] = i < FIRST ? 0.0f : -inverse[COMMANDED * j + i - FIRST];
+            out->against[3 * j + i] = 0.0f;
+        }
+        for (int row = 0; row < COMMANDED; ++row) {
+            out->against[3 * j + FIRST + row] = -inverse[COMMANDED * j + row];
         }
     }
 }
@@ -155,27 +158,35 @@ static const float *gyro(const struct gimbal_sensors *seen, int i)
     return i == 0 ? seen->base_gyro : seen->link_gyro[i - 1];
 }
 
-/* Begin to fuse from the base's attitude in the wanted frame. */
-static void begin(struct gimbal_holding *state, const struct gimbal_sensors *seen, const float base[4])
+static void set(struct gimbal_attitude *attitude, const float q[4])
 {
+    for (int k = 0; k < 4; ++k) {
+        attitude->q[k] = q[k];
+        attitude->rest[k] = 0.0f;
+    }
+}
+
+/* Begin to fuse from the base's attitude in the wanted frame. */
+static void begin(struct gimbal_holding *state, const struct gimbal_sensors *seen, const struct gimbal_attitude *base)
+{
+    const struct gimbal_attitude kept = *base;
     float to[GIMBAL_GYROS][4];
     float camera[4];
     between(seen->q, to);
-    gimbal_product(base, to[0], camera);
+    gimbal_product(kept.q, to[0], camera);
     for (int i = 0; i < GIMBAL_GYROS; ++i) {
         float back[4];
         float attitude[4];
         gimbal_inverse(to[i], back);
         gimbal_product(camera, back, attitude);
-        for (int k = 0; k < 4; ++k) {
-            state->others[i][k] = i == 0 ? base[k] : attitude[k];
-        }
+        set(&state->others[i], attitude);
         for (int k = 0; k < 3; ++k) {
             state->other_rates[i][k] = gyro(seen, i)[k];
             state->gaps[i][k] = 0.0f;
             state->turn[k] = 0.0f;
         }
     }
+    state->others[0] = kept; /* to the last digit, however often this is done */
 }
 
 /* Integrate the other gyros. */
@@ -187,7 +198,7 @@ static void others_on(struct gimbal_holding *state, const struct gimbal_sensors 
             turn[k] = (state->other_rates[i][k] + gyro(seen, i)[k]) * (0.5f * elapsed);
             state->other_rates[i][k] = gyro(seen, i)[k];
         }
-        gimbal_turn(state->others[i], turn);
+        gimbal_turn(&state->others[i], turn);
     }
 }
 
@@ -198,19 +209,19 @@ static void unfused(struct gimbal_holding *state, const struct gimbal_sensors *s
     const bool encoders = gimbal_guard_doubtful(guard, GIMBAL_ENCODERS);
     const bool base_gyro = gimbal_guard_doubtful(guard, GIMBAL_BASE_GYRO);
     float to[GIMBAL_GYROS][4];
-    float base[4];
+    float found[4];
+    struct gimbal_attitude base = state->others[0];
     between(seen->q, to);
-    for (int k = 0; k < 4; ++k) {
-        base[k] = state->others[0][k];
-    }
     if (gimbal_guard_doubtful(guard, GIMBAL_CAMERA_GYRO) && !base_gyro && !encoders) {
-        gimbal_product(base, to[0], state->attitude);
+        gimbal_product(base.q, to[0], found);
+        set(&state->attitude, found);
     } else if (base_gyro && !encoders) {
         float back[4];
         gimbal_inverse(to[0], back);
-        gimbal_product(state->attitude, back, base);
+        gimbal_product(state->attitude.q, back, found);
+        set(&base, found);
     }
-    begin(state, seen, base);
+    begin(state, seen, &base);
 }
 
 /* Compare the camera's attitude with what the other gyros make of it; rate: what to add to the camera's, rad/s. */
@@ -221,12 +232,12 @@ static void compare(const struct gimbal_parameters *p, struct gimbal_holding *st
     float own[4];
     float turn[3] = {0.0f, 0.0f, 0.0f};
     between(q, to);
-    gimbal_inverse(state->attitude, own);
+    gimbal_inverse(state->attitude.q, own);
     for (int i = 0; i < GIMBAL_GYROS; ++i) {
         float link[4];
         float gap[4];
         float seen[3];
-        gimbal_product(own, state->others[i], link);
+        gimbal_product(own, state->others[i].q, link);
         gimbal_product(link, to[i], gap);
         gimbal_log(gap, seen);
         for (int k = 0; k < 3; ++k) {
@@ -244,13 +255,13 @@ static void compare(const struct gimbal_parameters *p, struct gimbal_holding *st
 static void estimate(const struct gimbal_parameters *p, struct gimbal_holding *state,
                      const struct gimbal_sensors *seen, float elapsed, float turn[3], float rate[3])
 {
-    float actual[4];
+    struct gimbal_attitude actual;
     for (int k = 0; k < 3; ++k) {
         turn[k] = (state->turning[k] + seen->camera_gyro[k]) * (0.5f * elapsed);
         state->turning[k] = seen->camera_gyro[k];
         rate[k] = 0.0f;
     }
-    gimbal_turn(state->attitude, turn);
+    gimbal_turn(&state->attitude, turn);
     if (p->fusion_gain > 0.0f) {
         bool doubtful = false;
         others_on(state, seen, elapsed);
@@ -264,11 +275,9 @@ static void estimate(const struct gimbal_parameters *p, struct gimbal_holding *s
             compare(p, state, seen->q, rate);
         }
     }
-    for (int k = 0; k < 4; ++k) {
-        actual[k] = state->attitude[k];
-    }
-    gimbal_turn(actual, state->turn);
-    gimbal_log(actual, turn);
+    actual = state->attitude;
+    gimbal_turn(&actual, state->turn);
+    gimbal_log(actual.q, turn);
 }
 
 /* --- The base's motion ahead --------------------------------------------------------------------------------------- */
@@ -321,7 +330,7 @@ static void look_ahead(const struct gimbal_parameters *p, const struct gimbal_ho
         for (int j = 0; j < GIMBAL_JOINTS; ++j) {
             there->q[j] = seen->q[j] + p->holding_lead[lead] * fix->v[j];
         }
-        if (lead > 0) {
+        if (p->holding_lead[lead] > p->holding_lead[0]) {
             look(&p->limits, there->q, &view);
         }
         foresee(p, state, lead, there);
@@ -477,14 +486,18 @@ void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holdi
                           const struct gimbal_sensors *seen, const struct gimbal_attitudes *known)
 {
     float wanted[4];
-    float base[4];
+    float camera[4];
+    float q[4];
+    struct gimbal_attitude base;
     gimbal_guard_start(&p->limits, &state->guard, seen, p->dt_us);
     const struct gimbal_sensors *good = &state->guard.good;
     begin_law(&state->memory);
     gimbal_inverse(known->wanted, wanted);
-    gimbal_product(wanted, known->camera, state->attitude);
-    gimbal_product(wanted, known->base, base);
-    begin(state, good, base);
+    gimbal_product(wanted, known->camera, camera);
+    set(&state->attitude, camera);
+    gimbal_product(wanted, known->base, q);
+    set(&base, q);
+    begin(state, good, &base);
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         state->v[j] = 0.0f;
         state->tau[j] = 0.0f;
