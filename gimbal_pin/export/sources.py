@@ -61,12 +61,14 @@ class Exported:
         operations: Part of a step that holds the camera → floating-point operations; a sine counts as one.
         memory: Bytes of the state of a controller that holds the camera.
         difference: Largest difference of the equations from Pinocchio in double precision, relative over one.
+        pointer: The Python controller that holds the camera with the same parameters.
     """
 
     files: Mapping[str, str]
     operations: Mapping[str, int]
     memory: int
     difference: float
+    pointer: Pointer
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -132,7 +134,7 @@ def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
     counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), made)}
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
     memory = state_bytes(rig.n, len(links))
-    return Exported(rendered({**context, "operations": cost, "memory": memory}), cost, memory, difference)
+    return Exported(rendered({**context, "operations": cost, "memory": memory}), cost, memory, difference, pointer)
 
 
 PER_TAP = 18

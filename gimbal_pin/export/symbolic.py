@@ -276,7 +276,8 @@ def table(command: Callable[[float], float], limit: float) -> list[tuple[float, 
         command: What to command, N m, so that a torque acts.
         limit: Largest torque of the motor, N m; beyond twice of it a command is cut anyway.
     """
-    ends = [-4 * limit, 0.0, 4 * limit]
+    sizes = [4 * limit / 2**k for k in range(SCALES)]
+    ends = [*(-size for size in sizes), 0.0, *reversed(sizes)]
     points = [(ends[0], command(ends[0]))]
     for low, high in pairwise(ends):
         points += refined(command, limit, (low, command(low)), (high, command(high)), DEPTH)
@@ -285,6 +286,8 @@ def table(command: Callable[[float], float], limit: float) -> list[tuple[float, 
 
 CLOSE = 1e-6
 """Error of a table of commands, in torque limits: a tenth of what the exported controller is compared to."""
+SCALES = 14
+"""Halvings of the largest torque between which a curve is looked at: a dead zone may be a thousandth of the limit."""
 DEPTH = 24
 """Halvings of an interval of such a table: then it is a jump."""
 

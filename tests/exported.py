@@ -1,0 +1,194 @@
+"""A controller's C sources, compiled here, beside the Python that they were written from."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.control.aim import Ahead, Aim, Carried
+from gimbal_pin.control.base import Memory
+from gimbal_pin.control.carried import CarriedMemory
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export
+from gimbal_pin.export.compiled import at, single
+from gimbal_pin.log import Array
+from gimbal_pin.model import Model, nominal
+from gimbal_pin.pointing import Pointer, Seen
+from gimbal_pin.rig import Rig
+from gimbal_pin.simulation import Reference, plant_with
+from gimbal_pin.tuning import Stored, stored, tune
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
+STRICTER = ("-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Wmissing-prototypes", "-Wstrict-prototypes")
+ARM = ("-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
+COMPILERS = {"gcc": ("gcc",), "clang": ("clang",), "gcc-m32": ("gcc", "-m32"), "arm": ("arm-none-eabi-gcc", *ARM)}
+"""Name → command; with those that a machine lacks."""
+
+EVERYTHING = (
+    "cogging:{0}:amplitude=0.05,harmonic=42",
+    "stribeck:{0}:extra=0.03,speed=0.05",
+    "load-dependent-friction:{0}:mu=0.05",
+    "dead-zone:{0}:width=0.03",
+    "actuator-lag:{1}:time_constant=0.002",
+    "torque-ripple:{1}:amplitude=0.03,harmonic=6",
+    "saturation:{1}:limit=3,knee=2",
+)
+"""Causes that need every way in which a term or a drive is written out."""
+
+
+class Twin(NamedTuple):
+    """A controller in both languages.
+
+    Attributes:
+        stored: The controller.
+        pointer: What holds the camera with it, in Python.
+        library: The compiled one.
+        folder: Its sources.
+    """
+
+    stored: Stored
+    pointer: Pointer
+    library: Library
+    folder: Path
+
+    @property
+    def law(self) -> CompiledLaw:
+        """The compiled controller that follows a reference."""
+        return CompiledLaw(self.library)
+
+    @property
+    def compiled(self) -> CompiledPointer:
+        """The compiled controller that holds the camera."""
+        return CompiledPointer(self.library, self.pointer.navigator)
+
+
+def has(compiler: str) -> bool:
+    """Whether this machine can compile so, its library included."""
+    command = COMPILERS[compiler]
+    if shutil.which(command[0]) is None:
+        return False
+    program = "#include <math.h>\n#include <stdint.h>\n"
+    probe = [*command, "-x", "c", "-fsyntax-only", "-"]
+    return subprocess.run(probe, input=program, text=True, capture_output=True).returncode == 0
+
+
+def modelled(rig: Rig, causes: Sequence[str] = ()) -> Model:
+    """A rig's nominal model with some causes, `{0}` being its first joint and `{1}` its last."""
+    planted = [parse_effect(cause.format(rig.joints[0], rig.joints[-1]), rig) for cause in causes]
+    model, drive = plant_with(nominal(rig), planted)
+    return Model(model.rig, model.terms, drive=(*model.drive, *drive))
+
+
+def built(model: Model, folder: Path, kind: str = "computed-torque", robust: bool = False) -> Twin:
+    """Tune, export and compile."""
+    held = stored(tune(model, kind=kind, robust=robust).to_dict(), Rig.load(model.rig.name, model.rig.payload), "here")
+    folder.mkdir(parents=True, exist_ok=True)
+    made = export(held)
+    for name, content in made.files.items():
+        (folder / name).write_text(content, encoding="utf-8")
+    compile_(folder, COMPILERS["gcc"], "-O1", "-fPIC", "-shared", "-o", "controller.so", *sources(folder), "-lm")
+    return Twin(held, made.pointer, Library.load(folder / "controller.so", held.model.rig), folder)
+
+
+def sources(folder: Path) -> list[str]:
+    """Names of the sources of a library."""
+    return sorted(path.name for path in folder.glob("gimbal_*.c"))
+
+
+def compile_(folder: Path, command: Sequence[str], *options: str) -> None:
+    """Compile, with every warning an error; what the compiler says is the failure."""
+    done = subprocess.run([*command, *STRICT, *options], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr
+
+
+def floats(x: Array) -> Array:
+    """Return what single precision makes of values: what both languages are given."""
+    return np.asarray(x, np.float32).astype(np.float64)
+
+
+def state(n: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
+    """Draw angles, rates, and the size of an error, from far below an encoder's step to a tenth of a radian."""
+    return floats(rng.uniform(-np.pi, np.pi, n)), floats(rng.normal(0, 0.5, n)), 10 ** rng.uniform(-6, -1.5)
+
+
+def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the largest difference of both torques that follow a reference at one drawn state, and the share of
+    joints at their limit; in torque limits.
+    """
+    law, n, limit = tested.stored.law, tested.library.n, tested.stored.model.tau_max
+    q, v, size = state(n, rng)
+    aim = Reference(
+        floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), floats(rng.normal(0, 1, n))
+    )
+    integral, before = floats(0.1 * size * rng.normal(size=n)), floats(aim.a + rng.normal(0, 0.1, n))
+    right, after = law.torque(0.5, q, v, aim, Memory(tuple(integral), tuple(before)))
+    held = single(integral, before).tobytes() + np.array([1, 0], np.uint32).tobytes()
+    found, memory = tested.law.torque(0.5, q, v, aim, held)
+    kept = np.frombuffer(memory, np.float32, n)
+    assert np.abs(kept - after.integral).max() < 1e-6 or np.abs(right).max() > 0.999 * limit.min()
+    return float(np.abs((found - right) / limit).max()), float(np.mean(np.abs(right) >= limit))
+
+
+def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the same of the torques that hold the camera on a base that moves."""
+    law, n, limit = tested.pointer.law, tested.library.n, tested.stored.model.tau_max
+    q, v, size = state(n, rng)
+    ahead = tuple(
+        Ahead(
+            floats(q + 1e-3 * rng.normal(size=n)),
+            floats(rng.normal(0, 10 ** rng.uniform(-3, 0), n)),
+            floats(rng.normal(0, 2, n)),
+            Carried(floats(rng.normal((0, 0, 9.81), 1)), floats(rng.normal(0, 0.5, 3)), floats(rng.normal(0, 5, 3))),
+        )
+        for _ in tested.pointer.navigator.forecast.leads
+    )
+    aim = Aim(floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), ahead[0].a, ahead)
+    integral, owed = floats(0.1 * size * rng.normal(size=n)), floats(0.01 * rng.normal(size=n))
+    right, _ = law.torque(0.5, q, v, aim, CarriedMemory(tuple(integral), tuple(owed)))
+    memory, tau = single(integral, owed), np.empty(n, np.float32)
+    here, rates = single(q), single(v)
+    there = single(aim.q, aim.v, *(single(a.q, a.v, a.a, a.base.f, a.base.w, a.base.dw) for a in ahead))
+    tested.library.code.gimbal_hold(
+        tested.library.parameters, at(memory), ctypes.c_float(0.5), at(here), at(rates), at(there), at(tau)
+    )
+    return float(np.abs((tau - right) / limit).max()), float(np.mean(np.abs(right) >= limit))
+
+
+class Side:
+    """Both controllers on the same sensors: Python's torque acts, and what C would have given is kept."""
+
+    def __init__(self, tested: Twin) -> None:
+        """Take the two."""
+        self.python, self.c, self.navigator = tested.pointer, tested.compiled, tested.pointer.navigator
+        self.dt, self.limit = tested.pointer.dt, tested.stored.model.tau_max
+        self.gaps: list[float] = []
+
+    def start(self, seen: Seen, camera: Array, base: Array) -> Pair:
+        """Memories of both."""
+        return Pair(self.python.start(seen, camera, base), self.c.start(seen, camera, base))
+
+    def torque(self, seen: Seen, memory: Pair) -> tuple[Array, Pair]:
+        """Return Python's torque."""
+        seen = seen._replace(**{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "f", "links")})
+        right, python = self.python.torque(seen, memory.python)
+        found, c = self.c.torque(seen, memory.c)
+        self.gaps.append(float(np.abs((found - right) / self.limit).max()))
+        return right, Pair(python, c)
+
+
+class Pair(NamedTuple):
+    """What both remember."""
+
+    python: object
+    c: object
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What Python's says."""
+        return self.python.told  # type: ignore[attr-defined,no-any-return]
