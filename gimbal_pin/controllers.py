@@ -23,3 +23,5 @@ HOLDING: Mapping[str, str] = {
 OURS, BASELINE, ORACLE = "switch", "pid-world", "oracle"
 TUNED = "tuned"
 """The controller with the gains that somebody asked for: it has its own margins, not those of the others."""
+COMPILED = "compiled"
+"""The same as it was exported and compiled for the gimbal's processor."""

@@ -14,19 +14,21 @@ from gimbal_pin.cli.options import Effects, Page, PlatformSize, Plotted, Yes, be
 from gimbal_pin.cli.paths import Reads, logs, maps
 from gimbal_pin.cli.present import noted
 from gimbal_pin.cli.work import affordable
-from gimbal_pin.controllers import HOLDING, TUNED
+from gimbal_pin.controllers import COMPILED, HOLDING, TUNED
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Log
     from gimbal_pin.model import Model
     from gimbal_pin.pointing import Verified
+    from gimbal_pin.pointing.roster import Machine
     from gimbal_pin.rig import Rig
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Law
 
 MOTIONS = "--platform S, --platform-log FILE"
-THERE = f"{'; '.join(f'{name} ({what})' for name, what in HOLDING.items())}; {TUNED} (the gains of CONTROLLER)"
+GIVEN = {TUNED: "the gains of CONTROLLER", COMPILED: "the same, compiled, from --compiled"}
+THERE = "; ".join(f"{name} ({what})" for name, what in {**HOLDING, **GIVEN}.items())
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ class Holding:
         log: Log | None,
         late: int,
         sweep: bool,
+        machine: Machine | None = None,
     ) -> Verified:
         """Hold the camera, and judge it; what is given beside the rig is what `Asked` calls so, `late` its delay."""
         from gimbal_pin.pointing.faults import parse_fault
@@ -146,6 +149,7 @@ class Holding:
             jobs=self.jobs,
             delay=late,
             sweep=sweep,
+            machine=machine,
         )
         runs = len(asked.whom) * self.seeds * (1 + (asked.recorded is not None and asked.profile))
         affordable(self.yes, self.jobs, second_of_a_joint_on_a_platform=runs * self.seconds * rig.n)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from gimbal_pin.model import Model
     from gimbal_pin.platform import Platform
     from gimbal_pin.rig import Rig
-    from gimbal_pin.tuning import Law
+    from gimbal_pin.simulation import Controller
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,9 @@ def simulate(
     *,
     payload: Payload = None,
     model: ModelFile = None,
-    controller: Annotated[str, Reads(), arg(help="computed-torque, pid, or a controller's YAML")] = "computed-torque",
+    controller: Annotated[
+        str, Reads(), arg(help="computed-torque, pid, a controller's YAML, or its compiled library (.so), see export")
+    ] = "computed-torque",
     reference: Annotated[
         Path | None, Reads(logs), arg(help="trajectory file; None: a quickly designed excitation, repeated")
     ] = None,
@@ -126,7 +128,7 @@ def simulate(
 
 def run_of(
     known: Model,
-    law: Law,
+    law: Controller,
     causes: Sequence[str],
     motion: Motion | None,
     seconds: float,
@@ -163,10 +165,14 @@ def run_of(
     return log if recording.rates else replace(log, v=None)
 
 
-def law_of(name: str, plant: Model, bandwidth_hz: float) -> Law:
-    """Return the controller of a name, tuned for the plant, or of a YAML."""
+def law_of(name: str, plant: Model, bandwidth_hz: float) -> Controller:
+    """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library."""
     from gimbal_pin.tuning import tune as run
 
     if name in ("computed-torque", "pid"):
         return run(plant, kind=name, bandwidth_hz=bandwidth_hz).controller
+    if name.endswith(".so"):
+        from gimbal_pin.export import Library
+
+        return Library.load(name, plant.rig).law
     return read_controller(name, plant.rig).law

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
@@ -10,14 +11,18 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from gimbal_pin import text
 from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
-from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed
+from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed, optional
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
+from gimbal_pin.controllers import COMPILED
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.export import Library
     from gimbal_pin.model import Model
     from gimbal_pin.pointing import Verified
+    from gimbal_pin.rig import Rig
+    from gimbal_pin.simulation import Controller
     from gimbal_pin.tracking import Tracking
     from gimbal_pin.tuning import Law, Stored
 
@@ -33,6 +38,11 @@ def track(
         ),
     ] = None,
     *,
+    compiled: Annotated[
+        Path | None,
+        Reads(),
+        optional("FILE", "CONTROLLER's compiled library (.so), see export: steps and holds the camera beside it"),
+    ] = None,
     payload: Payload = None,
     model: ModelFile = None,
     delay_samples: Annotated[
@@ -51,19 +61,22 @@ def track(
     """Step tracking against a PID; on a platform that moves, every camera-holding controller at equal margins."""
     if controller is None and not held.moving:
         raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {MOTIONS}")
+    if controller is None and compiled is not None:
+        raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
     held.check()
     pages.check(held.moving)
     loaded = load_rig(rig, payload or mounted(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
+    machine = None if compiled is None else library(compiled, loaded)
     late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.wish.samples
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     log = held.taught(rig, loaded.payload) if held.moving else None
-    steps = None if tuned is None else stepped(tuned, plant_of(model, loaded), late, seed)
+    steps = None if tuned is None else stepped(tuned, machine, plant_of(model, loaded), late, seed)
     verified = None
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
-        verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None)
+        verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None, machine)
     pages.write(loaded, verified, steps, stood)
     present(*found(steps, verified, stood), json)
 
@@ -81,13 +94,21 @@ def rivals(tuned: Stored) -> dict[str, Law]:
     return {tuned.wish.kind: tuned.law, "pid": run(tuned.model, **vars(wish)).controller}
 
 
-def stepped(tuned: Stored, plant: Model, late: int, seed: int) -> Tracking:
-    """Step a controller and its rival."""
+def library(path: Path, rig: Rig) -> Library:
+    """Load a compiled controller."""
+    from gimbal_pin.export import Library
+
+    return Library.load(path, rig)
+
+
+def stepped(tuned: Stored, machine: Library | None, plant: Model, late: int, seed: int) -> Tracking:
+    """Step a controller, its compiled twin if there is one, and its rival."""
     import numpy as np
 
     from gimbal_pin.tracking import track as run
 
-    return run(plant, rivals(tuned), rng=np.random.default_rng(seed), delay=late)
+    twin: dict[str, Controller] = {} if machine is None else {COMPILED: machine.law}
+    return run(plant, {**rivals(tuned), **twin}, rng=np.random.default_rng(seed), delay=late)
 
 
 def found(steps: Tracking | None, held: Verified | None, plant: str) -> tuple[str, dict[str, Any]]:

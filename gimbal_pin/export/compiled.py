@@ -15,6 +15,7 @@ import pinocchio as pin
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log import Array
 from gimbal_pin.pointing.navigator import Navigator
+from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.seen import Seen
 from gimbal_pin.rig import Rig
 from gimbal_pin.simulation import Reference
@@ -29,10 +30,12 @@ class Library:
     Attributes:
         path: The file, absolute.
         about: What it says of itself: rig, payload, joints, links, controller, dt, delay.
+        limit: Largest torques of the rig's motors, N m, (n,).
     """
 
     path: str
     about: dict[str, Any]
+    limit: Array
 
     @staticmethod
     def load(path: str | Path, rig: Rig) -> Library:
@@ -53,7 +56,7 @@ class Library:
         if about["joints"] != list(rig.joints):
             what = f"is for the joints {', '.join(about['joints'])}"
             raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: export for it")
-        return Library(str(Path(path).resolve()), about)
+        return Library(str(Path(path).resolve()), about, rig.tau_max)
 
     @cached_property
     def code(self) -> ctypes.CDLL:
@@ -61,6 +64,19 @@ class Library:
         code = ctypes.CDLL(self.path)
         code.gimbal_tracking_size.restype = code.gimbal_holding_size.restype = ctypes.c_size_t
         return code
+
+    def torque(self, tau: np.ndarray) -> Array:
+        """Return single-precision torques in double: those at a limit are at it to the last digit."""
+        return np.where(np.abs(tau) >= self.limit.astype(np.float32), np.copysign(self.limit, tau), tau)
+
+    @property
+    def law(self) -> CompiledLaw:
+        """The controller as what follows a reference."""
+        return CompiledLaw(self)
+
+    def holding(self, beside: Pointer) -> CompiledPointer:
+        """Return the controller as what holds the camera where `beside` does."""
+        return CompiledPointer(self, beside.navigator)
 
     @cached_property
     def parameters(self) -> ctypes.c_void_p:
@@ -72,9 +88,9 @@ class Library:
         """Number of joints."""
         return len(self.about["joints"])
 
-    def __reduce__(self) -> tuple[type[Library], tuple[str, dict[str, Any]]]:
+    def __reduce__(self) -> tuple[type[Library], tuple[str, dict[str, Any], Array]]:
         """Make it pass between processes: each loads the file anew."""
-        return Library, (self.path, self.about)
+        return Library, (self.path, self.about, self.limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +124,7 @@ class CompiledLaw:
         self.library.code.gimbal_tracking_step(
             self.library.parameters, held, ctypes.c_float(t), at(here), at(rates), at(aim), at(tau)
         )
-        return tau.astype(np.float64), held.raw
+        return self.library.torque(tau), held.raw
 
 
 class CompiledMemory(NamedTuple):
@@ -157,7 +173,7 @@ class CompiledPointer:
         state = ctypes.create_string_buffer(memory.state, len(memory.state))
         tau, sensors = np.empty(self.library.n, np.float32), sampled(seen)
         self.library.code.gimbal_holding_step(self.library.parameters, state, at(sensors), at(tau))
-        return tau.astype(np.float64), CompiledMemory(state.raw)
+        return self.library.torque(tau), CompiledMemory(state.raw)
 
 
 def at(array: np.ndarray) -> ctypes.c_void_p:

@@ -16,7 +16,6 @@ from gimbal_pin.control import ComputedTorque, JointPid
 from gimbal_pin.control.base import Outer
 from gimbal_pin.control.carried import MOST, PAID, CarriedTorque
 from gimbal_pin.control.lyapunov import Robust
-from gimbal_pin.controllers import TUNED
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
 from gimbal_pin.export.symbolic import Chain, checked, table, terms
@@ -95,7 +94,8 @@ def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
     step = float(station.step.max())
     late = wish.samples
     roster = Roster(stored.model, WANTED, spectrum, station.noise, step, dt=wish.dt, delay=late, law=stored.law)
-    return roster.pointer(TUNED)
+    assert isinstance(stored.law, (ComputedTorque, JointPid))
+    return roster.tuned(stored.law)
 
 
 def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:

@@ -16,7 +16,7 @@ from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.events import summed
-from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.run import point
@@ -178,9 +178,9 @@ class Course:
 
     def run(self, roster: Roster, name: str, seed: int) -> Pointing:
         """Run one controller with one seed."""
-        return self.held(roster.pointer(name), seed, name)
+        return self.held(roster.holder(name), seed, name)
 
-    def held(self, pointer: Pointer, seed: int, name: str = "pointing") -> Pointing:
+    def held(self, pointer: Holder, seed: int, name: str = "pointing") -> Pointing:
         """Run a controller that is there already."""
         ground = self.ground(seed)
         run = point(

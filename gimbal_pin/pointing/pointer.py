@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 from operator import ge
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -51,6 +51,24 @@ class Held(NamedTuple):
     def told(self) -> tuple[str, ...]:
         """Everything that happened."""
         return self.events if self.watch is None else (*self.watch.events, *self.events)
+
+
+class Holder(Protocol):
+    """What holds a camera: a `Pointer`, or one that was compiled."""
+
+    @property
+    def navigator(self) -> Navigator:
+        """Tells what is wanted, and how far ahead the platform's motion counts."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+
+    def start(self, seen: Seen, camera: Array, base: Array) -> Any:
+        """Return the memory at the first sample, see `Pointer.start`; `told` of it says what happened."""
+
+    def torque(self, seen: Seen, memory: Any) -> tuple[Array, Any]:
+        """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
 
 
 @dataclass(frozen=True, eq=False)

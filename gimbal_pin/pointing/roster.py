@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from gimbal_pin.control import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.carried import CarriedTorque
 from gimbal_pin.control.uncertainty import inertia
-from gimbal_pin.controllers import HOLDING, ORACLE, OURS, TUNED
+from gimbal_pin.controllers import COMPILED, HOLDING, ORACLE, OURS, TUNED
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.model import Model
@@ -22,7 +22,7 @@ from gimbal_pin.pointing.fusion import Fusion
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.loops import Loops
 from gimbal_pin.pointing.navigator import ErrorFrom, Navigator
-from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.reduction import reduce
@@ -30,6 +30,13 @@ from gimbal_pin.regressor import columns
 
 NAMES = tuple(HOLDING)
 """All controllers."""
+
+
+class Machine(Protocol):
+    """A compiled controller."""
+
+    def holding(self, beside: Pointer) -> Holder:
+        """Return it as what holds the camera, beside the Python controller that it was exported from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +53,7 @@ class Roster:
         dt: Sampling interval, s.
         delay: Samples from measurement to torque, the drives' own not counted.
         law: Whose gains "tuned" has; None: there is no such controller.
+        machine: What "compiled" runs; None: there is no such controller.
     """
 
     model: Model
@@ -57,6 +65,7 @@ class Roster:
     dt: float = 0.001
     delay: int = 1
     law: Law | None = None
+    machine: Machine | None = None
 
     @cached_property
     def sight(self) -> Sight:
@@ -70,7 +79,7 @@ class Roster:
 
     def margins(self, name: str) -> tuple[Margins, ...]:
         """Return the margins of a controller's loops, joint by joint, with the drives that the model knows."""
-        law = self.law if name == TUNED and isinstance(self.law, (JointPid, ComputedTorque)) else None
+        law = self.law if name in (TUNED, COMPILED) and isinstance(self.law, (JointPid, ComputedTorque)) else None
         return self.loops.margins(name, law)
 
     def navigator(self, gains: tuple[Pid, ...], predicts: bool = False, fuses: bool = False) -> Navigator:
@@ -79,6 +88,12 @@ class Roster:
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
         forecast = Forecast(self.spectrum, self.loops.per_lead(gains), self.dt, leads)
         return Navigator(self.sight, self.wanted, self.dt, forecast, fusion=fusion)
+
+    def holder(self, name: str) -> Holder:
+        """Return one controller, or the compiled one; raise `UsageError` if there is none of that name."""
+        if name == COMPILED and self.machine is not None and isinstance(self.law, (JointPid, ComputedTorque)):
+            return self.machine.holding(self.tuned(self.law))
+        return self.pointer(name)
 
     def pointer(self, name: str) -> Pointer:
         """Return one controller.

@@ -17,7 +17,7 @@ from gimbal_pin.model import Model
 from gimbal_pin.plant import Plant, State
 from gimbal_pin.platform import Platform
 from gimbal_pin.pointing.navigator import carried
-from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.seen import Seen, Station, rotations
 from gimbal_pin.pointing.sight import Sight
@@ -61,7 +61,7 @@ class Sensed:
 
 def point(
     plant: Model,
-    pointer: Pointer,
+    pointer: Holder,
     platform: Platform,
     *,
     rng: np.random.Generator,
@@ -127,7 +127,7 @@ class Loop:
     delay: int
     name: str
 
-    def run(self, pointer: Pointer) -> tuple[Array, Array, tuple[str, ...]]:
+    def run(self, pointer: Holder) -> tuple[Array, Array, tuple[str, ...]]:
         """Return true angles and commanded torques, (N, n) each, and what happened."""
         t, dt, navigator, limit = self.sensed.t, pointer.dt, pointer.navigator, self.system.model.rig.tau_max
         leads = tuple([2 * lead / dt for lead in navigator.forecast.leads]) if navigator.oracle else ()

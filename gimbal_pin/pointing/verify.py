@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from gimbal_pin.control.aim import Law
 from gimbal_pin.control.loop import Margins, worst
-from gimbal_pin.controllers import BASELINE, TUNED
+from gimbal_pin.controllers import BASELINE, COMPILED, TUNED
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.effects.parse import parse_effect
@@ -28,7 +28,7 @@ from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.loops import slack
 from gimbal_pin.pointing.planted import missed, planted_once
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import NAMES
+from gimbal_pin.pointing.roster import NAMES, Machine
 from gimbal_pin.pointing.seen import Fault, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.steps import step_targets, stepped
@@ -62,6 +62,7 @@ class Asked:
         jobs: Processes.
         delay: Samples from measurement to torque.
         law: A law whose gains hold the camera as "tuned", beside those of equal margins; None: none.
+        machine: What holds the camera as "compiled", beside its `law`; None: nothing.
         sweep: True also holds it with models that are wrong on purpose.
     """
 
@@ -81,6 +82,7 @@ class Asked:
     jobs: int = 1
     delay: int = 1
     law: Law | None = None
+    machine: Machine | None = None
     sweep: bool = False
 
     @property
@@ -91,6 +93,7 @@ class Asked:
             UsageError: One is unknown.
         """
         every = NAMES if self.law is None else (*NAMES, TUNED)
+        every = every if self.machine is None else (*every, COMPILED)
         names = every if self.names is None else self.names
         for name in names:
             if name not in every:
@@ -198,7 +201,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     lesson = learned(rig, log, model=model)
     station = Station.of(rig, asked.faults)
     courses = [Course(plant, *motion, station, drive, asked.delay) for motion in grounds(rig, asked)]
-    roster = replace(entered(lesson, courses[0]), law=asked.law)
+    roster = replace(entered(lesson, courses[0]), law=asked.law, machine=asked.machine)
     ran = [shared(course, asked, names, roster) for course in courses]
     late = max(lesson.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
     judged = [target for contest in ran for target in targets(contest, Sight(rig), late)]
