@@ -35,7 +35,7 @@ from tests.rigs import COMBINATIONS, bundled
 
 HERE = Path(__file__).parent / "exporting"
 MOST_GAP, MOST_TIME, HOSTILE = 1e-5, 20.0, 100_000
-"""Asked of an exported controller: torque's difference in limits, µs of a step; and how many hostile states it meets."""
+"""Asked of an exported controller: torque's difference in limits, µs of a step; how many hostile states it meets."""
 
 
 def torques(twin: Twin, states: int) -> float:
@@ -53,6 +53,14 @@ def run(folder: Path, program: str, *options: str, words: tuple[str, ...] = ()) 
     if done.returncode:
         raise SystemExit(f"{folder.name}: {program}: {done.stdout}{done.stderr}")
     return done.stdout.strip()
+
+
+def counted(folder: Path) -> str:
+    """Floating-point operations of a step; a float that counts what is done to it takes the place of C's."""
+    compiler = ("g++", "-std=c++20", "-O1", "-w", "-fpermissive", "-I.", f"-I{HERE}")
+    subprocess.run([*compiler, "-o", "counted", str(HERE / "counted.cpp")], cwd=folder, check=True)
+    done = subprocess.run([folder / "counted"], capture_output=True, text=True, check=True)
+    return f"{done.stdout.strip()} operations"
 
 
 def firmware(folder: Path) -> str:
@@ -81,6 +89,8 @@ def checked(rig: str, payload: str, full: bool, states: int, folder: Path) -> st
         kinds = "--enable=warning,style,performance,portability"
         found = subprocess.run(["cppcheck", kinds, "--std=c99", "-q", "."], cwd=folder, capture_output=True, text=True)
         said.append("cppcheck: " + (found.stderr.splitlines() or ["nothing"])[0])
+    if shutil.which("g++"):
+        said.append(counted(folder))
     if "arm" in here:
         said.append(firmware(folder))
     missed = gap > MOST_GAP or time > MOST_TIME or any("error" in part or "warning" in part for part in said)
