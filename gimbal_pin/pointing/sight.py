@@ -145,7 +145,8 @@ class Sight:
         """Per axis at home, the projection across it, (3, 3), and a point on it in the base link, m, (3,)."""
         self.view(self.home)
         joints = range(1, self.fixed.njoints)
-        ways = [pin.getJointJacobian(self.fixed, self.own, j, pin.LOCAL_WORLD_ALIGNED)[3:, j - 1] for j in joints]
+        world = pin.LOCAL_WORLD_ALIGNED
+        ways = [pin.getJointJacobian(self.fixed, self.own, j, world).reshape(6, -1)[3:, j - 1] for j in joints]
         return [np.eye(3) - np.outer(way, way) for way in ways], [self.own.oMi[j].translation.copy() for j in joints]
 
     @cached_property
