@@ -165,7 +165,7 @@ def build(
     payload: str | None,
     payload_link: str | None,
     stated: str,
-    mend: bool,
+    mend: bool = False,
 ) -> Rig:
     """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
     robot = urdf.checked(text, str(path))

@@ -19,6 +19,7 @@ from fuzzing.junk import ABSURD, NO_NUMBERS, number, one, text
 LINES: Mapping[str, tuple[float, str]] = {
     "inspect": (10, "log.csv --rig pan.yaml"),
     "rigs": (2, ""),
+    "new-rig": (6, "pan.urdf -o out.yaml"),
     "check": (6, "pan.yaml"),
     "base": (6, "pan.yaml"),
     "excite": (10, "pan.yaml -o out.csv --seconds 2 --starts 1 --harmonics 2 --rate 100"),
@@ -27,6 +28,7 @@ LINES: Mapping[str, tuple[float, str]] = {
     "diagnose": (1, "pan.yaml log.csv"),
     "tune": (12, "pan.yaml model.yaml -o out.yaml"),
     "track": (8, "pan.yaml controller.yaml"),
+    "export": (3, "controller.yaml --c out --rig pan.yaml"),
     "animate": (10, "pan.yaml log.csv -o out.html"),
     "auto": (0.3, "pan.yaml log.csv -o out"),
     "demo": (0.3, "-o out --seconds 2"),
@@ -36,7 +38,7 @@ THERE = ("log.csv", "map.yaml", "model.yaml", "controller.yaml", "platform.csv",
 """Files that options may name."""
 LEFT_OUT = {"live", "yes", "force", "jobs"}
 """Options that open a port, allow what would be refused, or start processes."""
-OUTPUTS = ("--output", "--json", "--urdf", "--plot", "--report", "--animation", "--yaml")
+OUTPUTS = ("--output", "--c", "--json", "--urdf", "--mend", "--plot", "--report", "--animation", "--yaml")
 """Options that are written to."""
 
 PATHS = (
