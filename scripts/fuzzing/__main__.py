@@ -60,7 +60,7 @@ def main(
 
     Args:
         readers: What is read: a reader's name, or options.
-        count: Cases of each; a tenth of that of those read in a process of their own.
+        count: Cases of each; a twenty-fifth of those read in a process of their own.
         first: Number of the first.
         seed: Seed of all of them.
         workers: Processes.
