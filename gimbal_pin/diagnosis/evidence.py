@@ -27,7 +27,6 @@ from gimbal_pin.platform import Platform
 from gimbal_pin.regressor import weight
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import (
-    STANDSTILL,
     Channels,
     Filtering,
     Flags,
@@ -54,6 +53,9 @@ TAPER = 0.5
 """Width over which the gate opens, in periods of the band: sharp edges fold what is above the band into it."""
 SHARP = 0.05
 """The same where nothing is fitted."""
+CLEAR = 4.0
+"""A rate under this many of its deviations does not tell its sign: at it one in 30 000 is wrong. Identification, which
+averages over directions that are wrong now and then, takes half as many; a cause is told by less."""
 POSES = 50
 """Angles at which a joint's axis is looked at."""
 FELT = 1e-9
@@ -133,7 +135,7 @@ class Part(NamedTuple):
     @property
     def still(self) -> Flags:
         """Where a joint stands, as far as its rate tells, (m, n)."""
-        return np.asarray(np.abs(self.channels.v) < STANDSTILL * self.channels.rate_std)
+        return np.asarray(np.abs(self.channels.v) < CLEAR * self.channels.rate_std)
 
     @property
     def slide(self) -> Array:
@@ -334,7 +336,9 @@ def part(
     if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
         return None
     channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
-    gate = mask(dilated(slow(channels), memory(channels, filtering)), round(taper / filtering.cutoff / stretch.dt))
+    gate = mask(
+        dilated(slow(channels, CLEAR), memory(channels, filtering)), round(taper / filtering.cutoff / stretch.dt)
+    )
     gate *= fade(length, edge)[:, None]
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)

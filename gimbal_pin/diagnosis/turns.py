@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
+from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, fade
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log import Array
 from gimbal_pin.regressor import rnea
-from gimbal_pin.rows import STANDSTILL, Filtering, Flags, dilated, mask, memory, settling, slow
+from gimbal_pin.rows import Filtering, Flags, dilated, mask, memory, settling, slow
 
 SMEAR = 2.0 / 3.0
 """``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners: to
@@ -63,10 +63,10 @@ def swift(part: Part, state: State, friction: Array, delays: Array, floors: list
     """
     c, reach = part.channels, memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
-    at, joint = np.nonzero(slow(c)[reach:-reach])
+    at, joint = np.nonzero(slow(c, CLEAR)[reach:-reach])
     at += reach
     before, after = c.v[at - reach, joint], c.v[at + reach, joint]
-    least = STANDSTILL * c.rate_std[joint]
+    least = CLEAR * c.rate_std[joint]
     turning = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
     at, joint = at[turning], joint[turning]
     speeding = np.abs(c.a[at, joint])
@@ -135,7 +135,7 @@ def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> A
 
 def regated(part: Part, turns: Flags, filtering: Filtering) -> Part:
     """Open the gate at some turns; elsewhere, and where it was shut for what lies between these samples, it stays."""
-    c, still = part.channels, slow(part.channels)
+    c, still = part.channels, slow(part.channels, CLEAR)
     reach, taper = memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)
     shut, open_ = (mask(dilated(where, reach), taper) for where in (still, still & ~turns))
     edges = fade(len(still), int(np.ceil(settling(filtering) / part.dt)))[:, None]

@@ -28,9 +28,9 @@ def standstill(channels: Channels, filtering: Filtering) -> Flags:
     return still if channels.lost is None else still | dilated(channels.lost[:, None], memory(channels, filtering))
 
 
-def slow(channels: Channels) -> Flags:
-    """Whether the rate does not tell its sign, or changes it, or nobody measured it, (m, n)."""
-    still = np.abs(channels.v) < STANDSTILL * channels.rate_std
+def slow(channels: Channels, sure: float = STANDSTILL) -> Flags:
+    """Whether the rate is under so many deviations, or changes its sign, or nobody measured it, (m, n)."""
+    still = np.abs(channels.v) < sure * channels.rate_std
     still[1:] |= channels.v[1:] * channels.v[:-1] < 0
     if channels.lost is not None:
         still |= channels.lost[:, None]

@@ -38,8 +38,9 @@ class Outcome:
 
     @property
     def sound(self) -> bool:
-        """Whether it ended as the contract says: exit code 0, or 2 or 3 with one line on standard error."""
-        refused = self.exit in (2, 3) and self.error.count("\n") == 1
+        """Whether it ended as the contract says: exit code 0, or 2 or 3 with one line of error; notes may stand before."""
+        errors = [line for line in self.error.splitlines() if not line.startswith("gimbal-pin: note: ")]
+        refused = self.exit in (2, 3) and len(errors) == 1
         return (self.exit == 0 or refused) and "Traceback" not in self.error
 
     @property
