@@ -38,7 +38,7 @@ class Outcome:
 
     @property
     def sound(self) -> bool:
-        """Whether it ended as the contract says: exit code 0, or 2 or 3 with one line of error; notes may stand before."""
+        """Whether it ended as the contract says: exit code 0, or 2 or 3 with one error; notes may stand before."""
         errors = [line for line in self.error.splitlines() if not line.startswith("gimbal-pin: note: ")]
         refused = self.exit in (2, 3) and len(errors) == 1
         return (self.exit == 0 or refused) and "Traceback" not in self.error
