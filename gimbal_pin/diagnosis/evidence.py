@@ -333,13 +333,10 @@ def part(
     # The last few samples go where that makes the Fourier transforms quick.
     half = fft.prev_fast_len(max(stretch.length // (2 * step), 1), real=True)
     length = 2 * step * half
-    if (edge := int(np.ceil(settling(filtering) / stretch.dt))) * 4 > length:
+    if 4 * int(np.ceil(settling(filtering) / stretch.dt)) > length:
         return None
     channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
-    gate = mask(
-        dilated(slow(channels, CLEAR), memory(channels, filtering)), round(taper / filtering.cutoff / stretch.dt)
-    )
-    gate *= fade(length, edge)[:, None]
+    gate = gated(channels, filtering, taper)
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
     shock = at_turns(impulse(stretch, filtering, channels.t), channels.v)[rows]
@@ -403,6 +400,14 @@ def at_turns(values: Array, v: Array) -> Array:
             nearest = np.searchsorted((turns[1:] + turns[:-1]) / 2, np.arange(len(rate)))
             out[:, j] = values[turns[nearest], j]
     return out
+
+
+def gated(channels: Channels, filtering: Filtering, taper: float = TAPER) -> Array:
+    """Return the weight of each sample, (m, n): zero near standstill and where the filters settle, one elsewhere."""
+    dt = float(channels.t[1] - channels.t[0])
+    still = dilated(slow(channels, CLEAR), memory(channels, filtering))
+    edge = int(np.ceil(settling(filtering) / dt))
+    return mask(still, round(taper / filtering.cutoff / dt)) * fade(len(channels.t), edge)[:, None]
 
 
 def fade(length: int, edge: int) -> Array:

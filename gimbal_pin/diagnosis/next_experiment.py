@@ -17,7 +17,7 @@ from scipy import fft
 from tqdm import trange
 
 from gimbal_pin.diagnosis.band import BAND
-from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part, fade
+from gimbal_pin.diagnosis.evidence import Evidence, Part, gated
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Diagnosis
 from gimbal_pin.diagnosis.fit import project
@@ -36,7 +36,7 @@ from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.excitation.problem import Problem as Limits
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.model import Model
-from gimbal_pin.rows import Channels, mask, settling, standstill
+from gimbal_pin.rows import Channels
 from gimbal_pin.threads import one_thread
 
 REPEATS, HARMONICS = (1, 2, 4, 8), 10
@@ -139,13 +139,11 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 2), replace(BAND, cutoff=logs.band)
     t, q, v, a = (values[:length] for values in (motion.t, motion.q, motion.v, motion.a))
     channels = Channels(t, q, v, a, model.inverse(q, v, a, t=t), like.channels.rate_std)
-    gate = mask(standstill(channels, filtering), round(TAPER / logs.band / dt))
-    gate *= fade(length, int(np.ceil(settling(filtering) / dt)))[:, None]
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
     none = np.zeros_like(q)
-    part = Part(channels, none + AMBIENT, gate, gain, np.zeros_like(gain), 0.0, dt, rows, none)
+    part = Part(channels, none + AMBIENT, gated(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none)
     evidence = Evidence(logs.rig, (part,), logs.band, np.zeros(rows, int), logs.seen)
     return Problem.of(evidence, known.reduction), channels.tau
 
