@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import base64
-from collections.abc import AsyncIterator, Callable, Sequence
+import sys
+from collections.abc import AsyncIterator, Callable, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from threading import Event
@@ -60,12 +61,20 @@ async def opened(page: str) -> AsyncIterator[Tab]:
     try:
         from choreographer import Browser
         from choreographer.browsers import BrowserFailedError
-        from choreographer.browsers.chromium import ChromeNotFoundError
+        from choreographer.browsers.chromium import ChromeNotFoundError, Chromium
     except ImportError as error:
         raise UsageError("video", "choreographer is not installed", "pip install 'gimbal-pin[video]'") from error
+
+    class Tidy(Chromium):
+        """Chromium that keeps its scratch files in its profile, which is removed however it ends."""
+
+        def get_env(self) -> MutableMapping[str, str]:
+            return {**super().get_env(), "TMPDIR": str(self.tmp_dir.path)}
+
     mend = "apt install chromium (or Chrome), or write .html, which needs no browser"
     try:
-        browser = Browser(headless=True)
+        # elsewhere a temporary folder's path leaves no room for a socket's, 104 letters with the scratch folder in it
+        browser = Browser(browser_cls=Tidy if sys.platform == "linux" else Chromium, headless=True)
     except ChromeNotFoundError as error:
         raise UsageError("chromium", "is not installed", mend) from error
     try:
