@@ -649,16 +649,6 @@ def test_products_of_inertia_are_those_of_the_regressor() -> None:
         OffDiagonalInertia("roll", Ixy=5.0).apply(where)
 
 
-@given(seed=st.integers(0, 2**32 - 1))
-def test_a_step_of_a_weight_moves_its_first_moment_evenly(seed: int) -> None:
-    """``m' p' - m p = m dp + p dm`` and ``m' - m = dm``, exactly: a fit of it does not leave the moment that shows."""
-    m, *p = before = np.random.default_rng(seed).uniform(-1.0, 1.0, 4)
-    step = np.random.default_rng(~seed & 0xFFFFFFFF).uniform(-0.5, 0.5, 4)
-    after = PayloadMass.stepped(before, step)
-    assert after[0] == m + step[0]
-    np.testing.assert_allclose(after[0] * after[1:], m * np.array(p) + m * step[1:] + step[0] * np.array(p), atol=1e-12)
-
-
 def mounted(turn: Array) -> Rig:
     """The rig with its payload turned by so much roll, pitch and yaw, rad, (3,)."""
     where = rig()

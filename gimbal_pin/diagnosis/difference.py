@@ -95,15 +95,11 @@ class Difference:
 
     @cached_property
     def whitener(self) -> Array:
-        """W with ``W weighting Wᵀ = 1``, (b, b)."""
+        """``W = L⁻¹/√c``, ``weighting = L Lᵀ``, (b, b): noise of unit variance on average, ``tr(W cov Wᵀ) = b``."""
         std = np.sqrt(np.diag(self.weighting))
         correlation = self.weighting / np.outer(std, std) + 1e-12 * np.eye(len(std))
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)) / std)
-
-    @cached_property
-    def inflation(self) -> float:
-        """How many times the variances are what white noise would make them, on average."""
-        return float(np.trace(self.whitener @ self.covariance @ self.whitener.T)) / len(self.change)
+        white = np.linalg.inv(np.linalg.cholesky(correlation)) / std
+        return np.asarray(white / np.sqrt(np.trace(white @ self.covariance @ white.T) / len(std)))
 
     def seen(self, wanted: Array, unknown: Array, limit: float) -> Seen:
         """Least squares for the wanted parameters, whatever the unknown ones are.
@@ -117,7 +113,7 @@ class Difference:
         columns = outside(W @ unknown, W @ wanted)
         left, size, right = np.linalg.svd(columns, full_matrices=False)
         floor = RANK * max(float(np.linalg.norm(W @ wanted)), 1e-300)
-        shown = (size > floor) & (size * limit > np.sqrt(self.inflation))
+        shown = (size > floor) & (size * limit > 1.0)
         gain = (left[:, shown] / size[shown]).T @ W
         return Seen(right[shown].T, gain @ self.change, gain @ self.covariance @ gain.T)
 
@@ -125,7 +121,7 @@ class Difference:
         """Chance of as much change outside the reach of some columns, (b, m), where there is none."""
         rest = outside(self.whitener @ columns, (self.whitener @ self.change)[:, None])
         freedom = len(self.change) - np.linalg.matrix_rank(self.whitener @ columns, tol=None)
-        return float(chi2.sf(float(np.sum(rest**2)) / self.inflation, freedom)) if freedom else 1.0
+        return float(chi2.sf(float(np.sum(rest**2)), freedom)) if freedom else 1.0
 
 
 def outside(span: Array, columns: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Findings where the URDF is trusted: what sets its bodies apart from the refitted ones has a name."""
+"""The given model against the refitted one: told, and where the URDF is trusted, made findings that have names."""
 
 from __future__ import annotations
 
@@ -9,29 +9,24 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
-from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Kind, altered
-from gimbal_pin.diagnosis.composed import ENTER, by_form, chance, chosen, same
+from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Form, altered, chance
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.engine.rivals import APART
+from gimbal_pin.diagnosis.engine.support import FORM
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight, overall
-from gimbal_pin.diagnosis.given import TOLD, given
-from gimbal_pin.diagnosis.heavier import inertias
-from gimbal_pin.diagnosis.heldout import CONFIRMED, rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight, Untestable, overall
+from gimbal_pin.diagnosis.given import SURE, TOLD, given
+from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rig import Rig
 
 TRUSTED = "trusted"
 """What a rig's YAML says under `inertia` if differences from its URDF are findings."""
-SHARE = 0.0015
-"""Torque of a cause over the joint's, rms, under which it does not matter."""
-FAINT = 0.05
-"""Torque of a cause over that of the strongest, under which it may be what the strongest one's model gets wrong: it
-counts where it takes up what that one leaves as no error of a form would let it."""
+MUCH = 0.05
+"""Share of a joint's given inertia from which a difference is told: few URDFs are nearer."""
 
 
 def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) -> Diagnosis:
@@ -44,160 +39,114 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
     """
     rig = state.problem.evidence.rig
     apart = Difference.of_fit(rig, state.problem.reduction, state.fit)
-    heavier = inertias(
-        apart, state.problem.inertia, [one for one in found.untestable if causes[one.cause].like_inertia]
-    )
+    hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
+    heavier = inertias(apart, state.problem.inertia, hidden)
     found = replace(found, given=given(apart), notes=(*found.notes, *heavier))
     if rig.config.inertia != TRUSTED or found.held is None:
         return found
-    bodies = Bodies(apart)
-    fitted, tried = chosen(bodies, causes)
-    size = {kind: shares(state, bodies, fitted, kind) for kind in fitted.kinds}
-    most = max((float(x.max()) for x in size.values()), default=0.0)
-    case = Case(state, bodies, fitted, tried, found.held)
-    large = [kind for kind in fitted.kinds if size[kind].max() > SHARE]
-    material = [kind for kind in large if size[kind].max() > FAINT * most or outright(case, kind)]
-    sure = [kind for kind in material if confirmed(case, kind)]
-    more = [finding(case, kind, size[kind]) for kind in sure]
-    less = [Slight(*named(kind), float(size[kind].max())) for kind in fitted.kinds if kind not in material]
+    bodies = Bodies(apart, causes)
+    case = Case(state, bodies, bodies.selected(), found.held)
+    share = {form: torque_share(case, form) for form in case.fitted.forms}
+    more = [finding(case, form, size) for form, size in share.items() if size.max() > FORM]
+    less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= FORM]
     every = sorted([*found.findings, *more], key=lambda one: -one.explained_share)
     said = overall([one.status for one in every], list(found.residual.values()))
     return replace(found, findings=tuple(every), verdict=said, immaterial=(*found.immaterial, *less))
 
 
-class Case(NamedTuple):
-    """What a finding is described from.
+def inertias(found: Difference, rows: Array, hidden: Sequence[Untestable] = ()) -> tuple[str, ...]:
+    """``m_j = mean over poses of M_jj``, refitted over given: a sentence for each joint where that is not one.
 
-    Attributes:
-        state: The fit to the training part.
-        bodies: The difference that was explained.
-        fitted: By what.
-        tried: What else could have explained it.
-        held: The held-out part.
+    Where a log cannot tell a motor's constant gain from the inertias that it moves, this is all that shows of it.
+
+    Args:
+        found: Refitted less given base parameters.
+        rows: Base parameters → each joint's mean inertia about its axis, (n, b): see `Problem.inertia`.
+        hidden: What the logs cannot show: what of it sits at the joint may be the reason.
     """
+    before, out = given_beta(found.rig, found.reduction), []
+    for joint, row in zip(found.rig.joints, rows):
+        whole = float(row @ before)
+        change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
+        if abs(change) > MUCH and 2 * norm.sf(abs(change) / std) < SURE:
+            less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
+            others = [one.cause for one in hidden if one.joint == joint]
+            instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
+            out.append(f"{joint}: the inertia about its axis is {less} than the URDF's{instead}")
+    return tuple(out)
+
+
+class Case(NamedTuple):
+    """What a finding is described from: the fit to the training part, the search, its result, and the held-out part."""
 
     state: State
     bodies: Bodies
     fitted: Fitted
-    tried: Sequence[Sequence[Kind]]
     held: Evidence
 
 
-def named(kind: Kind) -> tuple[str, str | None]:
-    """Name of the cause, and its joint."""
-    return kind.of.name, kind.joint if kind.of.of_joint else None
+def torque_share(case: Case, form: Form) -> Array:
+    """Torque that a cause makes, as a share of each joint's, rms, (n,)."""
+    problem, fitted = case.state.problem, case.fitted
+    change = case.bodies.response([fitted.causes[fitted.forms.index(form)]])
+    torque, whole = (np.concatenate(x) for x in ([r @ change for r in problem.rigid_full], problem.evidence.torque))
+    return np.sqrt(np.mean(torque**2, axis=0) / np.maximum(np.mean(whole**2, axis=0), 1e-300))
 
 
-def shares(state: State, bodies: Bodies, fitted: Fitted, kind: Kind) -> Array:
-    """Torque that a kind makes, as a share of each joint's, (n,)."""
-    change = bodies.response(fitted.cause(kind).apply(bodies.found.rig))[0]
-    torque = np.concatenate([columns @ change for columns in state.problem.rigid_full])
-    level = np.sqrt(np.mean(np.concatenate(state.problem.evidence.torque) ** 2, axis=0)) + 1e-12
-    return np.asarray(np.sqrt(np.mean(torque**2, axis=0)) / level)
-
-
-def outright(case: Case, kind: Kind) -> bool:
-    """Whether a cause takes up what the others leave beyond what it would of an error of their forms."""
-    rest = [other for other in case.fitted.kinds if other != kind]
-    less = case.bodies.fitted(rest, case.fitted.begun(rest))
-    return less is not None and by_form(less, case.fitted) * len(case.tried) < ENTER
-
-
-def finding(case: Case, kind: Kind, size: Array) -> Finding:
+def finding(case: Case, form: Form, share: Array) -> Finding:
     """Describe one cause; before and after are the given URDF without and with it, all the rest as it was found."""
-    fitted, rest = case.fitted, [other for other in case.fitted.kinds if other != kind]
-    joints = case.held.rig.joints
-    at = kind.joint if kind.of.of_joint else joints[int(np.argmax(size))]
-    less = case.bodies.fitted(rest, fitted.begun(rest)) if rest else case.bodies.nothing()
-    rivals = rivals_of(case, kind, rest)
-    gain = gains(case, kind, joints.index(at))
-    alike = (kind.of.name, *(rival.cause for rival in rivals if rival.z < APART))
+    bodies, fitted, joints = case.bodies, case.fitted, case.held.rig.joints
+    at, k = joints.index(form.joint) if form.of.of_joint else int(np.argmax(share)), fitted.forms.index(form)
+    rivals, alike = rivals_of(case, form)
+    cause, values, std = fitted.causes[k], fitted.values[k], fitted.std(form)
+    errors = [stated(case, [x for x in fitted.causes if x != cause]), stated(case, fitted.causes)]
+    gain = {
+        f"{name}_{when}": float(figure(case.held, model)[at])
+        for name, figure in (("torque_rmse", torque_rmse), ("rollout_rmse", rollout_rmse))
+        for when, model in zip(("before", "after"), errors)
+    }
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
-    told = spoken(fitted, kind).told(case.held.rig)
-    change = f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"
+    clear = np.abs(values) > TOLD * np.nan_to_num(std, nan=np.inf)
+    told = form.at(np.where(clear, values, 0.0).tolist()) if clear.any() else cause
+    stds = dict(zip((name for name, _ in form.start), std.tolist()))
     return Finding(
-        cause=kind.of.name,
-        joint=named(kind)[1],
+        cause=form.of.name,
+        joint=form.place[1],
         status="ambiguous" if len(alike) > 1 else "named",
         alike=alike,
-        parameters=figures(fitted, kind),
+        parameters=tuple(replace(p, std=stds.get(p.name, float("nan"))) for p in cause.shown()),
         gain=gain,
-        p_value=min(1.0, chance(less, fitted) * len(case.tried)) if less else 0.0,
+        p_value=float(min(1.0, bodies.many * np.exp(chance(bodies.without(fitted, form), fitted)))),
         selection_frequency=float(min((norm.cdf(rival.z) for rival in rivals), default=1.0)),
         explained_share=1 - after**2 / max(before**2, 1e-300),
         visible_fraction=1.0,
         rivals=rivals,
-        sentence=f"{told}; {change}",
-        next_experiment=kind.of.experiment if len(alike) > 1 else None,
+        sentence=f"{told.told(case.held.rig)}; held-out torque error of the given model {before:.3g} → {after:.3g} N m",
+        next_experiment=form.of.experiment if len(alike) > 1 else None,
     )
 
 
-def spoken(fitted: Fitted, kind: Kind) -> RigEffect:
-    """Return the cause with those of its figures that stand clear of their deviations."""
-    values, std = fitted.values[fitted.kinds.index(kind)], fitted.std(kind)
-    clear = np.abs(values) > TOLD * np.nan_to_num(std, nan=np.inf)
-    return kind.at(np.where(clear, values, 0.0).tolist() if clear.any() else values.tolist())
+def rivals_of(case: Case, form: Form) -> tuple[tuple[Rival, ...], tuple[str, ...]]:
+    """Put every other cause in one's place: the nearest of each name, and the names that the logs do not part from it.
 
-
-def figures(fitted: Fitted, kind: Kind) -> tuple[Parameter, ...]:
-    """The cause's parameters with standard deviations; none for what was profiled."""
-    std = dict(zip((shape.name for shape in kind.free), fitted.std(kind).tolist()))
-    return tuple(replace(p, std=std.get(p.name, float("nan"))) for p in fitted.cause(kind).shown())
-
-
-def rivals_of(case: Case, kind: Kind, rest: Sequence[Kind]) -> tuple[Rival, ...]:
-    """Put every other cause in a kind's place: difference in log-likelihood, and its z for the two predictions."""
-    best: dict[str, Rival] = {}
-    found, whiten = case.fitted, case.bodies.found.whitener
-    noise = np.sqrt(case.bodies.found.inflation * found.excess)
-    for forms in (forms for forms in case.tried if forms[0].of is not kind.of):
-        for fit in instead(case, kind, rest, forms):
-            delta = (fit.cost - found.cost) / (2 * found.excess) - (found.freedom - fit.freedom)
-            apart = float(np.linalg.norm(whiten @ (fit.response - found.response))) / noise
-            new = Rival(forms[0].of.name, delta, delta / max(apart, 1e-12))
-            best[new.cause] = min((new, best.get(new.cause, new)), key=lambda one: one.z)
-    return tuple(sorted(best.values(), key=lambda one: one.z))
-
-
-def instead(case: Case, kind: Kind, rest: Sequence[Kind], forms: Sequence[Kind]) -> list[Fitted]:
-    """Fits without a kind: another cause in its place, or one beside it that takes its part in another form.
-
-    A weight bolted on moves the centre of mass, and so do a heavier payload and a shift of it: one for the two.
+    ``Δ = (s' - s)/2φ + (k' - k)/2 log b``, over its deviation where noise alone parts the two predictions (Vuong).
     """
-    others = [one for one in rest if not same(forms[0], one)]
-    plain = next(own for own in case.tried if same(own[0], kind))[0]
-    beside = [plain] if len(others) == len(rest) and len(kind.free) > len(plain.free) else []
-    kept = [others, *([*others, one] for one in beside)]
-    fits = [case.bodies.best(each, forms, known=case.fitted) for each in kept]
-    return [one for one in fits if one is not None]
+    bodies, fitted, best, alike = case.bodies, case.fitted, dict[str, Rival](), {form.of.name}
+    for other in bodies.beside(fitted, form):
+        (name,) = (one.of.name for one in other.forms if one not in fitted.forms)
+        schwarz = (other.freedom - fitted.freedom) * np.log(len(fitted.response)) / 2
+        delta = float((other.cost - fitted.cost) / (2 * fitted.dispersion) + schwarz)
+        apart = np.linalg.norm(bodies.found.whitener @ (other.response - fitted.response))
+        new = Rival(name, delta, delta * float(np.sqrt(fitted.dispersion) / max(apart, 1e-12)))
+        if name != form.of.name:
+            best[name] = min(new, best.get(name, new), key=lambda one: one.z)
+            alike |= {name} if new.z < APART or delta < -bodies.limit else set()
+    rivals = tuple(sorted(best.values(), key=lambda one: one.z))
+    return rivals, (form.of.name, *(one.cause for one in rivals if one.cause in alike))
 
 
-def gains(case: Case, kind: Kind, joint: int) -> dict[str, float]:
-    """Held-out errors of the given URDF without and with one cause at a joint."""
-    models, out = models_of(case, kind), dict[str, float]()
-    for name, figure in (("torque_rmse", torque_rmse), ("rollout_rmse", rollout_rmse)):
-        out |= {f"{name}_{when}": float(figure(case.held, m)[joint]) for when, m in zip(("before", "after"), models)}
-    return out
-
-
-def models_of(case: Case, kind: Kind) -> tuple[Extended, Extended]:
-    """The given URDF without and with one cause, and with all the others."""
-    found = case.fitted
-    rest = [(k, x) for k, x in zip(found.kinds, found.values) if k != kind]
-    return stated(case, [k for k, _ in rest], [x for _, x in rest]), stated(case, found.kinds, found.values)
-
-
-def confirmed(case: Case, kind: Kind) -> bool:
-    """Whether the given URDF predicts any joint's torque better with a cause, on the part that it was found in."""
-    before, after = (torque_rmse(case.state.problem.evidence, model) for model in models_of(case, kind))
-    return bool(np.any(before > CONFIRMED * after))
-
-
-def stated(case: Case, kinds: Sequence[Kind], values: Sequence[Array]) -> Extended:
-    """The given URDF with causes of these kinds in its bodies, and everything else as the diagnosis has it."""
-    rig: Rig = altered(case.bodies.found.rig, kinds, values)
-    for cause in settled(case.state):
-        if isinstance(cause, RigEffect):
-            rig = cause.apply(rig)
+def stated(case: Case, causes: Sequence[RigEffect]) -> Extended:
+    """The given URDF with causes in its bodies, and everything else as the diagnosis has it."""
+    found = [cause for cause in settled(case.state) if isinstance(cause, RigEffect)]
     full = extended(case.state)
-    return replace(full, model=replace(full.model, rig=rig))
+    return replace(full, model=replace(full.model, rig=altered(case.bodies.found.rig, [*causes, *found])))

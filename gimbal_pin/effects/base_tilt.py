@@ -75,7 +75,7 @@ class BaseTilt(RigEffect):
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """In the bodies a base leans and does not sink: they are told by a fit over all of the time."""
-        return ({"roll_rate": 0.0, "pitch_rate": 0.0},)
+        return ({"roll": 0.0, "pitch": 0.0},)
 
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:

@@ -64,7 +64,7 @@ class OffDiagonalInertia(RigEffect):
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Of the link, of its payload, or of both."""
-        return dict.fromkeys(PAYLOAD, 0.0), dict.fromkeys(LINK, 0.0), {}
+        return dict.fromkeys(LINK, 0.0), dict.fromkeys(PAYLOAD, 0.0), dict.fromkeys((*LINK, *PAYLOAD), 0.0)
 
     def apply(self, rig: Rig) -> Rig:
         """Add them to the link's parameters.

@@ -13,15 +13,14 @@ import pinocchio as pin
 from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import RigEffect, payload, placed, with_added
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
 
-WEIGHTS = (0.03, 0.01, 0.1, 0.003, 0.3)
-"""Weights to start from, as shares of the payload's mass: what is far too near the centre with one may not be with
-another. A fit that has its place gets from the first to any other."""
-INSIDE = 0.2
-"""Radii of gyration of the payload within which nothing can be bolted on."""
+CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
+"""Of a tetrahedron about the payload: from one of them a fit gets to a weight anywhere."""
+INSIDE = 0.3
+"""Radii of gyration within which a weight is none: there its inertia about the payload's centre is under a tenth of
+what the same mass has that is spread over the payload, so that it is a heavier payload that was moved."""
 
 
 @dataclass(frozen=True)
@@ -65,26 +64,15 @@ class PayloadMass(RigEffect):
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Spread over the payload, or bolted on, wherever that may be, or gone from there."""
         try:
-            _, inertia, _ = payload(rig)
+            corners = gyration(rig) / np.sqrt(3.0) * np.array(CORNERS)
         except UsageError:
             return ()
-        return (
-            {"x": 0.0, "y": 0.0, "z": 0.0},
-            *({"extra": share * inertia.mass} for size in WEIGHTS for share in (size, -size)),
-        )
-
-    @classmethod
-    def stepped(cls, values: Array, step: Array) -> Array:
-        """``p + dp m / (m + dm)``: what changes evenly is the weight's first moment m p, which shows best."""
-        after = float(values[0] + step[0])
-        return values + step * np.array([1.0, *[values[0] / after if after else 0.0] * 3])
+        return ({"extra": 0.0}, *({"extra": 0.0, **dict(zip("xyz", corner))} for corner in corners.tolist()))
 
     def plausible(self, rig: Rig) -> bool:
-        """Whether the weight is far enough from the centre to be on the payload and not inside."""
-        _, inertia, _ = payload(rig)
-        gyration = np.sqrt(np.trace(inertia.inertia) / 2 / inertia.mass)
+        """Whether a weight is bolted on, and not inside the payload."""
         place = float(np.linalg.norm([self.x, self.y, self.z]))
-        return place == 0 or place > INSIDE * gyration
+        return place == 0 or place > INSIDE * gyration(rig)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""
@@ -93,3 +81,9 @@ class PayloadMass(RigEffect):
         if place:
             return f"a weight of some {weight} sits on the payload, {digits(1e3 * place, 2)} mm from its centre of mass"
         return f"the payload is {weight} {'heavier' if self.extra >= 0 else 'lighter'} than stated"
+
+
+def gyration(rig: Rig) -> float:
+    """Radius of gyration of the payload about its centre of mass, m."""
+    _, inertia, _ = payload(rig)
+    return float(np.sqrt(np.trace(inertia.inertia) / 2 / inertia.mass))

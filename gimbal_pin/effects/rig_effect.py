@@ -36,13 +36,8 @@ class RigEffect(Cause):
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
-        """Return what is held fixed in each of the forms in which it may be looked for in a rig's bodies."""
-        return ({},)
-
-    @classmethod
-    def stepped(cls, values: Array, step: Array) -> Array:
-        """Return the shape parameters after a step of a fit, (p,), along which a rig's bodies change evenly."""
-        return values + step
+        """Return the forms in which a fit looks for it in a rig: figures that are free, each with where it starts."""
+        return ({shape.name: 0.0 for shape in cls.shapes},)
 
     def plausible(self, rig: Rig) -> bool:
         """Whether a rig could be so."""
