@@ -157,7 +157,7 @@ class Bodies:
     def tells(self, form: Form) -> bool:
         """Whether the base parameters show any figure of a form, and make up for all torque that it adds."""
         values = np.array([value for _, value in form.start])
-        torque = self.torque([form.at(values + STEP)])
+        torque = self.torque([form.at((values + STEP).tolist())])
         missed = torque - self.torques[0] @ (self.torques[1] @ torque)
         if not np.linalg.norm(missed) <= RANK * np.linalg.norm(torque):
             return False
@@ -266,7 +266,7 @@ class Bodies:
         return len(fit.forms) < MOST and chance(fit, ideal(fit)) < self.limit
 
     def mended(self, fit: Fitted) -> Fitted | None:
-        """Return the fit without a needless cause, with a better one in the place of one, or with one more; None: as is."""
+        """Return the fit without a needless cause, with a better one in its place, or with one more; None: as it is."""
         lesser = {form: self.without(fit, form) for form in fit.forms}
         needless = [less for less in lesser.values() if chance(less, fit) >= self.limit]
         if needless:

@@ -39,9 +39,18 @@ class Seen(NamedTuple):
         return self.basis @ self.value
 
     @property
-    def spread(self) -> Array:
-        """Its covariance, (p, p)."""
-        return self.basis @ self.covariance @ self.basis.T
+    def std(self) -> Array:
+        """Its standard deviations, (p,)."""
+        return np.sqrt(np.maximum(np.diag(self.basis @ self.covariance @ self.basis.T), 0.0))
+
+    @property
+    def axes(self) -> list[bool]:
+        """Whether each of the p axes lies more than half in the directions that are shown."""
+        return [bool(np.linalg.norm(row) > 0.5) for row in self.basis]
+
+    def turned(self, axes: Array) -> Seen:
+        """Return it along other axes, columns (p, p)."""
+        return self._replace(basis=axes.T @ self.basis)
 
     @property
     def chance(self) -> float:

@@ -8,25 +8,19 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.diagnosis.difference import Difference, Seen
+from gimbal_pin.diagnosis.engine.support import FORM
 from gimbal_pin.digits import digits
-from gimbal_pin.effects.rig_effect import carried, facing, payload, shifted, slide
+from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 
-SHOWN = 0.01
-"""Standard deviation of a shift, m, from which a log does not show it."""
-SHOWN_MASS = 0.2
-"""The same of a mass, as a share of the stated one."""
-SHOWN_PRODUCT = 0.1
-"""The same of a product of inertia, as a share of the body's largest moment of inertia."""
+SHOWN = 0.1
+"""Standard deviation from which a log does not show a difference, as a share of what the payload has: of its mass, of
+its radius of gyration, of its body's largest moment of inertia: what is known no better is not worth a figure."""
 SURE = 0.003
-"""Chance of speaking of a difference where there is none."""
+"""Chance of speaking of a difference where there is none: three deviations."""
 TOLD = 2.0
-"""Standard deviations from which a direction is spoken of."""
-ALONE = 0.001
-"""Chance under which the difference cannot be the payload's alone."""
-MATTERS = 2e-4
-"""A shift smaller than this, m, is nothing that a hand can mend."""
+"""Standard deviations from which a direction is spoken of, 95 %."""
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
 MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
@@ -46,6 +40,7 @@ class Given:
         shift: Of the centre of mass, m, forms (3,) with its directions.
         products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
         words: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
+        gyration: The payload's radius of gyration as stated, m.
         moment: The body's largest moment of inertia as stated, kg m².
     """
 
@@ -57,6 +52,7 @@ class Given:
     shift: Seen
     products: Seen
     words: Array
+    gyration: float
     moment: float
 
     @property
@@ -74,14 +70,15 @@ class Given:
 
     def place(self) -> str:
         """Say where it sits, in the camera's own directions."""
-        change, std = self.words.T @ self.shift.change, deviations(self.words.T @ self.shift.spread @ self.words)
-        hidden = [f"{a}/{b}" for (a, b), shown in zip(AXES, shares(self.words.T @ self.shift.basis)) if not shown]
-        unseen = f" ({' and '.join(hidden)} does not show)" if hidden and len(hidden) < 3 else ""
+        shift, least = self.shift.turned(self.words), FORM * self.gyration
+        change, std = shift.change, shift.std
+        hidden = [f"{a}/{b}" for (a, b), shown in zip(AXES, shift.axes) if not shown]
+        unseen = f" ({' and '.join(hidden)} does not show)" if hidden else ""
         if len(hidden) == 3:
             return "the log does not show where the payload sits"
-        told = np.where(np.abs(change) > np.maximum(TOLD * std, MATTERS), change, 0.0)
-        if self.shift.chance > SURE or not told.any():
-            most = max(float((np.abs(change) + 1.96 * std).max()), MATTERS)
+        told = np.where(np.abs(change) > np.maximum(TOLD * std, least), change, 0.0)
+        if shift.chance > SURE or not told.any():
+            most = max(float((np.abs(change) + TOLD * std).max()), least)
             return f"the payload sits where its URDF says, to {digits(1e3 * most, 2)} mm{unseen}"
         away = [
             f"{digits(1e3 * abs(x))} ± {digits(max(1e3 * s, 0.01), 1)} mm further {names[x < 0]}"
@@ -94,27 +91,25 @@ class Given:
         """Say what it weighs."""
         if not len(self.mass.value):
             return f"its mass does not show: taken as the stated {digits(1e3 * self.stated, 4)} g"
-        extra, std = 1e3 * float(self.mass.change[0]), 1e3 * float(deviations(self.mass.spread)[0])
+        extra, std = 1e3 * float(self.mass.change[0]), 1e3 * float(self.mass.std[0])
         if self.mass.chance > SURE:
-            return f"it weighs the stated {digits(1e3 * self.stated, 4)} g, to {digits(1.96 * std, 2)} g"
+            return f"it weighs the stated {digits(1e3 * self.stated, 4)} g, to {digits(TOLD * std, 2)} g"
         way = "heavier" if extra > 0 else "lighter"
         return f"it is {digits(abs(extra))} ± {digits(std, 2)} g {way} than the stated {digits(1e3 * self.stated, 4)} g"
 
     def skew(self) -> str:
         """Say that the body's products of inertia are others than stated, or nothing."""
         size = float(np.abs(self.products.change).max(initial=0.0))
-        if self.products.chance > SURE or size < 0.02 * self.moment:
+        if self.products.chance > SURE or size < FORM * self.moment:
             return ""
-        std = deviations(self.products.spread)
-        shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), std.tolist())
+        shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist())
         figures = ", ".join(f"{name} by {x:+.2g} ± {digits(s, 1)}" for name, x, s in shown if abs(x) > TOLD * s)
         meaning = "turning one axis pushes the others more than the URDF says"
         return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return `given_model` of CONTRACT: grams and millimetres, null where nothing is shown."""
-        shown = shares(self.shift.basis)
-        com, std = 1e3 * self.shift.change, 1e3 * deviations(self.shift.spread)
+        shown, com, std = self.shift.axes, 1e3 * self.shift.change, 1e3 * self.shift.std
         weighed = len(self.mass.value) > 0
         row = {
             "mass": 1e3 * float(self.mass.change[0]) if weighed else None,
@@ -122,7 +117,7 @@ class Given:
             "std": float(max(s for s, yes in zip(std, shown) if yes)) if any(shown) else None,
             "sentence": self.sentence,
             "com_std_mm": [float(s) if yes else None for s, yes in zip(std, shown)],
-            "mass_std": 1e3 * float(deviations(self.mass.spread)[0]) if weighed else None,
+            "mass_std": 1e3 * float(self.mass.std[0]) if weighed else None,
             "stated_mass": 1e3 * self.stated,
             "link": self.link,
             "alone": self.alone,
@@ -132,8 +127,8 @@ class Given:
 
     def skewed(self) -> dict[str, Any]:
         """Return the products of inertia that are shown and differ, kg m², or nothing."""
-        shown, spread = shares(self.products.basis), deviations(self.products.spread)
-        rows = zip(("Ixy", "Ixz", "Iyz"), shown, self.products.change.tolist(), spread.tolist())
+        seen = self.products
+        rows = zip(("Ixy", "Ixz", "Iyz"), seen.axes, seen.change.tolist(), seen.std.tolist())
         figures = {name: {"value": x, "std": s} for name, yes, x, s in rows if yes}
         return {**figures, "sentence": self.skew()} if self.skew() else {}
 
@@ -151,18 +146,19 @@ def given(found: Difference) -> Given | None:
         return None
     mine = slice(10 * body, 10 * body + 10)
     own, others = found.responses[:, mine], np.delete(found.responses, range(10 * body, 10 * body + 10), axis=1)
-    alone = found.lack_of_fit(own) > ALONE
+    alone = found.lack_of_fit(own) > SURE
     rest = np.zeros((len(own), 0)) if alone else others
     moments = inertia.mass * own[:, MOMENTS] @ frame.rotation
     heavier = own @ (inertia.toDynamicParameters() / inertia.mass)[:, None]
     moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
-    mass = found.seen(heavier, np.hstack([moments, own[:, INERTIA], rest]), SHOWN_MASS * inertia.mass)
+    radius = gyration(inertia)
+    mass = found.seen(heavier, np.hstack([moments, own[:, INERTIA], rest]), SHOWN * inertia.mass)
     unsure = heavier if len(mass.value) else heavier[:, :0]
-    shift = found.seen(moments, np.hstack([unsure, own[:, INERTIA], rest]), SHOWN)
+    shift = found.seen(moments, np.hstack([unsure, own[:, INERTIA], rest]), SHOWN * radius)
     known = shifted(inertia, frame, shift.change) + inertia.toDynamicParameters() * mass.change / inertia.mass
     left = replace(found, change=found.change - own @ known)
     diagonal = np.delete(own, PRODUCTS, axis=1)
-    products = left.seen(own[:, PRODUCTS], np.hstack([diagonal, rest]), SHOWN_PRODUCT * moment)
+    products = left.seen(own[:, PRODUCTS], np.hstack([diagonal, rest]), SHOWN * moment)
     return Given(
         link=carried(rig),
         body=rig.links[body],
@@ -172,15 +168,6 @@ def given(found: Difference) -> Given | None:
         shift=shift,
         products=products,
         words=np.asarray(frame.rotation.T @ facing(rig)),
+        gyration=radius,
         moment=moment,
     )
-
-
-def deviations(covariance: Array) -> Array:
-    """Standard deviations, (p,)."""
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
-
-
-def shares(basis: Array) -> list[bool]:
-    """Whether each of p axes lies more than half in the directions shown, (p, r)."""
-    return [bool(np.linalg.norm(row) > 0.5) for row in basis]

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.digits import digits
-from gimbal_pin.effects.rig_effect import RigEffect, payload, placed, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, gyration, payload, placed, with_added
 from gimbal_pin.errors import UsageError
 from gimbal_pin.parameter import Parameter
 from gimbal_pin.rig import Rig
@@ -64,7 +64,7 @@ class PayloadMass(RigEffect):
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Spread over the payload, or bolted on, wherever that may be, or gone from there."""
         try:
-            corners = gyration(rig) / np.sqrt(3.0) * np.array(CORNERS)
+            corners = gyration(payload(rig)[1]) / np.sqrt(3.0) * np.array(CORNERS)
         except UsageError:
             return ()
         return ({"extra": 0.0}, *({"extra": 0.0, **dict(zip("xyz", corner))} for corner in corners.tolist()))
@@ -72,7 +72,7 @@ class PayloadMass(RigEffect):
     def plausible(self, rig: Rig) -> bool:
         """Whether a weight is bolted on, and not inside the payload."""
         place = float(np.linalg.norm([self.x, self.y, self.z]))
-        return place == 0 or place > INSIDE * gyration(rig)
+        return place == 0 or place > INSIDE * gyration(payload(rig)[1])
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""
@@ -81,9 +81,3 @@ class PayloadMass(RigEffect):
         if place:
             return f"a weight of some {weight} sits on the payload, {digits(1e3 * place, 2)} mm from its centre of mass"
         return f"the payload is {weight} {'heavier' if self.extra >= 0 else 'lighter'} than stated"
-
-
-def gyration(rig: Rig) -> float:
-    """Radius of gyration of the payload about its centre of mass, m."""
-    _, inertia, _ = payload(rig)
-    return float(np.sqrt(np.trace(inertia.inertia) / 2 / inertia.mass))

@@ -76,6 +76,11 @@ def payload(rig: Rig) -> tuple[int, pin.Inertia, pin.SE3]:
     return body - 1, inertia, frame.placement
 
 
+def gyration(inertia: pin.Inertia) -> float:
+    """Radius of gyration about the centre of mass, m: ``√(tr I/2m)``."""
+    return float(np.sqrt(np.trace(inertia.inertia) / 2 / inertia.mass))
+
+
 def carried(rig: Rig) -> str:
     """Return the link that is the payload: the mounted one's root, else what is fixed to the link that aims the camera.
 
