@@ -12,7 +12,7 @@ from gimbal_pin.audit import Audit, Fault, audit
 from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.band import usual
-from gimbal_pin.diagnosis.engine import explain
+from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.finding import Diagnosis
@@ -20,7 +20,7 @@ from gimbal_pin.diagnosis.off_centre import Encoders, off_centre
 from gimbal_pin.diagnosis.parts import alternate
 from gimbal_pin.diagnosis.platform_motion import ridden
 from gimbal_pin.diagnosis.reported import beside, hold, reported, spoilt, with_motion
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.diagnosis.swung import swung
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.turns import opened
@@ -158,7 +158,7 @@ def searched(
     if whole:
         evidence, held = alternate(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
-    check_driven(found.first)
+    check_driven(found)
     apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, with_fault(audits, apart), filtering)
@@ -200,18 +200,20 @@ def check_moved(evidence: Evidence, name: str) -> None:
         raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
 
 
-def check_driven(state: State) -> None:
-    """Raise `DataError` if a joint's torque has no more to do with its motion than noise has.
+def check_driven(found: Explained) -> None:
+    """Raise `DataError` if a joint's torque is noise that has nothing to do with its motion.
 
     ``F = (explained / parameters) / (left / rows)`` of a fit to that joint alone: noise gives one, any rig hundreds.
+    Where a function of the state predicts what is left, it is not noise, but unknown.
     """
-    now, evidence, dumb = state.fit, state.problem.evidence, list[str]()
+    now, evidence, dumb = found.first.fit, found.first.problem.evidence, list[str]()
     for j, joint in enumerate(evidence.rig.joints):
         columns, torque = now.stack[now.rows(j)], now.target[now.rows(j)]
         columns = columns[:, np.any(columns != 0, axis=0)]
         left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
         rest = max(float(left @ left), 1e-300) / max(evidence.rows * float(evidence.used()[j]), 1.0)
-        if (float(torque @ torque) - float(left @ left)) / max(columns.shape[1], 1) < DRIVEN * rest:
+        explained = (float(torque @ torque) - float(left @ left)) / max(columns.shape[1], 1)
+        if explained < DRIVEN * rest and not found.structured[j]:
             dumb.append(joint)
     if dumb:
         what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
