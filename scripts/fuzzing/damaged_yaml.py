@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from itertools import pairwise
 from typing import Any
 
@@ -107,14 +108,14 @@ def keys(rng: np.random.Generator, data: Any) -> None:
 
 
 def exchanged(rng: np.random.Generator, data: Any) -> None:
-    """Two values have changed places."""
+    """Two values have changed places; copies of them, or one that stands in two places would come to hold itself."""
     paths = places(data)
     if len(paths) < 2:
         return
     one_path, other = one(rng, paths), one(rng, paths)
     if one_path[: len(other)] == other or other[: len(one_path)] == one_path:
         return
-    first, second = held(data, one_path), held(data, other)
+    first, second = deepcopy(held(data, one_path)), deepcopy(held(data, other))
     held(data, one_path[:-1])[one_path[-1]], held(data, other[:-1])[other[-1]] = second, first
 
 

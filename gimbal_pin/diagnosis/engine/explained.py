@@ -176,10 +176,10 @@ class Candidates:
     def __init__(self, rig: Rig, causes: Sequence[Cause]) -> None:
         """Remember what to build."""
         self.every = Library(rig, causes)
-        drives = [one for one in causes if isinstance(one, Signal) and not one.springy]  # springs follow the motion
-        self.drives = Library(rig, drives, of_model=True)
+        drives = {one: isinstance(one, Signal) and not one.springy for one in causes}  # springs follow the motion
+        self.drives = Library(rig, [one for one, drive in drives.items() if drive], of_model=True)
         # A harmonic is a line in the noise's spectrum, and no median moves by it.
-        self.still = [one for one in causes if one not in drives and not one.pieces]
+        self.still = [one for one, drive in drives.items() if not drive and not one.pieces]
 
     def noiseless(self, state: State) -> list[Columns]:
         """Columns without the measured torque's noise, but of those that come in pieces."""
