@@ -30,7 +30,7 @@ from gimbal_pin.pointing.bench import WANTED, Shaken, unbalanced
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Course, Row, compete
 from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing, parse_fault
-from gimbal_pin.pointing.forecast import TAPS, Forecast
+from gimbal_pin.pointing.forecast import TAPS, Forecast, Past
 from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.loops import Loops, slack
@@ -180,9 +180,59 @@ def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     assert np.std(foreseen - true) < 0.2 * np.std(true)
     coarse = Forecast(spectrum().until(200.0), (PID,), DT, (0.0015,)).weights[0]
     assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
-    filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), ground.w[1], ground.f[1])
+    filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), DT, ground.w[1], ground.f[1]).taps
     np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
     np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])
+
+
+def flown(forecast: Forecast, w: Array, f: Array) -> list[Past]:
+    """What a forecast remembers after every sample of a flight."""
+    memory = [forecast.start(w[0], f[0])]
+    for k in range(1, len(w)):
+        memory.append(forecast.step(memory[-1], k * DT, w[k], f[k]))
+    return memory
+
+
+def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
+    """Of profile S at once; of a propeller that it was not shown never, until the flight has shown it, in 4 s."""
+    rng, t = np.random.default_rng(5), DT / 2 * np.arange(9001)
+    ground = profile_s(t, rng)
+    w, f = (x[::2] + size * rng.standard_normal((4501, 3)) for x, size in ((ground.w, 2e-3), (ground.f, 0.02)))
+    known = Forecast(spectrum(), (PID,), DT, (0.0015,))
+    assert (last := flown(known, w[:1200], f[:1200])[-1]).trust == 1.0 and not last.events
+    wave = np.sin(2 * pi * 110.0 * DT * np.arange(len(w)))[:, None]
+    w, f = w + 0.05 * wave, f + 2.0 * wave
+    memory = flown(known, w, f)
+    assert max(past.trust for past in memory[:2048]) == 0.0 and memory[-1].trust == 1.0
+    assert ["more" in event for event in memory[-1].events] == [True, False]
+    assert flown(replace(known, learns=False), w, f)[-1].trust == 0.0
+    # A line that stops and another that begins: none is used within 0.1 s, and that is told.
+    memory = [memory[-1]]
+    for k in range(200):
+        own = np.sin(2 * pi * 170.0 * DT * k)
+        memory.append(known.step(memory[-1], 4.5 + k * DT, w[k] - 0.05 * (wave[k] - own), f[k] - 2 * (wave[k] - own)))
+    assert memory[100].trust == 0.0 and "none is used" in memory[-1].events[-1]
+
+
+def test_none_has_one_gain_and_one_phase() -> None:
+    """A line of any frequency as it was half a sample ago, of rate, acceleration and force: nothing is amplified."""
+    forecast = Forecast(spectrum(), (PID,), DT, (0.0,))
+    for hz in (1.0, 75.0, 180.0, 400.0):
+        s, t = 2j * pi * hz, DT * np.arange(3)
+        wave = np.exp(s * t)
+        w, dw, f = [complex(*x) for x in np.array([seen(forecast, part) for part in (wave.real, wave.imag)]).T]
+        before = np.exp(s * (t[2] - DT / 2))
+        assert f == w and abs(w) <= 1 and abs(dw) <= abs(s)
+        assert np.angle(w / before) == pytest.approx(0, abs=1e-9) == np.angle(dw / (s * before))
+
+
+def seen(forecast: Forecast, wave: Array) -> list[float]:
+    """Rate, angular acceleration and force about one axis after three samples of the same signal on every channel."""
+    memory = forecast.start(np.full(3, wave[0]), np.full(3, wave[0]))
+    for k in (1, 2):
+        memory = forecast.step(memory, k * DT, np.full(3, wave[k]), np.full(3, wave[k]))
+    (carried,) = forecast.ahead(memory)
+    return [float(x[0]) for x in (carried.w, carried.dw, carried.f)]
 
 
 def test_the_spectrum_parts_noise_from_motion() -> None:
@@ -214,9 +264,14 @@ def test_what_is_fast_is_the_plain_formula() -> None:
     rng = np.random.default_rng(5)
     J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
     np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
-    forecast, past = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015)), rng.standard_normal((TAPS, 6))
+    forecast, taps = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015)), rng.standard_normal((TAPS + 1, 6))
+    past = forecast.start(np.zeros(3), np.zeros(3))._replace(taps=taps[1:], trust=1.0)
+    past, taps = (
+        forecast.step(past._replace(scores=np.array([[0.0] * 4, [1.0] * 4])), 0.0, *np.split(taps[0], 2)),
+        taps[:-1],
+    )
     for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
-        plain = [weights[2] @ past[:, 3:], weights[0] @ past[:, :3], weights[1] @ past[:, :3]]
+        plain = [weights[2] @ taps[:, 3:], weights[0] @ taps[:, :3], weights[1] @ taps[:, :3]]
         np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
     fusion, others, between = Fusion(GYRO, 2 * pi / 2**16, DT), rng.standard_normal((2, 3)), rng.standard_normal((2, 3))
     camera, to = pin.exp3(rng.standard_normal(3)), [pin.exp3(turn) for turn in between]

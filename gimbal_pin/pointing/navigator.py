@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from gimbal_pin.control.aim import Ahead, Aim, Carried
 from gimbal_pin.log import Array
-from gimbal_pin.pointing.forecast import Forecast
+from gimbal_pin.pointing.forecast import Forecast, Past
 from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.seen import Seen
 from gimbal_pin.pointing.sight import Sight, View
@@ -27,7 +27,7 @@ class Known(NamedTuple):
     Attributes:
         R: Attitude in the world of the camera, or of the platform where that is what is integrated, (3, 3).
         turning: The rate that was integrated last, rad/s, (3,).
-        past: Last samples of the platform's IMU, see `Forecast`.
+        past: What the forecast remembers.
         t: Time of the sample, s.
         v: Joint rates, rad/s, (n,).
         fused: What fusion remembers; None without it.
@@ -35,7 +35,7 @@ class Known(NamedTuple):
 
     R: Array
     turning: Array
-    past: Array
+    past: Past
     t: float
     v: Array
     fused: Fused | None = None
@@ -108,7 +108,7 @@ class Navigator:
         v = against.dot(carries - seen.gyro)
         R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
         error = against.dot(log3(self.towards.dot(actual)))
-        past = self.forecast.step(known.past, seen.w, seen.f)
+        past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, against.dot(carries + rate), ahead[0].a, ahead)
         return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
@@ -138,7 +138,7 @@ class Navigator:
         anew = R @ between[0].T if "w" in doubtful and "q" not in doubtful else base
         return R, begun(anew, between, seen)
 
-    def ahead(self, seen: Seen, view: View, v: Array, past: Array) -> tuple[Ahead, ...]:
+    def ahead(self, seen: Seen, view: View, v: Array, past: Past) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""
         out, true = [], seen.true if self.oracle else None
         bases = self.forecast.ahead(past) if true is None else true

@@ -50,7 +50,8 @@ class Held(NamedTuple):
     @property
     def told(self) -> tuple[str, ...]:
         """Everything that happened."""
-        return self.events if self.watch is None else (*self.watch.events, *self.events)
+        own = (*self.known.past.events, *self.events)
+        return own if self.watch is None else (*self.watch.events, *own)
 
 
 class Holder(Protocol):

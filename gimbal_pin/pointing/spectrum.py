@@ -58,11 +58,16 @@ class Spectrum:
             raise LogError(name, f"holds {len(imu.gyro) * dt:.3g} s of the platform", f"give {2 / RESOLUTION:g} s")
         f, rate = welch(imu.gyro, 1 / dt, nperseg=width, axis=0, detrend=False)
         _, force = welch(imu.accel, 1 / dt, nperseg=width, axis=0, detrend=False)
-        parted = [without_noise(f, smeared(f, power.mean(axis=1))) for power in (rate, force)]
+        return Spectrum.of_powers(f, rate.mean(axis=1), force.mean(axis=1))
+
+    @staticmethod
+    def of_powers(f: Array, rate: Array, force: Array) -> Spectrum:
+        """Take the sensors' noise off measured power densities, and leave room for surprise."""
+        parted = [without_noise(f, smeared(f, power)) for power in (rate, force)]
         (rate, rate_noise), (force, force_noise) = parted
         surprise = SURPRISE * assumed(f)
-        rate = rate + rate.sum() * RESOLUTION * surprise
-        force = force + force[MEAN:].sum() * RESOLUTION * surprise
+        rate = rate + rate.sum() * f[1] * surprise
+        force = force + force[MEAN:].sum() * f[1] * surprise
         return Spectrum(f, rate, force, rate_noise, force_noise)
 
     def until(self, top: float) -> Spectrum:
@@ -85,7 +90,7 @@ class Spectrum:
 def assumed(f: Array) -> Array:
     """The motion of `HAND`, of unit power, 1/Hz."""
     shape = 1 / ((1 + (f / HAND[0]) ** 2) * (1 + (f / HAND[1]) ** 4))
-    return np.asarray(shape / (shape.sum() * RESOLUTION))
+    return np.asarray(shape / (shape.sum() * f[1]))
 
 
 def smeared(f: Array, power: Array) -> Array:
