@@ -259,6 +259,24 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
     assert max(np.abs(after.turn).max(), np.abs(after.rate).max()) < 1e-12
 
 
+@pytest.mark.parametrize(("scale", "ended"), [(0.0, False), (0.01, True)])
+def test_gaps_beyond_the_gyros_noise_end_the_fusion(scale: float, ended: bool) -> None:
+    """A platform that swings by 5° at half a hertz; with the end the camera's attitude keeps its turn for ever."""
+    rng, fusion, camera = np.random.default_rng(1), Fusion(GYRO, 2 * pi / 2**16, DT), np.eye(3)
+    memory, last = Fused.begun([np.eye(3)], np.zeros((1, 3))), np.zeros(3)
+    for k in range(20000):
+        angle, rate = np.array([[radians(5)], [radians(5) * pi]]) * [[np.sin(pi * k * DT)], [np.cos(pi * k * DT)]]
+        noise = GYRO / np.sqrt(2 * DT) * rng.standard_normal((2, 3))
+        other = noise[1] + [0, (1 + scale) * rate[0], 0]
+        camera, last = camera @ pin.exp3((last + noise[0]) * DT / 2), noise[0]
+        q = np.rint(angle[0] / fusion.step) * fusion.step
+        memory = fusion.compared(memory.on(other[None], DT), camera, [pin.exp3(np.array([0, -q, 0]))])
+        if memory.ended:
+            break
+    assert memory.ended == ended
+    assert not ended or (k < 500 and not memory.rate.any() and np.abs(memory.turn).max() < fusion.bound)
+
+
 def test_what_is_fast_is_the_plain_formula() -> None:
     """The 3 by 3 inverse, the forecast in one product, and the mean of the gyros' attitudes."""
     rng = np.random.default_rng(5)

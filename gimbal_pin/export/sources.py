@@ -23,7 +23,7 @@ from gimbal_pin.log import Imu
 from gimbal_pin.pointing import guard
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, rehearsed
-from gimbal_pin.pointing.forecast import TAPS
+from gimbal_pin.pointing.forecast import FALL, RISE, TAPS
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.seen import Station
@@ -83,6 +83,8 @@ class Exported:
 def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
     """Return the Python controller that holds the camera with the gains of a file: ``tuned`` of `track --platform`.
 
+    Its forecast does not learn in flight, as the exported one's does not: both only give way to none.
+
     Args:
         stored: The controller.
         imu: Time, s, and readings of the base's IMU, which say how the platform moves; None: as if shaken by hand.
@@ -93,7 +95,9 @@ def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
     station = Station.of(rig)
     step = float(station.step.max())
     late = wish.samples
-    roster = Roster(stored.model, WANTED, spectrum, station.noise, step, dt=wish.dt, delay=late, law=stored.law)
+    roster = Roster(
+        stored.model, WANTED, spectrum, station.noise, step, dt=wish.dt, delay=late, law=stored.law, learns=False
+    )
     assert isinstance(stored.law, (ComputedTorque, JointPid))
     return roster.tuned(stored.law)
 
@@ -117,6 +121,7 @@ def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
         "links": len(links),
         "leads": len(pointer.navigator.forecast.leads),
         "taps": TAPS,
+        "due": pointer.navigator.forecast.due,
         "others": max(len(coefficients), 1),
         "loaded": int(model.loaded),
         "weighed": int(model.weighed),
@@ -133,7 +138,7 @@ def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
     }
     counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), made)}
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
-    memory = state_bytes(rig.n, len(links))
+    memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
     return Exported(rendered({**context, "operations": cost, "memory": memory}), cost, memory, difference, pointer)
 
 
@@ -156,11 +161,14 @@ def calls(stored: Stored, pointer: Pointer) -> dict[str, int]:
     }
 
 
-def state_bytes(n: int, links: int) -> int:
-    """Size of ``struct gimbal_holding`` where 64-bit integers align to eight bytes, for gyros on so many links."""
+def state_bytes(n: int, links: int, due: int) -> int:
+    """Size of ``struct gimbal_holding`` where 64-bit integers align to eight bytes, for gyros on so many `links`.
+
+    `due`: samples after which a forecast comes due.
+    """
     sensors = 10 + n + 3 * max(links, 1)
     guarded, gyros = 2 * sensors + 15 + 4 * n, links + 1
-    after = 15 + 2 * n + 14 * gyros + 6 * TAPS + 1 + 3
+    after = 15 + 2 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 3
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
 
@@ -236,7 +244,10 @@ def parameters(
         "forecast": [weights.tolist() for weights in forecast.weights],
         "lasting": exp(-dt / PAID),
         "most_owed": MOST,
+        "judging": dict(zip(("slow", "mean", "rise", "fall"), (*forecast.shares, dt / RISE, dt / FALL))),
         "fusion_gain": 0.0 if navigator.fusion is None else navigator.fusion.gain,
+        "fusion_share": 0.0 if navigator.fusion is None else navigator.fusion.share,
+        "fusion_bound": 0.0 if navigator.fusion is None else navigator.fusion.bound,
         "limits": {
             "noisy": pointer.guard.noisy,
             "held": guard.HELD,

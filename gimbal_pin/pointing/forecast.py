@@ -49,7 +49,7 @@ class Past(NamedTuple):
         scores: Mean squares of both one's errors: of dw and f, all and the slow part of them, (2, 4).
         trust: Share of the forecast that is used, 0 to 1.
         used: Whether it is in force as far as events say; before `SETTLED` it counts as such.
-        count: Samples so far.
+        samples: Samples so far.
         blocks: Blocks of samples that the next spectrum is measured in.
         power: Mean power densities in flight, rate and force, (2, K), and of how many spectra; None: no flight yet.
         events: What happened, in sentences.
@@ -63,7 +63,7 @@ class Past(NamedTuple):
     scores: Array
     trust: float = 0.0
     used: bool = True
-    count: int = 0
+    samples: int = 0
     blocks: tuple[Array, ...] = ()
     power: tuple[Array, int] | None = None
     events: tuple[str, ...] = ()
@@ -136,7 +136,7 @@ class Forecast:
 
     @cached_property
     def shares(self) -> tuple[float, float]:
-        """Shares of a new error in the slow errors and in the mean squares: ``√kp`` of a loop is about its crossover."""
+        """Shares of a new error in the slow errors and in the mean squares; ``√kp`` is about a loop's crossover."""
         return 1 - exp(-self.dt * self.gains[-1].kp ** 0.5), 1 - exp(-self.dt / JUDGED)
 
     def ahead(self, past: Past) -> list[Carried]:
@@ -162,16 +162,27 @@ class Forecast:
         due, smooth, scores, trust = self.compared(past, none, far[-1])
         found = none + trust * (far - none)
         used, events = past.used, past.events
-        if trust == (0.0 if used else 1.0) and past.count * self.dt > SETTLED:
+        if trust == (0.0 if used else 1.0) and past.samples * self.dt > SETTLED:
             used = not used
             said = (
                 "the forecast errs less than none again" if used else "the forecast errs more than none: none is used"
             )
             events = (*events, f"{t:.3f} s: {said}")[:MOST]
         after = Past(
-            taps, past.weights, found, due, smooth, scores, trust, used, past.count + 1, past.blocks, past.power, events
+            taps,
+            past.weights,
+            found,
+            due,
+            smooth,
+            scores,
+            trust,
+            used,
+            past.samples + 1,
+            past.blocks,
+            past.power,
+            events,
         )
-        return self.learned(after) if self.learns and after.count % TAPS == 0 else after
+        return self.learned(after) if self.learns and after.samples % TAPS == 0 else after
 
     def compared(self, past: Past, none: Array, far: Array) -> tuple[Array, Array, Array, float]:
         """Judge what comes due; return what is to come, slow errors, mean squares, and trust."""
@@ -189,7 +200,7 @@ class Forecast:
 
     def learned(self, past: Past) -> Past:
         """Memory after a block of samples: a spectrum every `EVERY` of them, its filters one block later."""
-        blocks, number = (*past.blocks, past.taps[::-1])[-BLOCKS:], past.count // TAPS
+        blocks, number = (*past.blocks, past.taps[::-1])[-BLOCKS:], past.samples // TAPS
         if number >= BLOCKS and number % EVERY == 0:
             before, seen = (0.0, 0) if past.power is None else past.power
             power = before + (powers(np.concatenate(blocks), self.dt) - before) / min(seen + 1, SPECTRA)

@@ -40,6 +40,11 @@ class Known(NamedTuple):
     v: Array
     fused: Fused | None = None
 
+    @property
+    def ended(self) -> bool:
+        """Whether several gyros were fused and are not any more."""
+        return self.fused is not None and self.fused.ended
+
 
 class Fix(NamedTuple):
     """Angles, rates and aim at one sample.
@@ -134,9 +139,10 @@ class Navigator:
         """
         base, between = fused.attitudes[0], self.sight.between(seen.q)
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
-            return base @ between[0], begun(base, between, seen)
-        anew = R @ between[0].T if "w" in doubtful and "q" not in doubtful else base
-        return R, begun(anew, between, seen)
+            R = base @ between[0]
+        elif "w" in doubtful and "q" not in doubtful:
+            base = R @ between[0].T
+        return R, begun(base, between, seen)._replace(ended=fused.ended)
 
     def ahead(self, seen: Seen, view: View, v: Array, past: Past) -> tuple[Ahead, ...]:
         """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""

@@ -133,9 +133,12 @@ class Pointer:
         # A law clips, and clipping may make a limit of what is no number: so what went in is looked at, too.
         finite = isfinite(sum(sizes) + fix.aim.q.dot(fix.aim.a))
         at_limit = list(map(ge, sizes, self.limits))
-        if finite and not any(at_limit) and not before.limited and fix.steep == before.steep:
+        ended = after.known.ended and not before.known.ended
+        if finite and not any(at_limit) and not before.limited and fix.steep == before.steep and not ended:
             return tau, after
         events = list(after.events)
+        if ended:
+            events.append(f"{t:.3f} s: the gyros differ by more than their noise, the camera's own is used alone")
         if not finite:
             events.append(f"{t:.3f} s: the law gave no number, no torque")
             tau = np.zeros_like(tau)

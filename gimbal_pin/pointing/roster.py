@@ -54,6 +54,7 @@ class Roster:
         delay: Samples from measurement to torque, the drives' own not counted.
         law: Whose gains "tuned" has; None: there is no such controller.
         machine: What "compiled" runs; None: there is no such controller.
+        learns: Whether forecasts learn in flight.
     """
 
     model: Model
@@ -66,6 +67,7 @@ class Roster:
     delay: int = 1
     law: Law | None = None
     machine: Machine | None = None
+    learns: bool = True
 
     @cached_property
     def sight(self) -> Sight:
@@ -86,7 +88,7 @@ class Roster:
         """Return navigation for the joints' outer loops."""
         leads = self.loops.leads if predicts else (0.0,) * len(self.loops.leads)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
-        forecast = Forecast(self.spectrum, self.loops.per_lead(gains), self.dt, leads)
+        forecast = Forecast(self.spectrum, self.loops.per_lead(gains), self.dt, leads, self.learns)
         return Navigator(self.sight, self.wanted, self.dt, forecast, fusion=fusion)
 
     def holder(self, name: str) -> Holder:
@@ -140,7 +142,9 @@ class Roster:
         carried = CarriedTorque(
             self.model, law.gains, self.dt, robust=law.robust, trusted=self.loop(OURS)[1].get("trusted", ())
         )
-        return self.guarded(self.navigator(law.gains, predicts=True, fuses=True), carried)
+        # The compiled controller beside it does not learn in flight.
+        own = self if self.machine is None else replace(self, learns=False)
+        return self.guarded(own.navigator(law.gains, predicts=True, fuses=True), carried)
 
     def guarded(self, navigator: Navigator, law: Law) -> Pointer:
         """Return a controller with its guard, and a PID at half the bandwidth to fall back to."""

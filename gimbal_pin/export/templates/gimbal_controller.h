@@ -64,6 +64,14 @@ struct gimbal_point {
     float command;
 };
 
+/* How a forecast of the base's motion is compared with what was then measured; shares and steps are per sample. */
+struct gimbal_judging {
+    float slow;   /* share of an error in the slow errors */
+    float mean;   /* share of its square in the mean squares */
+    float rise;   /* of the trust in a forecast that errs less than none */
+    float fall;   /* the same of one that errs more */
+};
+
 /* When a sensor counts as failing. */
 struct gimbal_limits {
     bool noisy;          /* gyros and accelerometer have noise: a reading that repeats itself is frozen */
@@ -97,7 +105,10 @@ struct gimbal_parameters {
     float forecast[GIMBAL_LEADS][3][GIMBAL_TAPS];      /* base's rate, angular acceleration, force; newest first */
     float lasting;                                     /* share of a torque cut off that is owed a sample later */
     float most_owed;                                   /* largest torque owed, in torque limits */
+    struct gimbal_judging judging;
     float fusion_gain;                                 /* of the gaps between gyros; 0: the camera's gyro alone */
+    float fusion_share;                                /* of a gap in its slow part, per sample */
+    float fusion_bound;                                /* rad; a faster change of a gap is no noise and ends the fusion */
     struct gimbal_limits limits;
 };
 
@@ -196,6 +207,12 @@ struct gimbal_holding {
     float turn[3];                          /* what the camera's attitude is turned by, rad */
     float past[GIMBAL_TAPS][6];             /* ring of the base's last rates and forces */
     int newest;                             /* place of the newest in it */
+    float due[GIMBAL_DUE][2][6];            /* acceleration and force foreseen, and held, oldest first */
+    float slow_errors[2][6];                /* of both, behind a low-pass */
+    float scores[2][4];                     /* mean squares of both one's errors */
+    float trust;                            /* share of the forecast that is used, 0 to 1 */
+    float slow_gaps[GIMBAL_GYROS][3];       /* gaps behind a low-pass, rad */
+    bool apart;                             /* whether the gyros differ by more than noise: the camera's own is used */
     bool fallback;                          /* whether the PID is in force that needs no model */
     bool steep;                             /* whether the camera is near a singular pose */
     uint32_t limited;                       /* samples in a row at a torque limit */

@@ -183,6 +183,7 @@ static void begin(struct gimbal_holding *state, const struct gimbal_sensors *see
         for (int k = 0; k < 3; ++k) {
             state->other_rates[i][k] = gyro(seen, i)[k];
             state->gaps[i][k] = 0.0f;
+            state->slow_gaps[i][k] = 0.0f;
             state->turn[k] = 0.0f;
         }
     }
@@ -231,6 +232,9 @@ static void compare(const struct gimbal_parameters *p, struct gimbal_holding *st
     float to[GIMBAL_GYROS][4];
     float own[4];
     float turn[3] = {0.0f, 0.0f, 0.0f};
+    if (state->apart) {
+        return;
+    }
     between(q, to);
     gimbal_inverse(state->attitude.q, own);
     for (int i = 0; i < GIMBAL_GYROS; ++i) {
@@ -242,8 +246,13 @@ static void compare(const struct gimbal_parameters *p, struct gimbal_holding *st
         gimbal_log(gap, seen);
         for (int k = 0; k < 3; ++k) {
             state->gaps[i][k] += p->fusion_gain * (seen[k] - state->gaps[i][k]);
+            state->slow_gaps[i][k] += p->fusion_share * (state->gaps[i][k] - state->slow_gaps[i][k]);
+            state->apart = state->apart || fabsf(state->gaps[i][k] - state->slow_gaps[i][k]) > p->fusion_bound;
             turn[k] += state->gaps[i][k] / (float)(GIMBAL_GYROS + 1);
         }
+    }
+    if (state->apart) {
+        return; /* for good; the turn stays as it was */
     }
     for (int k = 0; k < 3; ++k) {
         rate[k] = (turn[k] - state->turn[k]) / p->dt;
@@ -310,6 +319,61 @@ static void foresee(const struct gimbal_parameters *p, const struct gimbal_holdi
     }
 }
 
+/* What was measured last, half a sample ago: a forecast that foresees nothing, of one gain and one phase. */
+static void hold(const struct gimbal_parameters *p, const struct gimbal_holding *state, struct gimbal_ahead *out)
+{
+    const float *now = state->past[state->newest];
+    const float *before = state->past[(state->newest + 1) % GIMBAL_TAPS];
+    for (int k = 0; k < 3; ++k) {
+        out->w[k] = 0.5f * (now[k] + before[k]);
+        out->dw[k] = (now[k] - before[k]) / p->dt;
+        out->f[k] = 0.5f * (now[3 + k] + before[3 + k]);
+    }
+}
+
+/* Compare what was foreseen and what was held with what it came to; a forecast is trusted that errs less than none. */
+static void judge(const struct gimbal_parameters *p, struct gimbal_holding *state, const struct gimbal_ahead *none,
+                  const struct gimbal_ahead *last)
+{
+    bool better = true;
+    for (int who = 0; who < 2; ++who) {
+        float squares[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+        for (int k = 0; k < 6; ++k) {
+            const float truth = k < 3 ? none->dw[k] : none->f[k - 3];
+            const float error = state->due[0][who][k] - truth;
+            float *slow = &state->slow_errors[who][k];
+            *slow += p->judging.slow * (error - *slow);
+            squares[k / 3] += error * error;
+            squares[2 + k / 3] += *slow * *slow;
+        }
+        for (int i = 0; i < 4; ++i) {
+            state->scores[who][i] += p->judging.mean * (squares[i] - state->scores[who][i]);
+        }
+    }
+    for (int i = 0; i < 4; ++i) {
+        better = better && state->scores[0][i] < state->scores[1][i];
+    }
+    state->trust = better ? fminf(1.0f, state->trust + p->judging.rise) : fmaxf(0.0f, state->trust - p->judging.fall);
+    for (int k = 0; k < 6; ++k) {
+        for (int i = 0; i + 1 < GIMBAL_DUE; ++i) {
+            state->due[i][0][k] = state->due[i + 1][0][k];
+            state->due[i][1][k] = state->due[i + 1][1][k];
+        }
+        state->due[GIMBAL_DUE - 1][0][k] = k < 3 ? last->dw[k] : last->f[k - 3];
+        state->due[GIMBAL_DUE - 1][1][k] = k < 3 ? none->dw[k] : none->f[k - 3];
+    }
+}
+
+/* A forecast as far as it is trusted. */
+static void mix(float trust, const struct gimbal_ahead *none, struct gimbal_ahead *there)
+{
+    for (int k = 0; k < 3; ++k) {
+        there->w[k] = none->w[k] + trust * (there->w[k] - none->w[k]);
+        there->dw[k] = none->dw[k] + trust * (there->dw[k] - none->dw[k]);
+        there->f[k] = none->f[k] + trust * (there->f[k] - none->f[k]);
+    }
+}
+
 /* Rates and accelerations of the joints that keep the camera's attitude on the base that moves so. */
 static void wish(const struct view *view, struct gimbal_ahead *there)
 {
@@ -321,9 +385,15 @@ static void wish(const struct view *view, struct gimbal_ahead *there)
     undo(view, drift, there->a);
 }
 
-static void look_ahead(const struct gimbal_parameters *p, const struct gimbal_holding *state,
+static void look_ahead(const struct gimbal_parameters *p, struct gimbal_holding *state,
                        const struct gimbal_sensors *seen, const struct view *first, struct fix *fix)
 {
+    struct gimbal_ahead none;
+    hold(p, state, &none);
+    for (int lead = 0; lead < GIMBAL_LEADS; ++lead) {
+        foresee(p, state, lead, &fix->aim.ahead[lead]);
+    }
+    judge(p, state, &none, &fix->aim.ahead[GIMBAL_LEADS - 1]);
     for (int lead = 0; lead < GIMBAL_LEADS; ++lead) {
         struct gimbal_ahead *there = &fix->aim.ahead[lead];
         struct view view = *first;
@@ -333,7 +403,7 @@ static void look_ahead(const struct gimbal_parameters *p, const struct gimbal_ho
         if (p->holding_lead[lead] > p->holding_lead[0]) {
             look(&p->limits, there->q, &view);
         }
-        foresee(p, state, lead, there);
+        mix(state->trust, &none, there);
         wish(&view, there);
     }
 }
@@ -509,6 +579,19 @@ void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holdi
     for (int tap = 0; tap < GIMBAL_TAPS; ++tap) {
         remember(state, good);
     }
+    for (int who = 0; who < 2; ++who) {
+        for (int k = 0; k < 6; ++k) {
+            for (int i = 0; i < GIMBAL_DUE; ++i) {
+                state->due[i][who][k] = k < 3 ? 0.0f : good->base_force[k - 3];
+            }
+            state->slow_errors[who][k] = 0.0f;
+        }
+        for (int i = 0; i < 4; ++i) {
+            state->scores[who][i] = 0.0f;
+        }
+    }
+    state->trust = 0.0f;
+    state->apart = false;
     state->time_us = -(int64_t)p->dt_us;
     state->fallback = false;
     state->steep = false;
