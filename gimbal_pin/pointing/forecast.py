@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import exp
+from operator import lt
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ SPECTRA = 8
 """Spectra over which their mean is taken: 8 s at 1 kHz."""
 MOST = 20
 """Events that are kept."""
+THREES = np.kron(np.eye(4), np.ones((3, 1)))
+"""Sums of three entries each, (12, 4)."""
 
 
 class Past(NamedTuple):
@@ -43,8 +46,8 @@ class Past(NamedTuple):
     Attributes:
         taps: Last samples of the platform's IMU, rate and force, newest first, (TAPS, 6).
         weights: The filters in use, one per lead, see `Forecast.solved`.
-        found: Motion at every lead, ``(w; dw; f)``, (L, 3, 3).
-        due: What was foreseen and what was held for the last lead, dw and f, oldest first, (d, 2, 6).
+        found: Motion at every lead, rate, angular acceleration and force, (9,) each.
+        due: What was foreseen and what was held for the last lead, dw and f, oldest first, (2, 6) each.
         smooth: The errors of both behind a low-pass of the loop's crossover, (2, 6).
         scores: Mean squares of both one's errors: of dw and f, all and the slow part of them, (2, 4).
         trust: Share of the forecast that is used, 0 to 1.
@@ -57,8 +60,8 @@ class Past(NamedTuple):
 
     taps: Array
     weights: tuple[Array, ...]
-    found: Array
-    due: Array
+    found: tuple[Array, ...]
+    due: tuple[Array, ...]
     smooth: Array
     scores: Array
     trust: float = 0.0
@@ -124,10 +127,10 @@ class Forecast:
         )
 
     def held(self, taps: Array) -> Array:
-        """What was measured last, half a sample ago: rate, angular acceleration, force, (3, 3)."""
-        now, before = taps[:2]
+        """What was measured last, half a sample ago: rate, angular acceleration, force, (9,)."""
+        now, before = taps[0], taps[1]
         mean, change = (now + before) / 2, (now[:3] - before[:3]) / self.dt
-        return np.concatenate([mean[:3], change, mean[3:]]).reshape(3, 3)
+        return np.concatenate([mean[:3], change, mean[3:]])
 
     @cached_property
     def due(self) -> int:
@@ -141,26 +144,24 @@ class Forecast:
 
     def ahead(self, past: Past) -> list[Carried]:
         """The platform's motion, one per lead."""
-        return [Carried(f, w, dw) for w, dw, f in past.found]
+        return [Carried(x[6:], x[:3], x[3:6]) for x in past.found]
 
     def start(self, w: Array, f: Array) -> Past:
         """Memory for a platform that has always moved as in the first sample."""
         taps = np.tile(np.concatenate([w, f]), (TAPS, 1))
-        found = np.repeat(self.held(taps)[None], len(self.leads), axis=0)
-        due = np.repeat(found[-1, None, 1:].reshape(1, 1, 6), self.due * 2, axis=0).reshape(self.due, 2, 6)
-        weights = self.weights if self.foresees else ()
-        return Past(taps, weights, found, due, np.zeros((2, 6)), np.zeros((2, 4)))
+        none, weights = self.held(taps), self.weights if self.foresees else ()
+        due = (np.stack([none[3:], none[3:]]),) * self.due
+        return Past(taps, weights, (none,) * len(self.leads), due, np.zeros((2, 6)), np.zeros((2, 4)))
 
     def step(self, past: Past, t: float, w: Array, f: Array) -> Past:
         """Memory with the next sample, at time t, s."""
         taps = np.concatenate([w, f, past.taps.ravel()[:-6]]).reshape(TAPS, 6)
         none = self.held(taps)
         if not self.foresees:
-            return past._replace(taps=taps, found=np.repeat(none[None], len(self.leads), axis=0))
-        far = np.array([weights.dot(taps) for weights in past.weights])
-        far = np.stack([far[:, 0, :3], far[:, 1, :3], far[:, 2, 3:]], axis=1)
-        due, smooth, scores, trust = self.compared(past, none, far[-1])
-        found = none + trust * (far - none)
+            return past._replace(taps=taps, found=(none,) * len(self.leads))
+        far = [filtered(weights, taps) for weights in past.weights]
+        due, smooth, scores, trust = self.compared(past, none[3:], far[-1][3:])
+        found = tuple([none + trust * (x - none) for x in far])
         used, events = past.used, past.events
         if trust == (0.0 if used else 1.0) and past.samples * self.dt > SETTLED:
             used = not used
@@ -184,19 +185,17 @@ class Forecast:
         )
         return self.learned(after) if self.learns and after.samples % TAPS == 0 else after
 
-    def compared(self, past: Past, none: Array, far: Array) -> tuple[Array, Array, Array, float]:
+    def compared(self, past: Past, none: Array, far: Array) -> tuple[tuple[Array, ...], Array, Array, float]:
         """Judge what comes due; return what is to come, slow errors, mean squares, and trust."""
-        truth = none[1:].reshape(6)
-        errors = past.due[0] - truth
         slow, mean = self.shares
+        errors = past.due[0] - none
         smooth = past.smooth + slow * (errors - past.smooth)
-        squares = (np.concatenate([errors, smooth], axis=1) ** 2).reshape(2, 4, 3).sum(axis=2)
-        scores = past.scores + mean * (squares - past.scores)
-        (foreseen, held) = scores.tolist()
-        better = all(x < y for x, y in zip(foreseen, held))
+        both = np.concatenate([errors, smooth], axis=1)
+        scores = past.scores + mean * ((both * both).dot(THREES) - past.scores)
+        foreseen, held = scores.tolist()
+        better = all(map(lt, foreseen, held))
         trust = min(1.0, past.trust + self.dt / RISE) if better else max(0.0, past.trust - self.dt / FALL)
-        due = np.concatenate([past.due.ravel()[12:], far[1:].ravel(), truth]).reshape(past.due.shape)
-        return due, smooth, scores, trust
+        return (*past.due[1:], np.array([far, none])), smooth, scores, trust
 
     def learned(self, past: Past) -> Past:
         """Memory after a block of samples: a spectrum every `EVERY` of them, its filters one block later."""
@@ -209,6 +208,12 @@ class Forecast:
             f = np.fft.rfftfreq(BLOCKS * TAPS, self.dt)
             return past._replace(blocks=blocks, weights=self.solved(Spectrum.of_powers(f, *past.power[0])))
         return past._replace(blocks=blocks)
+
+
+def filtered(weights: Array, taps: Array) -> Array:
+    """Rate, angular acceleration and force by filters, (3, TAPS), (9,)."""
+    rows = weights.dot(taps)
+    return np.concatenate([rows[0, :3], rows[1, :3], rows[2, 3:]])
 
 
 def powers(samples: Array, dt: float) -> Array:
