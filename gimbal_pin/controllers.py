@@ -16,7 +16,7 @@ HOLDING: Mapping[str, str] = {
     "with-observer": "with-gyros and a disturbance observer",
     "lyapunov": "with-gyros and Lyapunov redesign",
     "switch": "all that with-gyros knows; on joints whose model is worth less than its uncertainty, PID",
-    "oracle": "with-gyros, told the platform's motion where each drive's torque acts",
+    "oracle": "with-gyros, the motion foreknown: told the platform's where each drive's torque acts",
 }
 """Name → what it is; each from "without-hidden" on with all that the one before it has; those from "with-observer" to
 "switch" stand beside each other, on top of "with-gyros", and the oracle too."""

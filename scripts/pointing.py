@@ -288,7 +288,7 @@ def main(
     many = range(first, first + seeds)
     print(f"seeds {first}-{first + seeds - 1}, {seconds:g} s; gyro's noise alone "
           f"{degrees(rms([floor(seed, seconds) for seed in many])):.5f} deg")  # fmt: skip
-    head = " ".join(f"{name:>11}" for name in names)
+    head = " ".join(f"{'foreknown' if name == 'oracle' else name:>11}" for name in names)
     print(f"{'rig':20}{'case':20}{head}   ratio  to fastest  events of ours")
     for rig_name in rigs:
         bare, _, payload_name = rig_name.partition(":")
