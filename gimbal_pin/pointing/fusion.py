@@ -18,8 +18,8 @@ exp3, log3 = pin.exp3, pin.log3
 SPAN = 1 / (2 * pi * SLOW)
 """Time over which gaps are looked at, s: what changes them slower than `SLOW` is drift."""
 SURE = 5.0
-"""Deviations of the sensors' noise beyond which a gap is none of it: less than once in a year of samples that are
-independent after `SPAN`."""
+"""Deviations of the sensors' noise beyond which a gap is none of it: by chance once in 43 h on nine channels, whose
+values are independent after `SPAN`."""
 FAINT = 1e-5
 """Least deviation, rad: `SURE` times that is 0.003°, below which no gap harms."""
 
