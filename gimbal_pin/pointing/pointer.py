@@ -96,7 +96,7 @@ class Pointer:
     def start(self, seen: Seen, camera: Array, base: Array) -> Held:
         """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
         watch = None if self.guard is None else self.guard.start(seen)
-        first = seen if watch is None else watch.good
+        first = seen if watch is None else watch.good._replace(t=seen.t)
         return Held(
             self.navigator.start(first, camera, base), self.law.start(), False, np.zeros(len(seen.q)), watch=watch
         )

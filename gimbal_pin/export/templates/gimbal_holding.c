@@ -610,7 +610,8 @@ void gimbal_holding_step(const struct gimbal_parameters *p, struct gimbal_holdin
     if (gimbal_guard_lost(&state->guard, GIMBAL_CAMERA_GYRO)) {
         stand_in(state, &good);
     }
-    navigate(p, state, &good, 1e-6f * (float)elapsed_us, &fix);
+    /* The first sample is that of the start: nothing has turned since. */
+    navigate(p, state, &good, state->time_us > 0 ? 1e-6f * (float)elapsed_us : 0.0f, &fix);
     command(p, state, good.q, &fix, tau);
     if (gimbal_guard_lost(&state->guard, GIMBAL_ENCODERS) && gimbal_guard_lost(&state->guard, GIMBAL_CAMERA_GYRO)) {
         for (int j = 0; j < GIMBAL_JOINTS; ++j) {
