@@ -2,7 +2,8 @@
 
 Joint torques show combinations of these alone. What they show, the log says; the rest is the URDF's, with the
 deviation that the trust in it leaves: every body may be the URDF's, stretched and sheared at random by that much
-(`consistency.spread`). ``δφ = L δβ + ε`` with ``L = G Kᵀ (K G Kᵀ)⁻¹`` and ε what of G the base parameters do not show.
+(`consistency.spread`). The bodies are the most likely ones (`consistency.likeliest`), their covariance is that of β
+and G together, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``.
 """
 
 from __future__ import annotations
@@ -98,19 +99,15 @@ def bodies(
 
 
 def deviations(given: Array, mixing: Array, covariance: Array, trust: float) -> Array:
-    """A root of the covariance of bodies' parameters, (10 n, ·); through K it is that of the base parameters.
+    """A root of the covariance of bodies' parameters, (10 n, 10 n): ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``, G = B Bᵀ the trust's.
 
-    With ``G = B Bᵀ`` and ``K B = U S Vᵀ``: ``L = B V S⁻¹ Uᵀ``, and ``B (1 - V Vᵀ)`` is a root of ε's covariance.
+    That is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of magnitude.
     """
-    root = trust * spread(given)
-    seen = mixing @ root
-    unit = np.linalg.norm(seen, axis=1)
-    left, values, right = np.linalg.svd(seen / unit[:, None])
-    width = len(values)
-    carried = root @ (right[:width].T / values) @ (left.T / unit)
-    size = np.sqrt(np.diag(covariance))
-    lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(width))
-    return np.hstack([carried @ (size[:, None] * lower), root @ right[width:].T])
+    root, size = trust * spread(given), np.sqrt(np.diag(covariance))
+    lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
+    shown = np.linalg.solve(lower, mixing @ root / size[:, None])
+    R = np.asarray(np.linalg.qr(np.vstack([shown, np.eye(len(given))]), mode="r"))
+    return np.asarray(np.linalg.solve(R.T, root.T).T)
 
 
 def figures(phi: Array) -> Array:

@@ -95,7 +95,7 @@ def nearest(
 ) -> Consistent:
     """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ; nearest to `start` (least D) where K shows nothing.
 
-    With stages that end at a larger μ (`LEANT`) also where K shows little.
+    With stages that end at a larger μ also where K shows little, see `likeliest`.
 
     Args:
         start: Parameters to start from and to stay near, physical or on the edge of it (a flat plate), (10 n,).
@@ -120,6 +120,16 @@ def nearest(
     except np.linalg.LinAlgError as error:
         mend = "look at the units of t, q and tau, and map them (--map)"
         raise DataError("the identified parameters", "are near to no bodies that can exist", mend) from error
+
+
+def likeliest(start: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> Array:
+    """Return the most likely bodies, (10 n,), where every one is `start`'s, deformed at random by `trust`.
+
+    That is μ = 1 / trust²: near `start`, D is half the squared length of a deformation, see `spread`. What the log
+    shows well, it decides; what it does not stays as it was. Arguments as for `nearest`.
+    """
+    weight = 1.0 / trust**2
+    return nearest(start, mixing, beta, covariance, [*(w for w in WEIGHTS if w > weight), weight]).phi
 
 
 def fitted(start: Array, rows: Array, target: Array, weights: Sequence[float] = WEIGHTS) -> Consistent:

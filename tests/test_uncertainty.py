@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from gimbal_pin.bodies import bodies, deviations, figures, slopes
-from gimbal_pin.consistency import nearest, spread
+from gimbal_pin.consistency import likeliest, spread
 from gimbal_pin.control.uncertainty import bounds
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Bootstrap, Estimate, ols, physical, weighted
@@ -102,15 +102,17 @@ def test_slopes_are_those_of_the_figures(seed: int) -> None:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 @pytest.mark.parametrize("trust", [0.01, 1.0])
-def test_bodies_deviate_as_their_base_parameters_do(name: str, trust: float) -> None:
-    """K C Kᵀ is the covariance of the estimate, whatever the trust in the rest."""
+def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: float) -> None:
+    """``K C Kᵀ = (P⁻¹ + (K G Kᵀ)⁻¹)⁻¹``, by Woodbury ``P - P (P + K G Kᵀ)⁻¹ P``: never wider than either alone."""
     rig = Rig.load(name, "cinema")
     mixing = over_phi(rig, reduce(rig))
     rng = np.random.default_rng(0)
     root = rng.standard_normal((len(mixing), len(mixing))) * 10.0 ** rng.uniform(-6, -2, len(mixing))[:, None]
-    through = mixing @ deviations(rig.phi, mixing, root @ root.T, trust)
-    size = np.linalg.norm(root, axis=1)
-    assert np.allclose(through @ through.T / np.outer(size, size), root @ root.T / np.outer(size, size), atol=1e-6)
+    P, prior = root @ root.T, trust * mixing @ spread(rig.phi)
+    through = mixing @ deviations(rig.phi, mixing, P, trust)
+    size = np.sqrt(np.diag(P))
+    expected = P - P @ np.linalg.solve(P + prior @ prior.T, P)
+    assert np.allclose(through @ through.T / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
 
 
 def test_intervals_of_bodies_hold_the_truth() -> None:
@@ -123,7 +125,7 @@ def test_intervals_of_bodies_hold_the_truth() -> None:
         if min(np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in true.reshape(-1, 10)) <= 0:
             continue
         beta = mixing @ true + std * rng.standard_normal(len(std))
-        phi = nearest(rig.phi, mixing, beta, np.diag(std**2)).phi
+        phi = likeliest(rig.phi, mixing, beta, np.diag(std**2), trust)
         said = bodies(rig.links, rig.phi, phi, mixing, np.diag(std**2), trust)
         for body, own in zip(said, true.reshape(-1, 10)):
             every = (body.mass, *body.com, *body.inertia)

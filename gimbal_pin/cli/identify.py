@@ -111,19 +111,21 @@ def identify(
         return
     loaded, read = load_logs(rig, payload, logs, map)
     affordable(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
-    found = replace(identified(loaded, read, fit, bias, refit), trust=trusted)
+    found = identified(loaded, read, fit, bias, refit, trusted)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
 
 
-def identified(rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool) -> Identified:
+def identified(rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool, trust: float) -> Identified:
     """Identify a rig from logs of one payload; with `refit` from all data, once the held-out error is known."""
     from gimbal_pin.identification import identify as run
     from gimbal_pin.identification import refitted
 
     examined: Asked = "always" if bias else "noisy"
-    found = run(rig, logs, **vars(fit), examined=examined)
-    return refitted(found, run(rig, logs, **vars(replace(fit, holdout="none")), examined=examined)) if refit else found
+    found = run(rig, logs, **vars(fit), examined=examined, trust=trust)
+    if not refit:
+        return found
+    return refitted(found, run(rig, logs, **vars(replace(fit, holdout="none")), examined=examined, trust=trust))
 
 
 def write(

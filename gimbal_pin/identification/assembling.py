@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.consistency import LEANT, Consistent, nearest
+from gimbal_pin.bodies import TRUST
+from gimbal_pin.consistency import Consistent, likeliest, nearest
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.judging import accuracy
@@ -19,7 +20,12 @@ from gimbal_pin.rows import Block, Rows
 
 
 def assembled(
-    rows: Rows, blocks: Sequence[Block], estimate: Estimate, tested: Sequence[Block] | None, how: str
+    rows: Rows,
+    blocks: Sequence[Block],
+    estimate: Estimate,
+    tested: Sequence[Block] | None,
+    how: str,
+    trust: float = TRUST,
 ) -> Identified:
     """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
 
@@ -29,10 +35,11 @@ def assembled(
         estimate: Parameters in the order of `rows.names`.
         tested: Blocks that were held out, or None.
         how: How they were parted.
+        trust: Relative standard deviation of the URDF's masses, see `bodies`.
     """
     rig, model = rows.rig, to_model(rows, estimate)
     held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
-    consistent, shift = nearest_physical(rows, estimate)
+    consistent, shift = nearest_physical(rows, estimate, trust)
     change = rms([block.A[:, :, : len(shift)] @ shift for block in blocks])
     return Identified(
         model=model,
@@ -47,6 +54,7 @@ def assembled(
         logs=tuple(log.name for log in rows.logs),
         filtering=rows.filtering,
         given=rig.phi,
+        trust=trust,
     )
 
 
@@ -61,13 +69,14 @@ def to_model(rows: Rows, estimate: Estimate) -> Model:
     return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
 
 
-def nearest_physical(rows: Rows, estimate: Estimate) -> tuple[Consistent, Array]:
-    """Return the physical parameters nearest to the estimate, and the change in base parameters, (b,)."""
+def nearest_physical(rows: Rows, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
+    """Return the most likely bodies, how far off the nearest are, and the change in base parameters, (b,)."""
     width = len(rows.reduction.independent)
     if estimate.phi is not None:
         return Consistent(estimate.phi, 0.0), np.zeros(width)
-    found = nearest(rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width], LEANT)
-    return found, rows.mixing @ found.phi - estimate.theta[:width]
+    told = rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width]
+    phi = likeliest(*told, trust)
+    return Consistent(phi, nearest(*told).distance), rows.mixing @ phi - estimate.theta[:width]
 
 
 def rms(parts: Sequence[Array]) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gimbal_pin import halves
+from gimbal_pin.bodies import TRUST
 from gimbal_pin.calibration import rectified
 from gimbal_pin.effects import Effect
 from gimbal_pin.estimators import Estimate, Estimator, weighted
@@ -13,6 +14,7 @@ from gimbal_pin.identification.assembling import assembled
 from gimbal_pin.identification.bound import best, usual
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.misfit import honest
 from gimbal_pin.identification.seen import check_seen, enough, unseen, within
 from gimbal_pin.identification.warning import faults
 from gimbal_pin.log import Log
@@ -36,6 +38,7 @@ def identify(
     holdout: str | None = None,
     filtering: Filtering | None = None,
     examined: Asked = "never",
+    trust: float = TRUST,
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
@@ -53,6 +56,7 @@ def identify(
         examined: Whether to test if least squares is biased on these logs, see `suspicion`, and, unless "never", what
             the audit says of them, if their halves are of one rig, see `halves.apart`, and what logs of a base that
             turned tell at best.
+        trust: Relative standard deviation of the URDF's masses, see `bodies`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -70,11 +74,12 @@ def identify(
     base = moved(rig, train)
     blocks, estimate = fitted(rig, everything, train, filters, estimator, base)
     check_wiring(blocks, estimate)
+    estimate, missed = honest(blocks, estimate)
     notes += tuple(
         f"{log.name} only judged the others and taught nothing; --refit learns from all" for log in whole(test, logs)
     )
     tested = kept(replace(blocks.rows, logs=test)) if test else None
-    found = assembled(blocks.rows, blocks, estimate, tested, how)
+    found = assembled(blocks.rows, blocks, estimate, tested, how, trust)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
     judged = suspicion(blocks, examined, estimate.method)
     parting = None if examined == "never" else halves.apart([*blocks, *(tested or ())], halves.directions(blocks.rows))
@@ -88,6 +93,7 @@ def identify(
         notes=notes,
         bias=judged,
         parting=parting,
+        missed=dict(zip(rig.joints, missed)),
         faults=() if examined == "never" else faults(rig, logs),
         bound=None
         if examined == "never" or base != "rotating"

@@ -15,6 +15,7 @@ from gimbal_pin.consistency import Consistent
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.identification.judging import Accuracy
+from gimbal_pin.identification.misfit import Misfit
 from gimbal_pin.identification.warning import warnings
 from gimbal_pin.inertia import to_urdf
 from gimbal_pin.log import Array
@@ -41,7 +42,7 @@ class Identified:
         units: Their SI units.
         train: Accuracy on the rows that were fitted.
         held_out: Accuracy on rows that were not, or None.
-        consistent: The physical parameters nearest to the estimate: what a URDF can be given.
+        consistent: The most likely bodies, what a URDF is given, and how far the nearest are from the estimate.
         torque_change: Joint → rms change in predicted torque from the estimate to `consistent`, N m.
         logs: Names of the logs.
         filtering: The filter in force.
@@ -55,6 +56,7 @@ class Identified:
             `estimators.colour.least`; None where the base did not turn, or that was not asked.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
         faults: What the audit of the logs found, in sentences, see `warning.faults`.
+        missed: Joint → what of its torque the model misses, see `misfit`.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
 
@@ -77,6 +79,7 @@ class Identified:
     bound: Array | None = None
     trust: float = TRUST
     swapped: bool = False
+    missed: Mapping[str, Misfit] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -177,6 +180,7 @@ class Identified:
             "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
+            "misfit": {joint: {"torque_rms": one.size, "noise_rms": one.noise} for joint, one in self.missed.items()},
             "halves_apart": self.parting,
             "least_squares": None if self.bias is None else self.bias.to_dict(),
         }

@@ -108,16 +108,17 @@ def physique(found: Identified) -> list[str]:
     # Three tables: one of all columns would be wider than a terminal.
     heads = ("body", "mass, kg", "centre of mass, mm", "Ixx, Iyy, Izz, kg m^2", "Ixy, Ixz, Iyz, kg m^2")
     told = [table(heads[0], *heads[part], rows=[(row[0], *row[part]) for row in rows]) for part in PARTS]
-    trust = f"± 95 %; *: not shown by the log, ± holds if the URDF is right to {100 * found.trust:.3g} % (--trust)"
+    trust = f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust)"
+    trust += "; *: the log hardly shows it, it stays near the URDF's"
     return ["", *told, trust, ""]
 
 
 def within(figure: Figure, factor: float = 1.0) -> str:
-    """A figure and its 95 % interval, no finer than that tells."""
+    """A figure and its 95 % interval, no finer than that tells; one that the log does not show, as the URDF's."""
     half = 1.96 * figure.std * factor
     places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
     value = f"{figure.value * factor:.{places}f} ± {number(half, 2)}"
-    return value if figure.shown else f"{value}*"
+    return value if figure.shown else f"{value.split(' ')[0]}*"
 
 
 def several(found: Several) -> str:
