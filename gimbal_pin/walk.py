@@ -20,7 +20,7 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimators import Estimator, weighted
 from gimbal_pin.experiment import bench_run, perturbed
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import Identified, added, identify
 from gimbal_pin.io import write_log, write_motion
 from gimbal_pin.io.diagnosis import FILES as DIAGNOSED
 from gimbal_pin.io.files import atomic_write, write_json, write_run, write_yaml
@@ -75,6 +75,7 @@ class Auto:
         why: Why it cannot, or nothing.
         undiagnosed: Why there is no diagnosis, or nothing.
         notes: What `write_run` says of files of an earlier run.
+        beside: The identification with the causes that were found in the equations; None where there are none.
     """
 
     identified: Identified
@@ -89,6 +90,12 @@ class Auto:
     why: str = ""
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
+    beside: Identified | None = None
+
+    @property
+    def bodied(self) -> Identified:
+        """The identification whose bodies and friction the URDF is given."""
+        return self.beside or self.identified
 
     @property
     def tuning(self) -> Tuning:
@@ -159,7 +166,10 @@ def auto(
     held, why = carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
-    found = Auto(identified, wrong, model, tunings, tracking, animated, files, stood, held, why, undiagnosed)
+    causes = added(model)
+    beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
+    steps = identified, wrong, model, tunings, tracking, animated
+    found = Auto(*steps, files, stood, held, why, undiagnosed, beside=beside)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
 
@@ -230,7 +240,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     )
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
-        "urdf": partial(atomic_write, content=identified.to_urdf()),
+        "urdf": partial(atomic_write, content=found.bodied.to_urdf()),
         "controller": partial(write_yaml, found.tuning.to_dict()),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=animation),

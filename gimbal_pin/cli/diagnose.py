@@ -22,6 +22,7 @@ from gimbal_pin.cli.options import (
     Seed,
     optional,
 )
+from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import noted, present
 
 
@@ -30,6 +31,11 @@ def diagnose(
     logs: Logs,
     output: MaybeFolder = None,
     *,
+    urdf: Annotated[
+        Path | None,
+        Writes(over=(".urdf", ".xml")),
+        optional("FILE", "write the rig's URDF with the bodies and friction of the extended model"),
+    ] = None,
     payload: Payload = None,
     map: Map = (),
     cutoff: Annotated[
@@ -55,7 +61,9 @@ def diagnose(
     from gimbal_pin import report
     from gimbal_pin.diagnosis import BAND, planned, usual
     from gimbal_pin.diagnosis import diagnose as run
+    from gimbal_pin.identification import added, identify
     from gimbal_pin.io.diagnosis import write_diagnosis
+    from gimbal_pin.io.files import atomic_write
 
     loaded, read = load_logs(rig, payload, logs, map)
     band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
@@ -64,6 +72,9 @@ def diagnose(
     )
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
+    if urdf is not None:
+        bodied = identify(loaded, read, added(found.after.model), holdout=holdout)
+        atomic_write(urdf, bodied.to_urdf())
     asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)
     files: Mapping[str, Path] = {}
     if output is not None:

@@ -35,6 +35,7 @@ from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.effects import Effect
     from gimbal_pin.estimators import Estimator
     from gimbal_pin.identification import Identified
     from gimbal_pin.log import Log
@@ -67,6 +68,11 @@ def identify(
         optional("MODEL", "a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do"),
     ] = None,
     force: Annotated[bool, arg(help="write -o over the model of --known")] = False,
+    extended: Annotated[
+        str | None,
+        Reads(),
+        optional("MODEL", "a model that diagnose found: its causes stand in the equations, so that they bend no body"),
+    ] = None,
     bias: Annotated[bool, arg(help="test whether least squares is biased even where there is little noise")] = False,
     trust: Annotated[
         float | None,
@@ -90,11 +96,19 @@ def identify(
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.balance import reported
     from gimbal_pin.bodies import TRUST
+    from gimbal_pin.identification import added
+    from gimbal_pin.io.model import read_model
     from gimbal_pin.rows import Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
     fit = Fit(estimator_of(estimator, trusted, bootstrap, seed), holdout, filters)
-    asked = {"--estimator": estimator != "weighted", "--holdout": holdout is not None, "--bias": bias, "--refit": refit}
+    asked = {
+        "--extended": extended is not None,
+        "--estimator": estimator != "weighted",
+        "--holdout": holdout is not None,
+        "--bias": bias,
+        "--refit": refit,
+    }
     online.check({**asked, "--trust": trust is not None, "--bootstrap": bootstrap > 0})
     if online.follow:
         start = online.start(rig, payload, logs, known, filters or Filtering())
@@ -102,6 +116,8 @@ def identify(
         write(learned, output, urdf)
         concluded(learned, json)
         return
+    if extended is not None and (known is not None or len(tags_of(logs)) > 1):
+        raise UsageError("--extended", "takes one payload", "identify each payload's logs alone")
     if known is not None or len(tags_of(logs)) > 1:
         if urdf is not None and known is None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
@@ -111,21 +127,24 @@ def identify(
         return
     loaded, read = load_logs(rig, payload, logs, map)
     affordable(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
-    found = identified(loaded, read, fit, bias, refit, trusted)
+    causes = () if extended is None else added(read_model(extended, loaded))
+    found = identified(loaded, read, fit, bias, refit, trusted, causes)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
 
 
-def identified(rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool, trust: float) -> Identified:
+def identified(
+    rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool, trust: float, causes: tuple[Effect, ...] = ()
+) -> Identified:
     """Identify a rig from logs of one payload; with `refit` from all data, once the held-out error is known."""
     from gimbal_pin.identification import identify as run
     from gimbal_pin.identification import refitted
 
     examined: Asked = "always" if bias else "noisy"
-    found = run(rig, logs, **vars(fit), examined=examined, trust=trust)
+    found = run(rig, logs, causes, **vars(fit), examined=examined, trust=trust)
     if not refit:
         return found
-    return refitted(found, run(rig, logs, **vars(replace(fit, holdout="none")), examined=examined, trust=trust))
+    return refitted(found, run(rig, logs, causes, **vars(replace(fit, holdout="none")), examined=examined, trust=trust))
 
 
 def write(

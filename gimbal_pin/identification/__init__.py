@@ -1,7 +1,7 @@
 """Logs in, model with uncertainty out (THESIS 4.2, 4.5)."""
 
 from gimbal_pin.identification.assembling import assembled, given_beta, to_model
-from gimbal_pin.identification.fitting import identify, moved, refitted
+from gimbal_pin.identification.fitting import added, identify, moved, refitted
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.judging import Accuracy, accuracy
@@ -13,6 +13,7 @@ __all__ = [
     "Accuracy",
     "Identified",
     "accuracy",
+    "added",
     "assembled",
     "check_driven",
     "check_sampling",

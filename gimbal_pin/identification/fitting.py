@@ -8,7 +8,7 @@ from dataclasses import replace
 from gimbal_pin import halves
 from gimbal_pin.bodies import TRUST
 from gimbal_pin.calibration import rectified
-from gimbal_pin.effects import Effect
+from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.estimators import Estimate, Estimator, weighted
 from gimbal_pin.identification.assembling import assembled
 from gimbal_pin.identification.bound import best, usual
@@ -18,7 +18,7 @@ from gimbal_pin.identification.misfit import honest
 from gimbal_pin.identification.seen import check_seen, enough, unseen, within
 from gimbal_pin.identification.warning import faults
 from gimbal_pin.log import Log
-from gimbal_pin.model import friction_effects
+from gimbal_pin.model import Model, friction_effects
 from gimbal_pin.platform import MOTIONS, BaseMotion
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
@@ -99,6 +99,15 @@ def identify(
         if examined == "never" or base != "rotating"
         else best(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
     )
+
+
+def added(model: Model) -> tuple[Effect, ...]:
+    """Return the effects of a model beside Coulomb and viscous friction that logs can be fitted with again.
+
+    Not those that read the model's own torque: the rows have but the measured one, whose noise would leak.
+    """
+    usual = {kind.name for kind in ALWAYS}
+    return tuple(term.effect for term in model.terms if term.effect.name not in usual and not term.effect.loaded)
 
 
 def whole(held_out: Sequence[Log], logs: Sequence[Log]) -> list[Log]:
