@@ -115,7 +115,7 @@ def balance(found: Identified, mass: float | None = None) -> Balance | None:
     """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
 
     G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, W one over the
-    motors' torque. The payload's mass is the stated one: joint torques show no more than mass times way.
+    motors' torque. The payload's mass is the one that was found, or the stated one where the log does not show it.
 
     Args:
         found: The gimbal with the payload.
@@ -131,7 +131,7 @@ def balance(found: Identified, mass: float | None = None) -> Balance | None:
     full = regressor(rig, q, still, still)
     gravity = full[:, :, columns_of(rig, found.reduction)]
     moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
-    weighs = float(inertia.mass) if mass is None else mass
+    weighs, loose = identified_mass(found, body, float(inertia.mass)) if mass is None else (mass, 0.0)
     per_way = weighs * full[:, :, moments] @ facing(rig)
     limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
     inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
@@ -141,8 +141,20 @@ def balance(found: Identified, mass: float | None = None) -> Balance | None:
     way = gain @ beta
     loads = gravity @ beta, gravity @ beta + per_way @ way
     before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
-    std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0))
+    std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0) + (way * loose / weighs) ** 2)
     return Balance(way, std, weighs, not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist())))
+
+
+def identified_mass(found: Identified, body: int, stated: float) -> tuple[float, float]:
+    """Return the payload's mass and its deviation, kg: with all that its body is heavier by, where the log shows that.
+
+    Else the stated one, without a deviation.
+
+    Added mass is the payload's: it is what is changed on a gimbal.
+    """
+    figure, given = found.bodies[body].mass, float(found.given[10 * body])
+    heavier = stated + figure.value - given
+    return (heavier, figure.std) if figure.shown and not found.swapped and heavier > 0 else (stated, 0.0)
 
 
 def reported(found: Identified, mass: float | None = None) -> dict[str, Any]:

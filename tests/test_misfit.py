@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from gimbal_pin import text
+from gimbal_pin.consistency import likeliest
+from gimbal_pin.errors import LogError
 from gimbal_pin.estimators import weighted
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.identification.misfit import GROUPS, honest, misfit
@@ -22,6 +24,34 @@ from tests.bench_logs import EXACT, prescribed, rows_of
 @pytest.fixture(scope="module")
 def turret() -> Rig:
     return Rig.load("turret")
+
+
+def test_a_torque_in_another_unit_is_refused_with_the_map_that_mends_it() -> None:
+    rig = Rig.load("drone")
+    log = prescribed(nominal(rig), 1, 6.0, dt=4e-3)
+    loud = replace(log, tau=2000.0 * rig.tau_max * log.tau / np.abs(log.tau).max(axis=0))  # type: ignore[operator]
+    with pytest.raises(LogError, match=r"tau_yaw.*times the motor's 4.5 N m.*--map tau_yaw=tau_yaw\*0.00075 from mA"):
+        identify(rig, [loud])
+
+
+def test_what_no_log_determines_stays_near_the_urdf(turret: Rig) -> None:
+    """A value as vague as can be leaves the URDF's bodies as they are; a sharp one moves them all the way."""
+    rig, mixing = turret, rows_of(turret, prescribed(nominal(turret), 1, 4.0, dt=4e-3)).mixing
+    beta = mixing @ rig.phi
+    vague = likeliest(rig.phi, mixing, 1.5 * beta, np.diag((100 * beta + 1.0) ** 2), 0.3)
+    sharp = likeliest(rig.phi, mixing, 1.2 * beta, np.diag((1e-4 * np.abs(beta) + 1e-9) ** 2), 0.3)
+    assert np.allclose(vague, rig.phi, rtol=0.01, atol=1e-4)
+    assert np.allclose(mixing @ sharp, 1.2 * beta, rtol=2e-3, atol=1e-6)
+
+
+def test_an_inertia_just_under_zero_is_undetermined(turret: Rig) -> None:
+    found = identify(turret, [prescribed(nominal(turret), 1, 20.0, torque_noise=0.01, dt=4e-3)], filtering=EXACT)
+    k = found.names.index("tilt.Fv")
+    theta = found.estimate.theta.copy()
+    theta[k] = -1.5 * found.estimate.std[k]
+    said = replace(found, estimate=replace(found.estimate, theta=theta)).warnings
+    assert any(one.startswith("undetermined") and "tilt.Fv (-" in one for one in said)
+    assert not any(one.startswith("undetermined") for one in found.warnings)
 
 
 def rippling(log: Log, size: float) -> Log:

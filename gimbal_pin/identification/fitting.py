@@ -15,7 +15,7 @@ from gimbal_pin.identification.bound import best, usual
 from gimbal_pin.identification.holding_out import split
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.misfit import honest
-from gimbal_pin.identification.seen import check_seen, enough, unseen, within
+from gimbal_pin.identification.seen import check_seen, check_unit, enough, unseen, within
 from gimbal_pin.identification.warning import faults
 from gimbal_pin.log import Log
 from gimbal_pin.model import Model, friction_effects
@@ -65,6 +65,7 @@ def identify(
     """
     for log in logs:
         within(log, filtering or Filtering())
+        check_unit(rig, log)
     calibrated = [rectified(rig, log) for log in logs]
     notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
     logs = [one.log for one in calibrated]

@@ -9,6 +9,7 @@ import numpy as np
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.log import Array, Log
+from gimbal_pin.rig import Rig
 from gimbal_pin.rows import Block, Filtering, Rows, settling
 from gimbal_pin.rows.channels import Flags
 
@@ -16,6 +17,9 @@ SLOW = 0.2
 """Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
 FAST = 2e-5
 """Shortest, s: drives' current loops run at 50 kHz at most; below, t has another unit."""
+UNLIKELY = 20.0
+"""Times the motor's limit, rms, that no torque is: a motor's short-time torque is some five times what it holds, and a
+torque in thousandths of its unit is a thousand times too large."""
 FAINT = 1e-12
 """A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
 DROWNED = 0.1
@@ -52,6 +56,19 @@ def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags
         one = f"tau_{name} is zero all along, while {name} moves"
         what = "its torques are zero at every joint" if silent.all() else one
         raise DataError(place, what, "log what the drives report or were commanded, in N m")
+
+
+def check_unit(rig: Rig, log: Log) -> None:
+    """Raise `LogError` if a torque is so many times its motor's limit that it can only be in another unit."""
+    if log.tau is None:
+        return
+    size = np.sqrt(np.mean(log.tau**2, axis=0))
+    for joint, most, limit, motor in zip(rig.joints, size.tolist(), rig.tau_max.tolist(), rig.motors):
+        if most > UNLIKELY * limit:
+            factor = f"{1e-3 * motor.torque_constant:.3g}" if motor.torque_constant != 1.0 else "1e-3*KT"
+            what = f"is {most / limit:.2g} times the motor's {limit:.3g} N m, rms: it has another unit, mA or mN m say"
+            mend = f"map it: --map tau_{joint}=tau_{joint}*{factor} from mA, *1e-3 from mN m"
+            raise LogError(f"{log.name}: tau_{joint}", what, mend)
 
 
 def check_sampling(name: str, dt: float, cutoff: float) -> None:

@@ -64,7 +64,10 @@ def unexplained(found: Identified) -> Iterator[str]:
 
 
 def negative(found: Identified) -> Iterator[str]:
-    """Yield the friction and the moments of inertia that are significantly under zero."""
+    """Yield the friction and the moments of inertia that are significantly under zero; then those that only may be.
+
+    A value under zero that its deviation explains is a value that the logs do not determine.
+    """
     sums = (
         all(factor > 0 and name.rsplit(".", 1)[1] in POSITIVE for name, factor in terms.items())
         for terms in found.reduction.terms
@@ -73,7 +76,12 @@ def negative(found: Identified) -> Iterator[str]:
     coefficients = (c for term in found.model.terms for c in term.effect.coefficients)
     positive += ["friction takes power" if c.lower >= 0 else "" for c in coefficients]
     rows = zip(found.names, positive, found.estimate.theta.tolist(), found.estimate.std.tolist(), found.units)
+    vague = []
     for name, why, value, std, unit in rows:
+        figure = f"{digits(value, 2)} ± {digits(1.96 * std, 2)} {unit}"
         if why and value < -SURE * std:
-            figure = f"{digits(value, 2)} ± {digits(1.96 * std, 2)} {unit}"
             yield f"{name} is negative ({figure}), and {why}: something else acts there, see 'gimbal-pin diagnose'"
+        elif why and value < 0:
+            vague.append(f"{name} ({figure})")
+    if vague:
+        yield f"undetermined, for their values are under zero and no such thing exists: {', '.join(vague)}"
