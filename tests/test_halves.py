@@ -63,7 +63,7 @@ def test_a_cut_loses_no_row(sizes: list[int]) -> None:
     blocks, at = [], 0
     for size in sizes:
         t = np.arange(at, at + size, dtype=float)
-        blocks.append(Block(t, t[:, None, None], t[:, None], t[:, None], t[:, None]))
+        blocks.append(Block(t, t[:, None, None], *4 * (t[:, None],)))
         at += size
     first, second = cut(blocks)
     np.testing.assert_array_equal(np.concatenate([block.t for block in first + second]), np.arange(at))

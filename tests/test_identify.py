@@ -41,7 +41,9 @@ def planted(rig: Rig) -> np.ndarray:
 
 def block(rng: np.random.Generator, rows: int = 40, joints: int = 2, width: int = 5) -> Block:
     A = rng.standard_normal((rows, joints, width))
-    return Block(np.arange(rows) * 0.1, A, rng.standard_normal((rows, joints)), A[:, :, 0], np.ones((rows, joints)))
+    return Block(
+        np.arange(rows) * 0.1, A, rng.standard_normal((rows, joints)), *2 * (A[:, :, 0],), np.ones((rows, joints))
+    )
 
 
 @pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])

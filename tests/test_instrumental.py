@@ -19,7 +19,8 @@ def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) ->
     theta, A = rng.uniform(0.5, 2.0, 4), rng.standard_normal((rows, 2, 4))
     b = A @ theta + 0.05 * rng.standard_normal((rows, 2))
     t, share = np.arange(rows) / 8.0, np.ones((rows, 2))
-    twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, np.ones((rows, 2)), share) for _ in range(2)]
+    ones = np.ones((rows, 2))
+    twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, ones, ones, share) for _ in range(2)]
     return twins[0], twins[1], theta
 
 
@@ -45,7 +46,7 @@ def test_the_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None
 @given(st.integers(0, 2**32 - 1))
 def test_with_one_joint_the_regressor_as_instrument_is_ordinary_least_squares(seed: int) -> None:
     block, _, _ = regression(np.random.default_rng(seed))
-    one = Block(block.t, block.A[:, :1], block.b[:, :1], block.v[:, :1], block.share[:, :1])
+    one = Block(block.t, *(x[:, :1] for x in block[1:]))
     assert np.allclose(instrumental([one], [one.A]).theta, ols([one]).theta, rtol=1e-9)
 
 

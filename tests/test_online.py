@@ -94,7 +94,8 @@ def recorded(online: Online, log: Log) -> tuple[Memory, list[Row]]:
 def as_block(rows: list[Row]) -> Block:
     x = values(tuple(rows))
     t = np.array([row.t for row in rows])
-    return Block(t, x[:, :, :-2], x[:, :, -2], np.stack([row.v for row in rows]), x[:, :, -1])
+    v = np.stack([row.v for row in rows])
+    return Block(t, x[:, :, :-2], x[:, :, -2], v, v, x[:, :, -1])
 
 
 def test_recursive_is_the_batch_on_the_same_rows() -> None:

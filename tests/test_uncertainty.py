@@ -41,7 +41,8 @@ def repeatable(rng: np.random.Generator, pole: float, rows: int = 800) -> Block:
     t = 0.1 * np.arange(rows)
     A = np.stack([np.ones_like(t), np.sin(0.3 * t), np.sin(5 * t)], axis=1)[:, None, :]
     noise = lfilter([1.0], [1.0, -pole], rng.standard_normal(rows + 200))[200:]
-    return Block(t, A, (A[:, 0].sum(axis=1) + noise)[:, None], np.ones((rows, 1)), np.ones((rows, 1)))
+    ones = np.ones((rows, 1))
+    return Block(t, A, (A[:, 0].sum(axis=1) + noise)[:, None], ones, ones, ones)
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])
@@ -185,7 +186,7 @@ def short(rng: np.random.Generator, rows: int, power: Array) -> Block:
     noise = [lower(mixed, rows) @ rng.standard_normal(rows) for mixed in power[:, :4] @ autocovariances(rows)]
     late = np.sqrt(power[:, 4] * share * (1 - share)) * rng.standard_normal(share.shape)
     b = A @ np.arange(1.0, 7.0) + np.transpose(noise)
-    return Block(t, A * share[:, :, None], b * share + late, np.ones_like(b), share)
+    return Block(t, A * share[:, :, None], b * share + late, np.ones_like(b), np.ones_like(b), share)
 
 
 def lower(row: Array, rows: int) -> Array:

@@ -52,6 +52,7 @@ class Piece(NamedTuple):
         t: Time, s, (m,).
         A: Torque per base parameter and friction coefficient, (m, n, k).
         b: Torque, N m, (m, n).
+        q: Angle, rad, (m, n).
         v: Rate, rad/s, (m, n).
         open: The mask, in [0, 1], (m, n).
         dt: Interval, s.
@@ -60,6 +61,7 @@ class Piece(NamedTuple):
     t: Array
     A: Array
     b: Array
+    q: Array
     v: Array
     open: Array
     dt: float
@@ -118,7 +120,7 @@ def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
     moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
     torque = like.b if like is not None else ch.tau * moving
     A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
-    return Piece(ch.t, A * moving[:, :, None], torque, ch.v, moving, stretch.dt * keep.step)
+    return Piece(ch.t, A * moving[:, :, None], torque, ch.q, ch.v, moving, stretch.dt * keep.step)
 
 
 def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, Flags]:
@@ -149,7 +151,7 @@ def rows_at(made: Probe, cutoff: float) -> tuple[Block, ...]:
             present = np.any(part.A != 0.0, axis=0)
             A[:, present] = blurred(part.A[:, present], wide)[keep]
             b, share = (blurred(x, wide)[keep] for x in (part.b, part.open))
-            blocks.append(Block(part.t[keep], A, b, part.v[keep], share))
+            blocks.append(Block(part.t[keep], A, b, part.q[keep], part.v[keep], share))
     return tuple(blocks)
 
 

@@ -112,4 +112,4 @@ def block(rows: Rows, model: Model, theta: Array, run: Run, keep: slice) -> Bloc
     moved = lfilter(top, bottom, np.linalg.solve(D, columns), axis=0)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / dt)
     A, error = (signals.zero_phase(x, slow)[keep].copy() for x in (moved, run.error))
-    return Block(run.t[keep].copy(), A, A @ theta - error, run.v[keep].copy(), np.ones_like(error))
+    return Block(run.t[keep].copy(), A, A @ theta - error, run.q[keep].copy(), run.v[keep].copy(), np.ones_like(error))

@@ -38,4 +38,4 @@ def robust(blocks: Sequence[Block]) -> Estimate:
 
 def reweigh(block: Block, weight: Array) -> Block:
     """Return the block with its rows multiplied by `weight`, (m, n)."""
-    return Block(block.t, block.A * weight[:, :, None], block.b * weight, block.v, block.share * weight)
+    return block._replace(A=block.A * weight[:, :, None], b=block.b * weight, share=block.share * weight)

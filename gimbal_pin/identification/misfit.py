@@ -10,19 +10,16 @@ periods of a motion do not average it away as the residual's colour in time says
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.effects import Effect, Sample
-from gimbal_pin.effects.functions import cos, sin
 from gimbal_pin.estimators import Estimate
 from gimbal_pin.estimators.base import effective_rows, factor, solve, triangle
 from gimbal_pin.estimators.weighted import joint_weights
 from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rows import Regression, kept
+from gimbal_pin.rows import Block
 
 ANGLES, RATES, SIGNED = 24, 12, 6
 """Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
@@ -35,39 +32,8 @@ SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
 """Variances that are tried, in units of the noise's: a decade apart."""
 SWEEPS = 3
 """Passes over the groups; the likelihood has settled then."""
-
-
-@dataclass(frozen=True)
-class Discrepancy(Effect):
-    """Cosines over what a joint's angle and rate went through; it stands in no model, its columns widen deviations.
-
-    Attributes:
-        angles: Least and largest angle, rad; beyond a turn the columns are harmonics of the turn.
-        rates: The same of the rate, rad/s.
-    """
-
-    angles: tuple[float, float] = (0.0, 1.0)
-    rates: tuple[float, float] = (0.0, 1.0)
-
-    name: ClassVar[str] = "discrepancy"
-    linear: ClassVar[tuple[Parameter, ...]] = tuple(
-        Parameter(f"delta{k}", 0.0, "N m", -np.inf, np.inf) for k in range(len(GROUPS))
-    )
-
-    def basis(self, at: Sample) -> tuple[float | Array, ...]:
-        """Columns over the angle, the rate, and the angle times the direction."""
-        low, high = self.angles
-        if high - low > 2 * np.pi:
-            whole = [part(k * at.q) for k in range(1, ANGLES // 2 + 1) for part in (cos, sin)]
-        else:
-            whole = [cos(np.pi * k * (at.q - low) / (high - low)) for k in range(1, ANGLES + 1)]
-        slowest, fastest = self.rates
-        fast = [cos(np.pi * k * (at.v - slowest) / (fastest - slowest)) for k in range(1, RATES + 1)]
-        return (*whole, *fast, *(at.slide * column for column in whole[:SIGNED]))
-
-    def says(self, values: Sequence[float] = ()) -> str:
-        """Return what it is."""
-        return "something that the model does not hold"
+FIELDS = ("A", "b", "q", "v", "share")
+"""Of a block, what is read here."""
 
 
 class Misfit(NamedTuple):
@@ -84,27 +50,32 @@ class Misfit(NamedTuple):
     variance: Array
 
 
-def misfits(blocks: Regression) -> tuple[list[Misfit], list[Array]]:
-    """Return what each joint's residual holds, and per block δ's columns, (m, n, f)."""
-    rows = blocks.rows
-    q, v = np.concatenate([log.q for log in rows.logs]), np.concatenate([block.v for block in blocks])
-    own = tuple(Discrepancy(joint, ends(q[:, j]), ends(v[:, j])) for j, joint in enumerate(rows.rig.joints))
-    width = len(rows.reduction.independent)
-    # A joint's columns act on that joint alone: summed over the joints' sets, each row keeps its own.
-    columns = [
-        block.A[:, :, width:].reshape(*block.b.shape, len(own), -1).sum(axis=2)
-        for block in kept(replace(rows, effects=own))
-    ]
-    A, b, X = (np.concatenate(x) for x in ([block.A for block in blocks], [block.b for block in blocks], columns))
-    used = effective_rows(blocks)
-    found = [misfit(A[:, j, A[:, j].any(axis=0)], X[:, j], b[:, j], float(used[j])) for j in range(len(own))]
+def misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
+    """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
+    A, b, q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in FIELDS)
+    used, found, columns = effective_rows(blocks), [], []
+    for j in range(b.shape[1]):
+        X = discrepancy(q[:, j], v[:, j]) * share[:, j, None]
+        columns.append(X)
+        found.append(misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])))
     return found, columns
 
 
-def ends(values: Array) -> tuple[float, float]:
-    """Range of some values, never empty."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return low, max(high, low + 1e-9)
+def discrepancy(q: Array, v: Array) -> Array:
+    """Return δ's columns over a joint's angle, its rate, and its angle times the direction of motion, (m, f).
+
+    Cosines over the range of each; of an angle that goes beyond a turn the harmonics of the turn. They vary slowly
+    beside the rows' low-pass, which is left out.
+    """
+    turn = np.outer(q, np.arange(1, ANGLES // 2 + 1))
+    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else cosines(q, ANGLES)
+    return np.hstack([whole, cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
+
+
+def cosines(x: Array, count: int) -> Array:
+    """``cos(π k (x - min)/(max - min))``, k from 1, (m, count)."""
+    along = (x - x.min()) / max(float(np.ptp(x)), 1e-9)
+    return np.asarray(np.cos(np.pi * np.outer(along, np.arange(1, count + 1))))
 
 
 def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
@@ -142,7 +113,7 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
 
 
-def honest(blocks: Regression, estimate: Estimate) -> tuple[Estimate, tuple[Misfit, ...]]:
+def honest(blocks: Sequence[Block], estimate: Estimate) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
     The rows weigh as they do in `weighted`, or alike where the estimator is `ols`.
@@ -154,7 +125,7 @@ def honest(blocks: Regression, estimate: Estimate) -> tuple[Estimate, tuple[Misf
     covariance = estimate.covariance.copy()
     for j, one in enumerate(found):
         if one.size > 0:
-            through = sum(block.A[:, j].T @ X[:, j] for block, X in zip(blocks, columns))
+            through = np.concatenate([block.A[:, j] for block in blocks]).T @ columns[j]
             moved = weight[j] ** 2 * gain @ (through * np.sqrt(one.variance))
             covariance += moved @ moved.T
     return replace(estimate, covariance=covariance), tuple(found)

@@ -307,5 +307,6 @@ def tested_accuracy(joints: Sequence[str], known: Learned) -> Accuracy | None:
     squares, vectors = np.linalg.eigh(3 / known.count * known.predicted)
     roots = np.sqrt(np.maximum(squares, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
     lines = roots.swapaxes(0, 1)  # rows with the same squares and products
-    block = Block(np.zeros(3), lines[:, :, :1], lines[:, :, 1], lines[:, :, 1], lines[:, :, 2])
+    nowhere = np.zeros(lines.shape[:2])
+    block = Block(np.zeros(3), lines[:, :, :1], lines[:, :, 1], nowhere, nowhere, lines[:, :, 2])
     return accuracy(joints, [block], np.ones(1), "predicted before it was learned")

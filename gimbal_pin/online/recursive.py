@@ -104,7 +104,8 @@ class Moments:
         """
         size = self.factors.shape[1]
         rows = self.factors.swapaxes(0, 1) * np.sqrt(size / max(self.rows, 1))
-        return Block(np.zeros(size), rows[:, :, :-2], rows[:, :, -2], np.zeros(rows.shape[:2]), rows[:, :, -1])
+        nowhere = np.zeros(rows.shape[:2])
+        return Block(np.zeros(size), rows[:, :, :-2], rows[:, :, -2], nowhere, nowhere, rows[:, :, -1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ class Block(NamedTuple):
         t: Time, s, (m,).
         A: Torque per parameter, filtered, (m, n, k).
         b: Torque, filtered, N m, (m, n).
+        q: Angles, rad, (m, n).
         v: Rates, rad/s, (m, n).
         share: How much of a row's samples were not masked out, in [0, 1], (m, n).
     """
@@ -40,6 +41,7 @@ class Block(NamedTuple):
     t: Array
     A: Array
     b: Array
+    q: Array
     v: Array
     share: Array
 
@@ -150,7 +152,14 @@ class Rows:
         A = passed(np.concatenate([rigid, jumping], axis=2), sections, rows, moving)
         b, share = (signals.zero_phase(x, sections)[rows] for x in (tau * moving, moving))
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
-        return Block(channels.t[rows].copy(), A, b.copy(), channels.v[rows].copy(), np.clip(share, 0.0, 1.0))
+        return Block(
+            channels.t[rows].copy(),
+            A,
+            b.copy(),
+            channels.q[rows].copy(),
+            channels.v[rows].copy(),
+            np.clip(share, 0.0, 1.0),
+        )
 
     def rigid_columns(self, channels: Channels) -> Array:
         """Base columns of the regressor, (m, n, b)."""
