@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gimbal_pin import text
 from gimbal_pin.consistency import likeliest
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimators import weighted
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.identification.misfit import GROUPS, honest, misfit
+from gimbal_pin.io import write_log
 from gimbal_pin.log import Array, Log
 from gimbal_pin.model import nominal
+from gimbal_pin.planting import plant_with
 from gimbal_pin.reduction import reduce
 from gimbal_pin.rig import Rig
 from gimbal_pin.rows import kept
 from tests.bench_logs import EXACT, prescribed, rows_of
+from tests.command_line import Run
 
 
 @pytest.fixture(scope="module")
@@ -99,3 +104,18 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
     assert not any("not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings)
     assert found.to_dict()["misfit"]["pan"]["torque_rms"] > 10 * found.to_dict()["misfit"]["tilt"]["torque_rms"]
+
+
+def test_the_urdf_has_the_bodies_of_the_extended_model(run: Run, tmp_path: Path, turret: Rig) -> None:
+    """With the cogging that was found in the equations they are nearer to the truth, by either verb the same."""
+    log, folder = tmp_path / "log.csv", tmp_path / "found"
+    teeth = parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)
+    write_log(prescribed(plant_with(nominal(turret), [teeth]).plant, 3, 8.0, torque_noise=0.01, dt=4e-3), log)
+    urdfs = [tmp_path / f"{name}.urdf" for name in ("plain", "diagnosed", "extended")]
+    still = ("--alignment", "0")
+    assert run("identify", "turret", log, "--urdf", urdfs[0], *still)[0] == 0
+    assert run("diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], *still)[0] == 0
+    assert run("identify", "turret", log, "--extended", folder / "extended.yaml", "--urdf", urdfs[2], *still)[0] == 0
+    known = reduce(turret)
+    off = [np.linalg.norm(given_beta(Rig.load(urdf), known) - given_beta(turret, known)) for urdf in urdfs]
+    assert off[1] < 0.5 * off[0] and off[2] == pytest.approx(off[1], rel=1e-6)

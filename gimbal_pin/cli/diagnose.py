@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from gimbal_pin import text
-from gimbal_pin.cli.inputs import load_logs, run_of, typed
+from gimbal_pin.cli.inputs import filtering, load_logs, run_of, typed
 from gimbal_pin.cli.options import (
     BAND,
     Alignment,
@@ -73,7 +73,8 @@ def diagnose(
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     if urdf is not None:
-        bodied = identify(loaded, read, added(found.after.model), holdout=holdout)
+        causes, filters = added(found.after.model), filtering(None, alignment)
+        bodied = identify(loaded, read, causes, holdout=holdout, filtering=filters)
         atomic_write(urdf, bodied.to_urdf())
     asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)
     files: Mapping[str, Path] = {}
