@@ -111,7 +111,8 @@ def keyframes(page: str) -> dict[str, dict[str, tuple[np.ndarray, np.ndarray]]]:
     for command in commands(page):
         for entry in command.get("animations", ()):
             for track in entry["clip"]["tracks"]:
-                values = array(track["values"], width.get(track["name"], 3))
+                on = isinstance(track["values"], list)
+                values = np.array(track["values"]) if on else array(track["values"], width.get(track["name"], 3))
                 found.setdefault(entry["path"], {})[track["name"]] = (array(track["times"], 1)[:, 0], values)
     return found
 
@@ -355,6 +356,15 @@ def test_the_ghost_is_there_only_with_a_reference_and_only_if_asked(lumped: Rig)
     assert parts(view.record(lumped, log), GHOST)
     for page in (view.record(lumped, log, ghost=False), view.record(lumped, replace(log, q_ref=None))):
         assert not any(command["path"].startswith(GHOST) for command in commands(page))
+
+
+def test_a_link_s_ghost_is_drawn_only_while_it_is_apart_from_the_link(lumped: Rig) -> None:
+    log = sweep(lumped)
+    lag = np.where(log.t[:, None] < 4.0, 0.0, [0.0, 0.2, 0.0])
+    tracks = keyframes(view.record(lumped, replace(log, q_ref=log.q + lag)))
+    tip = f"{figure.paths(lumped, GHOST)[3]}/solids"  # the only link that draws anything
+    times, shown = tracks[tip][".visible"]
+    assert np.array_equal(shown, times >= 1.0)
 
 
 def test_the_same_log_gives_the_same_bytes_and_ten_seconds_take_less_than_half_a_second() -> None:

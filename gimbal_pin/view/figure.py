@@ -113,6 +113,25 @@ def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
     return found
 
 
+def apart(
+    rig: Rig, solids: Sequence[Solid], poses: Poses, reference: Poses, clock: Array, root: str, least: float
+) -> Tracks:
+    """Return what shows each link's solids only while some of them may be `least`, m, or more from the reference.
+
+    No point within r of a joint's frame is further away than ``|Δp| + ‖ΔR‖ r``, ‖ΔR‖ the spectral norm.
+    """
+    found: Tracks = {}
+    for joint, path in enumerate(paths(rig, root)[1:], start=1):
+        corners = [solid.corners @ at[:3, :3].T + at[:3, 3] for solid, at in moved_by(rig, solids, joint)]
+        if corners:
+            change = poses.world[:, joint] - reference.world[:, joint]
+            radius = np.linalg.norm(np.concatenate(corners), axis=1).max()
+            turned = np.linalg.norm(change[:, :3, :3], axis=(1, 2)) / np.sqrt(2)  # of a difference of two rotations
+            shown = np.linalg.norm(change[:, :3, 3], axis=1) + turned * radius >= least
+            found[f"{path}/solids"] = [three.switch(".visible", clock, shown)]
+    return found
+
+
 def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Frames, root: str) -> Tracks:
     """Return what turns each moved link from its own colours (0) to red (1); empty without `motion.colour`."""
     found: Tracks = {}

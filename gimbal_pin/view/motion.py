@@ -22,6 +22,7 @@ class Frames:
         q_ref: Reference, shape (F, n), or None: no ghost.
         base: Attitude of the base in the world, (x, y, z, w), shape (F, 4), or None: it stands still.
         colour: Colour of each moved link, 0 its own to 1 red, shape (F, n), or None.
+        scale: What the colour means.
         speed: Seconds of the log per second of playing.
         pivot: Point of the base that stays where it is while the base turns, m in the base's frame, (3,).
         wanted: Attitude that the camera should keep, (3, 3), or None: there is no target.
@@ -32,6 +33,7 @@ class Frames:
     q_ref: Array | None
     base: Array | None = None
     colour: Array | None = None
+    scale: str = "0 to 1"
     speed: float = 1.0
     pivot: Array = field(default_factory=lambda: np.zeros(3))
     wanted: Array | None = None

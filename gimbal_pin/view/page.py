@@ -8,6 +8,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
@@ -39,14 +41,31 @@ def record(
     return page(rig, log.name, shown, scene(rig, shown))
 
 
+FADE = 2.0
+"""Time after which the path of a line of sight has faded away, s of playing."""
 Inset = tuple[Sequence[gaze.Picture], gaze.Json]
 """What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
 
 
-def page(rig: Rig, name: str, shown: Frames, drawn: Scene, inset: Inset | None = None, live: int | None = None) -> str:
+def page(
+    rig: Rig,
+    name: str,
+    shown: Frames,
+    drawn: Scene,
+    inset: Inset | None = None,
+    live: int | None = None,
+    written: bool = True,
+) -> str:
     """Return the page of a scene, with pictures in its corner where there are any.
 
-    `live`: its number at the server that sends it news, see `view.server`; None: it is a file and hears of none.
+    Args:
+        rig: What moves.
+        name: What stands under its title.
+        shown: How it moves.
+        drawn: The scene.
+        inset: The pictures.
+        live: Its number at the server that sends it news, see `view.server`; None: it is a file and hears of none.
+        written: Whether title, legend, angles and time stand in the frames of a film.
     """
     pictures, seen = ((), None) if inset is None else inset
     return filled(
@@ -55,9 +74,11 @@ def page(rig: Rig, name: str, shown: Frames, drawn: Scene, inset: Inset | None =
         title=rig.title,
         subtitle=name,
         legend=legend(shown),
-        ramp=shown.colour is not None,
+        ramp="" if shown.colour is None else shown.scale,
+        views=list(drawn.views),
+        ghost=shown.q_ref is not None,
         bundle=bundle(),
-        scene=data(shown, drawn),
+        scene=data(rig, shown, drawn, written),
         gaze=gaze.script() if inset else "",
         pictures=pictures,
         seen=json.dumps(seen),
@@ -72,7 +93,20 @@ def packed(command: three.Json) -> str:
     return base64.b64encode(umsgpack.packb(command)).decode()
 
 
-def data(shown: Frames, drawn: Scene) -> str:
+def readings(rig: Rig, shown: Frames) -> list[three.Json]:
+    """Return each joint's name and what stands beside it at every frame: degrees, or millimetres of one that slides."""
+    slides = [joint.shortname().startswith("JointModelP") for joint in rig.model.joints]  # prismatic
+    return [
+        {
+            "name": name,
+            "unit": " mm" if slide else "°",
+            "values": np.round(values * (1e3 if slide else 180 / np.pi), 1).tolist(),
+        }
+        for name, slide, values in zip(rig.joints, slides[1:], shown.q.T, strict=True)
+    ]
+
+
+def data(rig: Rig, shown: Frames, drawn: Scene, written: bool) -> str:
     """Return the commands and the times as JSON."""
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
     return json.dumps(
@@ -84,6 +118,13 @@ def data(shown: Frames, drawn: Scene) -> str:
             "speed": shown.speed,
             "fov": stage.FOV,
             "aspect": stage.ASPECT,
+            "sky": stage.SKY,
+            "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
+            "frames": len(shown.t),
+            "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
+            "fade": FADE,
+            "joints": readings(rig, shown),
+            "written": written,
         }
     )
 

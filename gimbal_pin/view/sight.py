@@ -58,10 +58,10 @@ def tips(rig: Rig, poses: Poses, length: float) -> Array:
 
 
 def trail(path: str, points: Array, colour: tuple[float, ...]) -> three.Json:
-    """Return the command that draws the whole path of the beam's end; the longer, the fainter."""
-    opacity = float(np.clip(60.0 / np.sqrt(len(points)) / 5.0, 0.12, 0.55))
-    material = three.flat(colour, opacity, kind="LineBasicMaterial")
-    part = three.Part(three.buffer(points), three.IDENTITY, material, kind="Line", order=3)
+    """Return the command that draws the path of the beam's end; the page lets it fade by the points' opacities."""
+    material = three.flat(colour, 0.75, kind="LineBasicMaterial", vertexColors=2)
+    path_of_it = three.buffer(points, colours=np.ones((len(points), 4)))
+    part = three.Part(path_of_it, three.IDENTITY, material, kind="Line", order=3)
     return three.draw(path, three.group([part], path.rpartition("/")[2].replace(" ", "-")))
 
 

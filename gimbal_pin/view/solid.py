@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,23 @@ class Solid:
         return points @ self.placement[:3, :3].T + self.placement[:3, 3]
 
 
+def rounded(solid: Solid, error: float) -> Solid:
+    """Return a cylinder or sphere in as many segments as keep its chords within `error`, m, of its circle.
+
+    A chord lies r (1 - cos π/n) inside. Software renderers spend their time on triangles.
+    """
+    radius = solid.geometry.get("radiusTop", solid.geometry.get("radius", 0.0))
+    if not radius:
+        return solid
+    count = int(np.ceil(np.pi / np.arccos(max(1 - error / radius, 0.5))))
+    names = (
+        {"radialSegments": count}
+        if "radiusTop" in solid.geometry
+        else {"widthSegments": count, "heightSegments": count // 2 + 1}
+    )
+    return replace(solid, geometry={**solid.geometry, **names})
+
+
 def box(link: str, pose: Array, size: Array, rgba: tuple[float, ...]) -> Solid:
     """Return a box of the given edges, m."""
     width, height, depth = map(float, size)
@@ -54,10 +71,10 @@ def cylinder(link: str, pose: Array, radius: float, length: float, rgba: tuple[f
     """Return a cylinder about the z of its pose, m."""
     geometry = {"type": "CylinderGeometry", "radiusTop": radius, "radiusBottom": radius, "height": length}
     half = np.array([radius, length / 2, radius])
-    return Solid(link, {**geometry, "radialSegments": 72}, pose @ Y_TO_Z, rgba, half, np.zeros(3))
+    return Solid(link, geometry, pose @ Y_TO_Z, rgba, half, np.zeros(3))
 
 
 def sphere(link: str, pose: Array, radius: float, rgba: tuple[float, ...]) -> Solid:
     """Return a sphere, m."""
-    geometry = {"type": "SphereGeometry", "radius": radius, "widthSegments": 32, "heightSegments": 20}
+    geometry = {"type": "SphereGeometry", "radius": radius}
     return Solid(link, geometry, pose, rgba, np.full(3, radius), np.zeros(3))

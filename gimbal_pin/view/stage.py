@@ -13,15 +13,24 @@ FOV = 32.0
 """Vertical angle of view, degrees: narrow enough not to distort."""
 
 ASPECT = 16 / 9
-AZIMUTH = np.deg2rad(58.0)
-"""From the line of sight round to the viewer: a three-quarter view of the front."""
+USUAL, AIMING = "three-quarter", "over the shoulder"
+VIEWS = {
+    USUAL: (58.0, 17.0, 0.0),
+    "front": (12.0, 8.0, 0.0),
+    "side": (90.0, 8.0, 0.0),
+    "behind": (160.0, 22.0, 0.0),
+    "top": (90.0, 80.0, 0.0),
+    AIMING: (128.0, 17.0, 0.27),
+}
+"""Name → from the line of sight round to the viewer, degrees, the viewer's elevation, degrees, and the share of the
+width that is left free at the right, where pictures stand beside the scene."""
 
-BEHIND, ASIDE = np.deg2rad(128.0), 0.27
-"""Where a target is to be seen, over the camera's shoulder: from the line of sight round to the viewer, and the share
-of the width that is left free at the right."""
-
-ELEVATION = np.deg2rad(17.0)
 LINE = (0.36, 0.42, 0.50)
+SKY = ("#f4f6fa", "#b3bfcf")
+"""Background at the top and at the bottom: the page draws it, which costs nothing, where WebGL would shade each pixel.
+"""
+KEY = (0.6, 0.75, 2.4)
+"""Where the light that casts the shadows shines from: toward the viewer, to the viewer's left, up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +46,15 @@ class Camera:
     offset: Array
 
 
-def camera(points: Array, heading: float, room: float = 1.0, azimuth: float = AZIMUTH, aside: float = 0.0) -> Camera:
-    """Return the closest three-quarter view that holds all the points, m, (K, 3), `room` times as far away.
+def camera(points: Array, heading: float, view: str, room: float = 1.0) -> Camera:
+    """Return the closest view of that name that holds all the points, m, (K, 3), `room` times as far away.
 
-    Args:
-        points: The points, m, (K, 3).
-        heading: Where the line of sight points, rad.
-        room: How many times as far away.
-        azimuth: From there round to the viewer, rad.
-        aside: Share of the width that is left free at the right.
+    `heading`: where the line of sight points, rad.
     """
-    azimuth = heading + azimuth
-    back = np.array([np.cos(ELEVATION) * np.cos(azimuth), np.cos(ELEVATION) * np.sin(azimuth), np.sin(ELEVATION)])
+    around, elevation, aside = VIEWS[view]
+    azimuth = heading + np.deg2rad(around)
+    level, high = np.cos(np.deg2rad(elevation)), np.sin(np.deg2rad(elevation))
+    back = np.array([level * np.cos(azimuth), level * np.sin(azimuth), high])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.array([right, np.cross(back, right), back])
     seen = points @ axes.T
@@ -64,12 +70,9 @@ def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
     floor = float(points[:, 2].min()) - 0.06 * size
     centre = points.mean(axis=0)
     return [
-        three.let("/Background", "top_color", [0.955, 0.965, 0.98]),
-        three.let("/Background", "bottom_color", [0.70, 0.75, 0.81]),
-        *(three.let(path, "visible", False) for path in ("/Grid", "/Axes", "/Lights")),
+        *(three.let(path, "visible", False) for path in ("/Background", "/Grid", "/Axes", "/Lights")),
         *lights(view, size),
-        three.place("/meshcat", three.pose(-view.target)),
-        three.draw("/meshcat/ground", ground(centre[:2], floor, size)),
+        three.draw("/meshcat/ground", ground(centre[:2], floor, size, shaded(points, floor, key_light(view)))),
         *look(view),
     ]
 
@@ -80,6 +83,7 @@ def look(view: Camera) -> list[three.Json]:
     distance = float(np.linalg.norm(view.offset))
     path = "/Cameras/default/rotated/<object>"
     return [
+        three.place("/meshcat", three.pose(-view.target)),
         three.let(path, "position", [x, z, -y]),
         three.let(path, "fov", FOV),
         three.let(path, "near", distance / 100),
@@ -89,18 +93,36 @@ def look(view: Camera) -> list[three.Json]:
 
 def lights(view: Camera, size: float) -> list[three.Json]:
     """Return a sky, a key light that casts the shadows, a fill light from the viewer, a rim light from behind."""
-    toward = view.offset[:2] / np.linalg.norm(view.offset[:2])
-    left = np.array([toward[1], -toward[0]])
-    key = np.append(0.6 * toward + 0.75 * left, 2.4)
+    toward, left = sides(view)
     rim = np.append(-toward - 0.6 * left, 0.8)
     sky = {"type": "HemisphereLight", "color": 0xFFFFFF, "groundColor": 0xA8ADB5, "intensity": 0.50}
     return [
         three.draw("/Studio/sky", light("sky", sky, np.array([0.0, 0.0, 1.0]))),
-        three.draw("/Studio/key", light("key", {**directional(0.50), "shadow": shadow(size)}, 5 * size * key)),
+        three.draw(
+            "/Studio/key", light("key", {**directional(0.50), "shadow": shadow(size)}, 5 * size * key_light(view))
+        ),
         three.draw("/Studio/fill", light("fill", directional(0.32), view.offset)),
         three.draw("/Studio/rim", light("rim", directional(0.40), 5 * size * rim)),
         *(three.let(f"/Studio/{name}/<object>", "castShadow", False) for name in ("fill", "rim")),
     ]
+
+
+def sides(view: Camera) -> tuple[Array, Array]:
+    """Return the level directions toward the viewer and to the left of that, (2,) each."""
+    toward = view.offset[:2] / np.linalg.norm(view.offset[:2])
+    return toward, np.array([toward[1], -toward[0]])
+
+
+def key_light(view: Camera) -> Array:
+    """Return where the light that casts the shadows comes from, (3,)."""
+    toward, left = sides(view)
+    return np.append(KEY[0] * toward + KEY[1] * left, KEY[2])
+
+
+def shaded(points: Array, floor: float, light: Array) -> Array:
+    """Return the corners of the part of the floor that the points throw shadows on, m, (2, 2)."""
+    thrown = points[:, :2] - (points[:, 2:] - floor) * light[:2] / light[2]
+    return np.array([thrown.min(axis=0), thrown.max(axis=0)])
 
 
 def light(name: str, look_of_it: three.Json, position: Array) -> three.Json:
@@ -127,12 +149,13 @@ def shadow(size: float) -> three.Json:
     }
 
 
-def ground(centre: Array, height: float, size: float) -> three.Json:
-    """Return a plane that shows nothing but shadows, and a grid that fades away from the rig."""
-    pose = three.pose(np.append(centre, height))
+def ground(centre: Array, height: float, size: float, dark: Array) -> three.Json:
+    """Return a plane between the corners `dark`, (2, 2), that shows shadows alone, and a grid that fades away."""
+    pose = three.pose(np.append(dark.mean(axis=0), height))
     radius = 5.0 * size
+    width, depth = map(float, 1.05 * np.ptp(dark, axis=0) + 0.02 * size)
     catcher = {"type": "ShadowMaterial", "color": 0x10161F, "opacity": 0.2, "transparent": True, "depthWrite": False}
-    plane = three.Part({"type": "CircleGeometry", "radius": radius, "segments": 64}, pose, catcher, receives=True)
+    plane = three.Part({"type": "PlaneGeometry", "width": width, "height": depth}, pose, catcher, receives=True)
     points, alpha = grid(centre, radius, spacing(size))
     points = np.column_stack([points, np.full(len(points), height)])
     colours = np.column_stack([np.ones((len(points), 3)), alpha])

@@ -151,6 +151,11 @@ def track(name: str, kind: str, times: Array, values: Array) -> Json:
     return {"name": name, "type": kind, "times": floats(times), "values": floats(values)}
 
 
+def switch(name: str, times: Array, values: Array) -> Json:
+    """Return one property that is on or off: times (F,), s, values (F,)."""
+    return {"name": name, "type": "bool", "times": floats(times), "values": [bool(x) for x in values]}
+
+
 def animate(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
     """Return the command that plays the tracks of each scene path, for ever.
 
