@@ -2,26 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli.inputs import load_rig, mounted, play, shown_somewhere
-from gimbal_pin.cli.options import Map, MaybeOutput, Payload, RigName, Yes, between, optional
-from gimbal_pin.cli.paths import Reads, logs
+from gimbal_pin.cli.options import INTO_FILE, Map, Payload, RigName, Yes, between, optional
+from gimbal_pin.cli.paths import Reads, Writes
+from gimbal_pin.cli.paths import logs as files_of_logs
 from gimbal_pin.cli.present import noted, say
 from gimbal_pin.cli.work import affordable
+from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
     from gimbal_pin.log import Array, Log
     from gimbal_pin.rig import Rig
 
+USUAL_SIZE = (960, 540)
+SCALE = "residual: red from 10 % of the joint's torque"
+"""As `diagnosis.heat` colours it."""
+View = Literal["three-quarter", "front", "side", "behind", "top", "over-the-shoulder"]
+Preset = Literal["social", "paper", "thumbnail"]
+
+
+def films(output: str | Path, given: Mapping[str, Any]) -> list[Path]:
+    """Return the file of each log: the output, numbered where there are several."""
+    path, count = Path(output), len(given["logs"])
+    numbered = [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
+    return [path] if count == 1 else numbered
+
 
 def animate(
     rig: RigName,
-    log: Annotated[Positional[str], Reads(logs), arg(metavar="LOG", help="a log or trajectory")],
-    output: MaybeOutput = None,
+    logs: Annotated[
+        Positional[tuple[str, ...]], Reads(files_of_logs), arg(metavar="LOG …", help="logs or trajectories")
+    ],
+    output: Annotated[Path | None, Writes(films), INTO_FILE] = None,
     *,
     payload: Payload = None,
     map: Map = (),
@@ -44,26 +62,56 @@ def animate(
             "MODEL", "turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on"
         ),
     ] = None,
+    beside: Annotated[
+        str | None, Reads(files_of_logs), optional("LOG", "a second log, played to the right of the first")
+    ] = None,
+    camera: Annotated[View | None, arg(help="where it is looked at from")] = None,
+    preset: Annotated[Preset | None, arg(help="size and frame rate for a post, a paper or an overview")] = None,
     yes: Yes = False,
     live: Annotated[bool, arg(help="play it in a browser on this machine")] = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
     from gimbal_pin import view
     from gimbal_pin.io import read_log, split_payload
-    from gimbal_pin.view.output import ENCODERS, FPS
+    from gimbal_pin.view.output import ENCODERS, FPS, PRESETS
 
     shown_somewhere(output, live)
-    loaded = load_rig(rig, payload or split_payload(log)[1] or mounted(residual))
-    read = read_log(log, loaded, map, need_tau=residual is not None)
-    colour = None if residual is None else warmth(residual, loaded, read)
+    if not logs:
+        raise UsageError("LOG", "is missing", "name a log")
+    if live and len(logs) > 1:
+        raise UsageError("--live", "plays one log", "name one, or -o FILE")
+    size, rate, written = PRESETS[preset] if preset is not None else (USUAL_SIZE, None, True)
+    chosen = fps or rate
+    loaded = load_rig(rig, payload or split_payload(logs[0])[1] or mounted(residual))
+    every = [read_log(log, loaded, map, need_tau=residual is not None) for log in logs]
+    other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
+    colours = [None if residual is None else warmth(residual, loaded, read) for read in every]
     if output is not None:
-        frames = (read.t[-1] - read.t[0]) / speed * (fps or FPS.get(output.suffix.lower(), 1.0))
-        drawn = frames if output.suffix.lower() in ENCODERS else 0
+        suffix = output.suffix.lower()
+        frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (chosen or FPS.get(suffix, 1.0))
+        pixels = size[0] * size[1] / (USUAL_SIZE[0] * USUAL_SIZE[1])
+        drawn = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
         affordable(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)
-        noted(view.save(loaded, read, output, speed=speed, fps=fps, ghost=ghost, colour=colour, at=at))
-        say(f"{read.t[-1] - read.t[0]:.1f} s → {output}")
+        for read, colour, path in zip(every, colours, films(output, {"logs": logs}), strict=True):
+            told = view.save(
+                loaded,
+                read,
+                path,
+                speed=speed,
+                fps=chosen,
+                ghost=ghost,
+                colour=colour,
+                at=at,
+                size=size,
+                camera=camera,
+                written=written,
+                beside=other,
+                scale=SCALE,
+            )
+            noted(told)
+            say(f"{read.t[-1] - read.t[0]:.1f} s → {path}")
     if live:
-        play(loaded, read)
+        play(loaded, every[0])
 
 
 def warmth(name: Path, rig: Rig, log: Log) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
@@ -37,6 +37,15 @@ class Frames:
     speed: float = 1.0
     pivot: Array = field(default_factory=lambda: np.zeros(3))
     wanted: Array | None = None
+
+    def first(self, count: int) -> Frames:
+        """Return the first `count` frames."""
+        cut = {
+            name: value[:count]
+            for name in ("t", "q", "q_ref", "base", "colour")
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **cut)
 
     @property
     def clock(self) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from gimbal_pin.view.browser import pictures
 from gimbal_pin.view.motion import Frames, columns, frame_times, motion
 from gimbal_pin.view.page import page
 from gimbal_pin.view.scene import scene
+from gimbal_pin.view.stage import VIEWS
 
 ENCODERS: Mapping[str, tuple[str, ...]] = {
     ".gif": (
@@ -26,13 +28,32 @@ ENCODERS: Mapping[str, tuple[str, ...]] = {
         ),
         *("-loop", "0", "-f", "gif"),
     ),
-    ".webp": ("-c:v", "libwebp_anim", "-quality", "75", "-loop", "0", "-f", "webp"),
+    ".webp": ("-c:v", "libwebp_anim", "-quality", "75", "-compression_level", "1", "-loop", "0", "-f", "webp"),
     ".mp4": (
-        *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18"),
+        *(
+            "-vf",
+            "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+            "-c:v",
+            "libx264",
+            "-pix_fmt",
+            "yuv420p",
+            "-crf",
+            "18",
+            "-preset",
+            "veryfast",
+        ),
         *("-movflags", "+faststart", "-f", "mp4"),
     ),
 }
 """Suffix → what ffmpeg is told."""
+
+PRESETS: Mapping[str, tuple[tuple[int, int], float | None, bool]] = {
+    "social": ((1080, 1080), 30.0, True),
+    "paper": ((1920, 1080), None, True),
+    "thumbnail": ((320, 180), 10.0, False),
+}
+"""Name → width and height, pixels, frames per second (None: what suits the format), and whether the frames say what
+they show: in the smallest ones nobody could read it."""
 
 FPS: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 30.0, ".png": 30.0}
 """Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""
@@ -49,6 +70,10 @@ def save(
     colour: Array | None = None,
     size: tuple[int, int] = (960, 540),
     at: float | None = None,
+    camera: str | None = None,
+    written: bool = True,
+    beside: Log | None = None,
+    scale: str = "0 to 1",
 ) -> tuple[str, ...]:
     """Write what `record` shows, in the format of the path's suffix: .html, .png, .gif, .webp or .mp4.
 
@@ -65,6 +90,10 @@ def save(
         colour: As for `record`.
         size: Width and height, pixels; HTML fills its window.
         at: Time of a picture, s of the log; None: where rig and reference are farthest apart.
+        camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
+        written: Whether title, time, legend and joint angles stand in pictures and films.
+        beside: A second log of the rig, played to the right of the first for as long as both last.
+        scale: What the colours mean, for the legend.
 
     Returns:
         A sentence for each thing that could not be drawn as the URDF says.
@@ -80,9 +109,16 @@ def save(
         raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
     check_size(size)
     rate = FPS[suffix] if fps is None else fps
-    shown = motion(rig, log, rate, speed, ghost, colour)
-    drawn = scene(rig, shown)
-    recorded = page(rig, log.name, shown, drawn)
+    if camera is not None and camera not in VIEWS:
+        raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
+    shown, other, name = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None, log.name
+    if beside is not None:
+        other = motion(rig, beside, rate, speed, ghost, None)
+        both = min(len(shown.t), len(other.t))
+        shown, other = shown.first(both), other.first(both)
+        name = f"left {log.name}, right {beside.name}"
+    drawn = scene(rig, shown, camera=camera, beside=other)
+    recorded = page(rig, name, shown, drawn, written=written, beside=other)
     if suffix == ".html":
         atomic_write(path, recorded)
     elif suffix == ".png":

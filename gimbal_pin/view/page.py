@@ -55,6 +55,7 @@ def page(
     inset: Inset | None = None,
     live: int | None = None,
     written: bool = True,
+    beside: Frames | None = None,
 ) -> str:
     """Return the page of a scene, with pictures in its corner where there are any.
 
@@ -66,6 +67,7 @@ def page(
         inset: The pictures.
         live: Its number at the server that sends it news, see `view.server`; None: it is a file and hears of none.
         written: Whether title, legend, angles and time stand in the frames of a film.
+        beside: A second run that is drawn, too.
     """
     pictures, seen = ((), None) if inset is None else inset
     return filled(
@@ -78,7 +80,7 @@ def page(
         views=list(drawn.views),
         ghost=shown.q_ref is not None,
         bundle=bundle(),
-        scene=data(rig, shown, drawn, written),
+        scene=data(rig, shown, drawn, written, beside),
         gaze=gaze.script() if inset else "",
         pictures=pictures,
         seen=json.dumps(seen),
@@ -93,20 +95,17 @@ def packed(command: three.Json) -> str:
     return base64.b64encode(umsgpack.packb(command)).decode()
 
 
-def readings(rig: Rig, shown: Frames) -> list[three.Json]:
-    """Return each joint's name and what stands beside it at every frame: degrees, or millimetres of one that slides."""
-    slides = [joint.shortname().startswith("JointModelP") for joint in rig.model.joints]  # prismatic
-    return [
-        {
-            "name": name,
-            "unit": " mm" if slide else "°",
-            "values": np.round(values * (1e3 if slide else 180 / np.pi), 1).tolist(),
-        }
-        for name, slide, values in zip(rig.joints, slides[1:], shown.q.T, strict=True)
-    ]
+def readings(rig: Rig, runs: Sequence[Frames]) -> list[three.Json]:
+    """Return each joint's name and what each run reads at every frame: degrees, or millimetres of one that slides."""
+    found = []
+    for k, (name, joint) in enumerate(zip(rig.joints, list(rig.model.joints)[1:], strict=True)):
+        slides = joint.shortname().startswith("JointModelP")  # prismatic
+        values = [np.round(run.q[:, k] * (1e3 if slides else 180 / np.pi), 1).tolist() for run in runs]
+        found.append({"name": name, "unit": " mm" if slides else "°", "values": values})
+    return found
 
 
-def data(rig: Rig, shown: Frames, drawn: Scene, written: bool) -> str:
+def data(rig: Rig, shown: Frames, drawn: Scene, written: bool, beside: Frames | None) -> str:
     """Return the commands and the times as JSON."""
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
     return json.dumps(
@@ -123,7 +122,7 @@ def data(rig: Rig, shown: Frames, drawn: Scene, written: bool) -> str:
             "frames": len(shown.t),
             "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
             "fade": FADE,
-            "joints": readings(rig, shown),
+            "joints": readings(rig, [shown] if beside is None else [shown, beside]),
             "written": written,
         }
     )

@@ -13,7 +13,7 @@ FOV = 32.0
 """Vertical angle of view, degrees: narrow enough not to distort."""
 
 ASPECT = 16 / 9
-USUAL, AIMING = "three-quarter", "over the shoulder"
+USUAL, AIMING = "three-quarter", "over-the-shoulder"
 VIEWS = {
     USUAL: (58.0, 17.0, 0.0),
     "front": (12.0, 8.0, 0.0),
@@ -63,6 +63,13 @@ def camera(points: Array, heading: float, view: str, room: float = 1.0) -> Camer
     distance = float(np.max(np.abs(seen[:, :2] - middle[:2]) / half + (seen[:, 2:] - middle[2])))
     middle[0] += aside * ASPECT * np.tan(np.deg2rad(FOV) / 2) * distance
     return Camera(target=middle @ axes, offset=room * distance * back)
+
+
+def to_the_right(points: Array, heading: float, view: str) -> Array:
+    """Return the shift, m, (3,), that puts the same points to the viewer's right of themselves, with a gap."""
+    azimuth = heading + np.deg2rad(VIEWS[view][0])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.asarray(1.1 * float(np.ptp(points @ right)) * right)
 
 
 def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
