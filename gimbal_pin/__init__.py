@@ -52,6 +52,11 @@ HOMES = {
 __all__ = list(HOMES)
 
 
+def __dir__() -> list[str]:
+    """Return the public names, which are not there before their first use."""
+    return sorted([*globals(), *HOMES])
+
+
 def __getattr__(name: str) -> Any:
     """Import a name on first use (PEP 562): the command line starts without loading everything."""
     if name not in HOMES:

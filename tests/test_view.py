@@ -321,12 +321,35 @@ def test_named_materials_meshes_and_what_is_missing(tmp_path: Path) -> None:
     files = ("package://pkg/block.stl", "absent.stl", "broken.stl", "pkg/block.stl")
     link = f"<link name='hull'>{''.join(mesh.format(file) for file in files)}</link>"
     weld = "<joint name='w' type='fixed'><parent link='boom'/><child link='hull'/></joint>"
-    solids, events = visuals(bare(tmp_path, LUMPED + link + weld))
+    solids, events, missing = visuals(bare(tmp_path, LUMPED + link + weld))
     by_link = {solid.link: solid for solid in solids}
     assert by_link["tip"].rgba == (0.2, 0.4, 0.6, 1.0)
-    assert [solid.facets for solid in solids if solid.link == "hull"] == [True, False, False, True]
+    assert [solid.facets for solid in solids if solid.link == "hull"] == [True, True] and missing == {"hull"}
     assert np.allclose([solid.corners.max(axis=0) for solid in solids if solid.facets], [[0.1, 0.2, 0.3]] * 2)
     assert len(events) == 2 and "absent.stl' is not there" in events[0] and "broken.stl' cannot be read" in events[1]
+
+
+def test_a_link_whose_mesh_is_missing_gets_a_bar_and_one_without_visuals_none(tmp_path: Path) -> None:
+    link = "<link name='hull'><visual><geometry><mesh filename='absent.stl'/></geometry></visual></link>"
+    weld = "<joint name='w' type='fixed'><parent link='boom'/><child link='hull'/></joint>"
+    rig = bare(tmp_path, LUMPED + link + weld)
+    drawn = scene(rig, motion(rig, sweep(rig), 30, 1.0, False, None))
+    owners = [path for path in figure.paths(rig, RIG) if any(c["path"] == f"{path}/solids" for c in drawn.commands)]
+    assert owners == [figure.paths(rig, RIG)[k] for k in (0, 2, 3)]  # not the mast
+    assert "nothing to draw of boom" in drawn.events[-1]
+
+
+def test_a_second_run_stands_beside_the_first_and_moves_by_its_own_log(lumped: Rig, tmp_path: Path) -> None:
+    log = sweep(lumped)
+    other = replace(log, q=-log.q)
+    view.save(lumped, log, tmp_path / "both.html", beside=other, ghost=False)
+    page = (tmp_path / "both.html").read_text(encoding="utf-8")
+    alone = parts(view.record(lumped, other, ghost=False), frame=7)
+    second = parts(page, "/meshcat/beside/rig", frame=7)
+    shift = second[0][:3, 3] - alone[0][:3, 3]
+    assert np.linalg.norm(shift) > 0.5 and shift[2] == 0
+    for a, b in zip(second, alone, strict=True):
+        assert np.allclose(a[:3, 3] - b[:3, 3], shift, atol=1e-6) and np.allclose(a[:3, :3], b[:3, :3], atol=1e-6)
 
 
 def stl(corners: np.ndarray) -> bytes:
@@ -402,6 +425,7 @@ def test_arguments_that_cannot_be_used_are_refused_by_name(lumped: Rig, tmp_path
         ("out.avi", nothing, r"\.avi.*\.mp4"),
         ("out.png", {"size": (0, 10)}, "size"),
         ("out.png", {"at": 99.0}, "at: is 99"),
+        ("out.png", {"camera": "below"}, "three-quarter"),
         ("no/out.html", nothing, "does not exist"),
     ):
         with pytest.raises(UsageError, match=word):

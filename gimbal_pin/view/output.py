@@ -111,12 +111,12 @@ def save(
     rate = FPS[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
-    shown, other, name = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None, log.name
+    shown, other, name = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None, Path(log.name).name
     if beside is not None:
         other = motion(rig, beside, rate, speed, ghost, None)
         both = min(len(shown.t), len(other.t))
         shown, other = shown.first(both), other.first(both)
-        name = f"left {log.name}, right {beside.name}"
+        name = f"left {name}, right {Path(beside.name).name}"
     drawn = scene(rig, shown, camera=camera, beside=other)
     recorded = page(rig, name, shown, drawn, written=written, beside=other)
     if suffix == ".html":

@@ -20,7 +20,7 @@ RIG, GHOST, MOTION = "/meshcat/rig", "/meshcat/ghost", "/motion"
 APART = 4e-3
 """Distance from the reference, in radii of the rig, from which on the ghost of a link is drawn: a pixel where the rig
 fills 540 of them. Nearer, the two would be drawn into each other."""
-BEAM = 0.8
+BEAM = 0.6
 """Length of the line of sight in radii of the rig."""
 
 
@@ -58,10 +58,13 @@ def scene(
         camera: One of `stage.VIEWS`; None: the usual one, with a target over the camera's shoulder.
         beside: How it moves in a second run, which is shown to the right of the first; None: there is none.
     """
-    solids, events = visuals(rig)
-    if not solids:
-        solids = stand_ins(rig)
-        events = (*events, f"rig {rig.name} draws no solids: stand-ins sized from its kinematics")
+    solids, events, missing = visuals(rig)
+    full = {figure.frame(rig, solid.link).parentJoint for solid in solids}
+    bare = {figure.frame(rig, link).parentJoint for link in missing} - full if full else set(range(rig.n + 1))
+    if bare:
+        solids = (*solids, *(one for one in stand_ins(rig) if figure.frame(rig, one.link).parentJoint in bare))
+        what = ", ".join((rig.base, *rig.links)[joint] for joint in sorted(bare))
+        events = (*events, f"nothing to draw of {what}: stand-ins sized from the kinematics")
     runs = [motion] if beside is None else [motion, beside]
     moved = [poses(rig.model, run.q, run.base, run.pivot) for run in runs]
     points = np.vstack([figure.hull(rig, solids, one.world) for one in moved])

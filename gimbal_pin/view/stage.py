@@ -78,7 +78,7 @@ def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
     centre = points.mean(axis=0)
     return [
         *(three.let(path, "visible", False) for path in ("/Background", "/Grid", "/Axes", "/Lights")),
-        *lights(view, size),
+        *lights(view, size, float(np.linalg.norm(points - view.target, axis=1).max())),
         three.draw("/meshcat/ground", ground(centre[:2], floor, size, shaded(points, floor, key_light(view)))),
         *look(view),
     ]
@@ -98,18 +98,23 @@ def look(view: Camera) -> list[three.Json]:
     ]
 
 
-def lights(view: Camera, size: float) -> list[three.Json]:
-    """Return a sky, a key light that casts the shadows, a fill light from the viewer, a rim light from behind."""
+def lights(view: Camera, size: float, reach: float) -> list[three.Json]:
+    """Return a sky, a key light that casts the shadows, a fill light from the viewer, a rim light from behind.
+
+    On a level face they add up to 0.97, so that white keeps its tone. `reach`: how far from the view's target there
+    are things that cast shadows, m.
+    """
     toward, left = sides(view)
     rim = np.append(-toward - 0.6 * left, 0.8)
-    sky = {"type": "HemisphereLight", "color": 0xFFFFFF, "groundColor": 0xA8ADB5, "intensity": 0.50}
+    sky = {"type": "HemisphereLight", "color": 0xFFFFFF, "groundColor": 0xA8ADB5, "intensity": 0.40}
     return [
         three.draw("/Studio/sky", light("sky", sky, np.array([0.0, 0.0, 1.0]))),
         three.draw(
-            "/Studio/key", light("key", {**directional(0.50), "shadow": shadow(size)}, 5 * size * key_light(view))
+            "/Studio/key",
+            light("key", {**directional(0.40), "shadow": shadow(size, reach)}, 5 * size * key_light(view)),
         ),
-        three.draw("/Studio/fill", light("fill", directional(0.32), view.offset)),
-        three.draw("/Studio/rim", light("rim", directional(0.40), 5 * size * rim)),
+        three.draw("/Studio/fill", light("fill", directional(0.30), view.offset)),
+        three.draw("/Studio/rim", light("rim", directional(0.20), 5 * size * rim)),
         *(three.let(f"/Studio/{name}/<object>", "castShadow", False) for name in ("fill", "rim")),
     ]
 
@@ -143,10 +148,16 @@ def directional(intensity: float) -> three.Json:
     return {"type": "DirectionalLight", "color": 0xFFFFFF, "intensity": intensity}
 
 
-def shadow(size: float) -> three.Json:
+def shadow(size: float, reach: float) -> three.Json:
     """Return the part of space whose shadows are drawn."""
-    reach = 2.2 * size
-    box = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": 0.1 * size, "far": 25 * size}
+    box = {
+        "left": -reach,
+        "right": reach,
+        "top": reach,
+        "bottom": -reach,
+        "near": 0.1 * size,
+        "far": 13 * size + 3 * reach,
+    }
     return {
         "camera": {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box},
         "mapSize": [1024, 1024],

@@ -1,4 +1,4 @@
-"""Stand-ins for a URDF that draws nothing: a cylinder on each joint's axis, a bone from joint to joint."""
+"""Stand-ins for links that draw nothing: a cylinder on each joint's axis, a translucent bar from joint to joint."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gimbal_pin.view import three
 from gimbal_pin.view.solid import Solid, box, cylinder, sphere
 
 PALETTE = ((0.23, 0.45, 0.80, 1.0), (0.85, 0.35, 0.25, 1.0), (0.20, 0.62, 0.40, 1.0), (0.60, 0.40, 0.72, 1.0))
-BONE = (0.55, 0.58, 0.63, 1.0)
+BONE = (0.45, 0.50, 0.58, 0.6)
 
 
 def stand_ins(rig: Rig) -> tuple[Solid, ...]:

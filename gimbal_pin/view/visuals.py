@@ -17,12 +17,12 @@ from gimbal_pin.view.solid import Solid, box, cylinder, sphere
 if TYPE_CHECKING:
     import yourdfpy
 
-GREY = (0.62, 0.65, 0.70, 1.0)
-"""Colour of a visual without one."""
+TONES = ((0.55, 0.59, 0.65, 1.0), (0.42, 0.52, 0.64, 1.0), (0.66, 0.56, 0.44, 1.0), (0.44, 0.56, 0.50, 1.0))
+"""Colours of visuals without one, link by link in turns, so that neighbours differ."""
 
 
-def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...]]:
-    """Return the rig's solids and a sentence for each one that could not be drawn as its URDF says."""
+def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...], frozenset[str]]:
+    """Return the rig's solids, a sentence for each that could not be drawn as its URDF says, and the links of these."""
     robot = urdf.checked(rig.urdf, str(rig.path))
     colours = named_colours(robot)
     named = {
@@ -31,12 +31,14 @@ def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...]]:
     meshes = find_meshes(named, rig.path.parent)
     drawn: list[Solid] = []
     events: list[str] = []
-    for link in robot.links:
+    missing: set[str] = set()
+    for k, link in enumerate(robot.links):
         for visual in link.visuals:
-            solid, event = from_visual(link.name, visual, colours, meshes)
+            solid, event = from_visual(link.name, visual, colours, meshes, TONES[k % len(TONES)])
             drawn += [] if solid is None else [solid]
+            missing |= {link.name} if solid is None else set()
             events += [] if event is None else [event]
-    return tuple(drawn), tuple(events)
+    return tuple(drawn), tuple(events), frozenset(missing)
 
 
 def named_colours(robot: yourdfpy.Robot) -> dict[str, tuple[float, ...]]:
@@ -47,12 +49,19 @@ def named_colours(robot: yourdfpy.Robot) -> dict[str, tuple[float, ...]]:
 
 
 def from_visual(
-    link: str, visual: yourdfpy.Visual, colours: dict[str, tuple[float, ...]], meshes: Mapping[str, Mesh | str]
+    link: str,
+    visual: yourdfpy.Visual,
+    colours: dict[str, tuple[float, ...]],
+    meshes: Mapping[str, Mesh | str],
+    plain: tuple[float, ...],
 ) -> tuple[Solid | None, str | None]:
-    """Return the solid of one ``<visual>`` and what went wrong with it, each None where there is nothing to say."""
+    """Return the solid of one ``<visual>`` and what went wrong with it, each None where there is nothing to say.
+
+    `plain`: its colour if it has none.
+    """
     shape = visual.geometry
     material = visual.material
-    rgba = GREY if material is None else colours.get(material.name, GREY)
+    rgba = plain if material is None else colours.get(material.name, plain)
     if material is not None and material.color is not None:
         rgba = tuple(map(float, material.color.rgba))
     pose = np.eye(4) if visual.origin is None else np.asarray(visual.origin, dtype=float)
@@ -71,12 +80,12 @@ def from_visual(
 
 def from_mesh(
     link: str, pose: Array, mesh: yourdfpy.Mesh, rgba: tuple[float, ...], read: Mesh | str
-) -> tuple[Solid, str | None]:
-    """Return a mesh file's triangles, or a small box and a sentence that says why there are none."""
+) -> tuple[Solid | None, str | None]:
+    """Return a mesh file's triangles, or None and a sentence that says why there are none."""
     if isinstance(read, str):
         name = mesh.filename or ""
         name = name if len(name) <= 100 else f"{name[:99]}…"
-        return box(link, pose, np.full(3, 0.03), rgba), f"link {link}: mesh '{name}' {read}: a box instead"
+        return None, f"link {link}: mesh '{name}' {read}: not drawn"
     vertices = read.vertices * (1.0 if mesh.scale is None else np.asarray(mesh.scale, dtype=float))
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     geometry = three.buffer(vertices, read.faces)
