@@ -85,7 +85,8 @@ def test_information_of_powers_is_that_of_all_joints_together() -> None:
     A = rng.standard_normal((m, n, 4))
     A[:, 1, 2:] = 0.0
     share = rng.uniform(0.5, 1.0, (m, n))
-    parts = pieces([Block(np.arange(m) / 8, A, rng.standard_normal((m, n)), A[:, :, 0], share)], [A], np.zeros(4), 15)
+    block = Block(np.arange(m) / 8, A, rng.standard_normal((m, n)), *2 * (A[:, :, 0],), share)
+    parts = pieces([block], [A], np.zeros(4), 15)
     power = rng.uniform(0.5, 2.0, (n, 5))
     ends = np.cumsum([0, *(len(p.y) for p in parts)])
     X, V, K = np.zeros((ends[-1], 4)), np.zeros((ends[-1],) * 2), np.zeros((n * 5, ends[-1], ends[-1]))
