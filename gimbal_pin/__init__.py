@@ -9,43 +9,43 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.experiment import bench_run as bench_run
+    from gimbal_pin.control.tracking import track as track
+    from gimbal_pin.control.tuning import tune as tune
+    from gimbal_pin.dynamics.model import nominal as nominal
+    from gimbal_pin.dynamics.simulation import simulate as simulate
     from gimbal_pin.errors import GimbalPinError as GimbalPinError
+    from gimbal_pin.estimation.identification import identify as identify
     from gimbal_pin.excitation import excite as excite
-    from gimbal_pin.experiment import bench_run as bench_run
-    from gimbal_pin.identification import identify as identify
-    from gimbal_pin.io import read_log as read_log
-    from gimbal_pin.io import write_log as write_log
-    from gimbal_pin.log import Log as Log
-    from gimbal_pin.model import nominal as nominal
+    from gimbal_pin.log.io import read_log as read_log
+    from gimbal_pin.log.io import write_log as write_log
+    from gimbal_pin.log.log import Log as Log
+    from gimbal_pin.log.platform import Platform as Platform
+    from gimbal_pin.log.profile import profile_s as profile_s
     from gimbal_pin.online import Online as Online
-    from gimbal_pin.platform import Platform as Platform
-    from gimbal_pin.profile import profile_s as profile_s
-    from gimbal_pin.rig import Rig as Rig
-    from gimbal_pin.simulation import simulate as simulate
-    from gimbal_pin.tracking import track as track
-    from gimbal_pin.tuning import tune as tune
-    from gimbal_pin.walk import auto as auto
+    from gimbal_pin.report.pipeline import auto as auto
+    from gimbal_pin.rig.rig import Rig as Rig
 
 __version__ = "0.1.0"
 
 HOMES = {
     "GimbalPinError": "errors",
-    "Log": "log",
+    "Log": "log.log",
     "Online": "online",
-    "Platform": "platform",
-    "Rig": "rig",
-    "auto": "walk",
-    "bench_run": "experiment",
+    "Platform": "log.platform",
+    "Rig": "rig.rig",
+    "auto": "report.pipeline",
+    "bench_run": "control.experiment",
     "diagnose": "diagnosis",
     "excite": "excitation",
-    "identify": "identification",
-    "nominal": "model",
-    "profile_s": "profile",
-    "read_log": "io",
-    "simulate": "simulation",
-    "track": "tracking",
-    "tune": "tuning",
-    "write_log": "io",
+    "identify": "estimation.identification",
+    "nominal": "dynamics.model",
+    "profile_s": "log.profile",
+    "read_log": "log.io",
+    "simulate": "dynamics.simulation",
+    "track": "control.tracking",
+    "tune": "control.tuning",
+    "write_log": "log.io",
 }
 """Name → the module it lives in."""
 

@@ -1,4 +1,4 @@
-"""One root error; every message names the place and the mend in one short line that a terminal can show."""
+"""One root error; every message names the place and the mend in one short line, its numbers as people write them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ PLACE = 60
 LONGEST = 280
 """Most characters of a message: a line of 300 has room for the program's name and ``note:`` before it."""
 
+LARGEST = 1e7
+"""From here on a number is written with a power of ten; below 1e-4, too."""
 UNSAFE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
 """What a terminal obeys or hides instead of showing it: control bytes but the line feed, marks of writing direction and
 of no width, and the halves of pairs that bytes of a file's name become which are no UTF-8."""
@@ -94,3 +96,12 @@ class DataError(GimbalPinError):
         self.unseen = unseen
         rest = f" and {len(unseen) - FEW} more" if len(unseen) > FEW else ""
         super().__init__(place, f"{what}: {', '.join(unseen[:FEW])}{rest}" if unseen else what, mend)
+
+
+def digits(value: float, count: int = 3) -> str:
+    """Return a value with so many significant digits, and all of those before the point: ``0.021``, ``2.1``, ``213``.
+
+    Zeros behind the point go; ``1.2e-05`` and ``2.1e+07`` have their powers.
+    """
+    text = f"{value:.{count}g}"
+    return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST else text

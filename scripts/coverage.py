@@ -16,14 +16,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from gimbal_pin.bodies import TRUST, figures
-from gimbal_pin.consistency import spread
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.identification import identify
-from gimbal_pin.inertia import physical
-from gimbal_pin.log import Array
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
+from gimbal_pin.estimation.bodies import TRUST, figures
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.consistency import spread
+from gimbal_pin.rig.inertia import physical
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed
 
 EFFECTS = ("none", "ripple", "spring", "stiction")

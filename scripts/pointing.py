@@ -19,17 +19,18 @@ import numpy as np
 import pinocchio as pin
 import tyro
 
-from gimbal_pin.config import Noise
-from gimbal_pin.control import JointPid
-from gimbal_pin.control.equal import Equal
+from gimbal_pin.control.experiment import perturbed
+from gimbal_pin.control.laws import JointPid
+from gimbal_pin.control.laws.equal import Equal
+from gimbal_pin.dynamics.imu import noisy
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import State
+from gimbal_pin.dynamics.simulation import Drive, halved
 from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.rig_effect import payload
-from gimbal_pin.experiment import perturbed
-from gimbal_pin.imu import noisy
-from gimbal_pin.log import Array, Imu
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import State
-from gimbal_pin.platform import Platform
+from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, around, summed
 from gimbal_pin.pointing.bench import WANTED, unbalanced
 from gimbal_pin.pointing.events import summed as counted
 from gimbal_pin.pointing.measures import SETTLING, jitter
@@ -39,9 +40,8 @@ from gimbal_pin.pointing.run import Loop, Sensed, errors, point
 from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Fault, Seen, Station, rotations
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.profile import ACCELERATION, ATTITUDE, Band, around, summed
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Drive, halved
+from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
 TEACHING = 1000

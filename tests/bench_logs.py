@@ -7,18 +7,18 @@ from unittest.mock import patch
 
 import numpy as np
 
+from gimbal_pin.control.experiment import repeated
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import Model, friction_effects, nominal
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import Sensors, simulate
+from gimbal_pin.estimation.identification import Identified, given_beta, identify
+from gimbal_pin.estimation.rows import Channels, Filtering, Rows, Stretch
 from gimbal_pin.excitation import excite
-from gimbal_pin.experiment import repeated
-from gimbal_pin.identification import Identified, given_beta, identify
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, friction_effects, nominal
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.platform import BaseMotion
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Channels, Filtering, Rows, Stretch
-from gimbal_pin.simulation import Sensors, simulate
-from gimbal_pin.tuning import tune
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.rig.rig import Rig
 
 EXACT = Filtering(alignment=0.0)
 """The torque is that at the sample itself, as in `prescribed`."""
@@ -85,8 +85,8 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
         return Channels(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
 
     with (
-        patch("gimbal_pin.rows.blocks.smoothed", channels),
-        patch("gimbal_pin.rows.blocks.standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
+        patch("gimbal_pin.estimation.rows.blocks.smoothed", channels),
+        patch("gimbal_pin.estimation.rows.blocks.standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
     ):
         return identify(rig, [log])
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from gimbal_pin.view import browser
+from gimbal_pin.report.view import browser
 
 Step = str | Callable[[Any], Awaitable[object]]
 """A script whose value is wanted, or what to do with the tab between two of these."""

@@ -11,18 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.control.aim import Ahead, Aim, Carried
-from gimbal_pin.control.base import Memory
-from gimbal_pin.control.carried import CarriedMemory
+from gimbal_pin.control.laws.aim import Ahead, Aim, Carried
+from gimbal_pin.control.laws.base import Memory
+from gimbal_pin.control.laws.carried import CarriedMemory
+from gimbal_pin.control.tuning import Stored, stored, tune
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import Reference, plant_with
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export
 from gimbal_pin.export.compiled import at, single
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model, nominal
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing import Pointer, Seen
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Reference, plant_with
-from gimbal_pin.tuning import Stored, stored, tune
+from gimbal_pin.rig.rig import Rig
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 STRICTER = ("-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Wmissing-prototypes", "-Wstrict-prototypes")

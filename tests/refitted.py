@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.base import Term
-from gimbal_pin.log import Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.test_forms import ALIGNED, gather
 

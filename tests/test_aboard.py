@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.aboard import BRIDGED, SHORTEST, sound
 from gimbal_pin.errors import LogError
-from gimbal_pin.log import Array, Imu
-from gimbal_pin.profile import profile_s
+from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.log.platform_log import BRIDGED, SHORTEST, sound
+from gimbal_pin.log.profile import profile_s
 
 DT, N = 0.008, 1500
 
@@ -92,8 +92,8 @@ def test_what_nobody_can_be_carried_along_is_refused_with_the_mend() -> None:
 
 def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from gimbal_pin.cli.inputs import carried
-    from gimbal_pin.io import write_columns
-    from gimbal_pin.rig import Rig
+    from gimbal_pin.log.io import write_columns
+    from gimbal_pin.rig.rig import Rig
 
     rig = Rig.load("turret")
     t, gyro, accel = (x.copy() for x in motion())

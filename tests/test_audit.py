@@ -17,22 +17,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.audit import CHECKS, CORRUPTIONS, Fault, audit
-from gimbal_pin.audit.clock import ticks
-from gimbal_pin.audit.harm import harm
-from gimbal_pin.audit.outliers import garbage
-from gimbal_pin.audit.probe import probe, rows_at
-from gimbal_pin.audit.quantisation import bits, quantum
-from gimbal_pin.audit.samples import edges, left_out, taken
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
-from gimbal_pin.estimators import weighted
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.io import read_log
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
-from gimbal_pin.tuning import tune
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.estimation.audit import CHECKS, CORRUPTIONS, Fault, audit
+from gimbal_pin.estimation.audit.clock import ticks
+from gimbal_pin.estimation.audit.harm import harm
+from gimbal_pin.estimation.audit.outliers import garbage
+from gimbal_pin.estimation.audit.probe import probe, rows_at
+from gimbal_pin.estimation.audit.quantisation import bits, quantum
+from gimbal_pin.estimation.audit.samples import edges, left_out, taken
+from gimbal_pin.estimation.estimators import weighted
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.io import read_log
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 
 DATA = Path(__file__).parents[2] / "shared" / "data"

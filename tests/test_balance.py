@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gimbal_pin.balance import COUNT, MINIMISED, Balance, balance, reported
-from gimbal_pin.checking import gravity_load, poses
+from gimbal_pin.dynamics.checking import gravity_load, poses
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.effects import PayloadShift
-from gimbal_pin.identification import Identified, identify
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
+from gimbal_pin.estimation.balance import COUNT, MINIMISED, Balance, balance, reported
+from gimbal_pin.estimation.identification import Identified, identify
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
 RIGS = ("thesis", "handheld", "turret")

@@ -9,8 +9,8 @@ import pytest
 
 from gimbal_pin.diagnosis import BAND, diagnose, usual
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.log import Log
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 
 ROTOR = """<robot name="rotor"><link name="base"/><link name="disc"><inertial><mass value="0.2"/>
 <inertia ixx="1e-4" iyy="1e-4" izz="2e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -12,6 +12,9 @@ from gimbal_pin.diagnosis.bodies import Bodies
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
@@ -19,11 +22,8 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import RigEffect
 from gimbal_pin.effects.torque_gain import TorqueGain
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
 ALIGNED = replace(BAND, alignment=0.0)

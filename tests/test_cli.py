@@ -20,13 +20,14 @@ import pytest
 from gimbal_pin.cli import VERBS, parse
 from gimbal_pin.cli.holding import Holding
 from gimbal_pin.cli.inputs import typed
-from gimbal_pin.control.design import Wish
-from gimbal_pin.controllers import HOLDING
+from gimbal_pin.control.controllers import HOLDING
+from gimbal_pin.control.laws.design import Wish
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import LogError
-from gimbal_pin.io import read_log, write_log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.walk import tuned
+from gimbal_pin.log.io import read_log, write_log
+from gimbal_pin.report.pipeline import tuned
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
 

@@ -15,18 +15,18 @@ from gimbal_pin.diagnosis.clusters import BINS, beyond, binned, clustered, clust
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.cable_spring import CableSpring
 from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 
 SEEDS = st.integers(0, 10**6)
 

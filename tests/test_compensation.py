@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.control import ComputedTorque, Pid, margins
+from gimbal_pin.control.laws import ComputedTorque, Pid, margins
+from gimbal_pin.control.tuning import controller_from, tune
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.followed import followed
+from gimbal_pin.dynamics.model import Estimated, Model, model_from, nominal, plain_model
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.cable_spring import CableSpring
@@ -20,12 +23,9 @@ from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import ModelError
-from gimbal_pin.io.files import write_yaml
-from gimbal_pin.io.model import read_model, write_extended
-from gimbal_pin.model import Estimated, Model, model_from, nominal, plain_model
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
-from gimbal_pin.tuning import controller_from, tune
+from gimbal_pin.estimation.model_file import read_model, write_extended
+from gimbal_pin.log.io.files import write_yaml
+from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
 LINEAR = [Delay("pan", 0.0), Delay("pan", 0.0034), ActuatorLag("pan", 0.005), JointFlexibility("pan", 25.0, 0.1, 0.3)]

@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimators import physical as physical_fit
-from gimbal_pin.estimators import weighted
-from gimbal_pin.estimators.base import effective_rows, factor, residual_power
-from gimbal_pin.estimators.physical import MOST, anchored, everywhere, program
-from gimbal_pin.estimators.weighted import joint_weights
-from gimbal_pin.identification import identify
-from gimbal_pin.inertia import physical, pseudo_inertia
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Regression, kept, over_phi
+from gimbal_pin.estimation.estimators import physical as physical_fit
+from gimbal_pin.estimation.estimators import weighted
+from gimbal_pin.estimation.estimators.base import effective_rows, factor, residual_power
+from gimbal_pin.estimation.estimators.physical import MOST, anchored, everywhere, program
+from gimbal_pin.estimation.estimators.weighted import joint_weights
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.estimation.rows import Regression, kept, over_phi
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
+from gimbal_pin.rig.inertia import physical, pseudo_inertia
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of, true_theta
 from tests.rigs import taken_by_all
 

@@ -13,21 +13,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.config import Limits, Motor
-from gimbal_pin.control import Bounds, ComputedTorque, JointPid, Memory, Pid, Robust, bounds, margins, sampled_loop
-from gimbal_pin.control.base import Outer
-from gimbal_pin.control.design import braking
-from gimbal_pin.control.loop import responses, sampled_plant
-from gimbal_pin.control.lyapunov import error_system, lyapunov, stiffened, weight
-from gimbal_pin.control.uncertainty import inertia, poses
+from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Memory, Pid, Robust, bounds, margins, sampled_loop
+from gimbal_pin.control.laws.base import Outer
+from gimbal_pin.control.laws.design import braking
+from gimbal_pin.control.laws.loop import responses, sampled_plant
+from gimbal_pin.control.laws.lyapunov import error_system, lyapunov, stiffened, weight
+from gimbal_pin.control.laws.uncertainty import inertia, poses
+from gimbal_pin.dynamics.model import Estimated, Model, nominal
+from gimbal_pin.dynamics.plant import State
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import Controller, Reference, Sensors, simulate
 from gimbal_pin.effects import ActuatorLag, Coulomb, Delay, Term, Viscous
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Estimated, Model, nominal
-from gimbal_pin.plant import State
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.simulation import Controller, Reference, Sensors, simulate
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.config import Limits, Motor
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 
 GAINS = Pid.placed(8.0, 1.0, 0.2)
 DT = 0.001

@@ -9,21 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gimbal_pin.control.experiment import bench_run, repeated
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.diagnose import unjudged
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError
 from gimbal_pin.excitation import excite
-from gimbal_pin.experiment import bench_run, repeated
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 
 SECONDS, DT = 20.0, 0.004
@@ -42,7 +42,7 @@ def motion(rig: Rig) -> Motion:
 
 def recorded(rig: Rig, motion: Motion, planted: tuple[str, ...] = (), seed: int = 0) -> Log:
     """A log of the turret with causes planted, 1 % torque noise, its own encoders and gyros."""
-    from gimbal_pin.tuning import tune
+    from gimbal_pin.control.tuning import tune
 
     altered = plant_with(nominal(rig), [parse_effect(text, rig) for text in planted])
     mover = tune(nominal(rig), bandwidth_hz=4.0, dt=DT).controller

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from gimbal_pin import text
 from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.diagnosis.finding import TOGETHER, Residual
 from gimbal_pin.diagnosis.findings import together
@@ -19,17 +18,18 @@ from gimbal_pin.diagnosis.heat import heat
 from gimbal_pin.diagnosis.likeness import cosine, span
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
-from gimbal_pin.io import write_log
-from gimbal_pin.log import Log
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.report import sections
-from gimbal_pin.report.joints import joints_of
-from gimbal_pin.report.sections.gain import measures
-from gimbal_pin.report.sections.headline import about_gain, extended_card, missed
-from gimbal_pin.report.sections.residuals import ranked
-from gimbal_pin.report.sections.summary import verdict
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.io import write_log
+from gimbal_pin.log.log import Log
+from gimbal_pin.report import text
+from gimbal_pin.report.pages import sections
+from gimbal_pin.report.pages.joints import joints_of
+from gimbal_pin.report.pages.sections.gain import measures
+from gimbal_pin.report.pages.sections.headline import about_gain, extended_card, missed
+from gimbal_pin.report.pages.sections.residuals import ranked
+from gimbal_pin.report.pages.sections.summary import verdict
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.command_line import Run
 from tests.test_compensation import with_causes
@@ -180,8 +180,8 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
 
 def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis) -> None:
     """The verdict is named where any finding is; of another that is ambiguous it says that it is open."""
-    from gimbal_pin import text
-    from gimbal_pin.report.sections.diagnosis import said
+    from gimbal_pin.report import text
+    from gimbal_pin.report.pages.sections.diagnosis import said
 
     finding = found.findings[0]
     either = replace(finding, joint="roll", status="ambiguous", alike=("cogging", "cable-spring"), next_experiment="it")

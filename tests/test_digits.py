@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.digits import digits
-from gimbal_pin.report.numbers import figures
-from gimbal_pin.text.cells import number
+from gimbal_pin.errors import digits
+from gimbal_pin.report.pages.numbers import figures
+from gimbal_pin.report.text.cells import number
 
 EVERYDAY = st.floats(-4, 6.9).flatmap(lambda power: st.sampled_from([10**power, -(10**power)]))
 COUNTS = st.integers(1, 5)

@@ -12,21 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin import text
-from gimbal_pin.control import Pid, margins
-from gimbal_pin.control.bandwidth import lowered
-from gimbal_pin.control.design import Wish
-from gimbal_pin.control.drawn import drawn
-from gimbal_pin.control.loop import smallest_disk
-from gimbal_pin.control.uncertainty import base_columns, inertia, poses
+from gimbal_pin.control.laws import Pid, margins
+from gimbal_pin.control.laws.bandwidth import lowered
+from gimbal_pin.control.laws.design import Wish
+from gimbal_pin.control.laws.drawn import drawn
+from gimbal_pin.control.laws.loop import smallest_disk
+from gimbal_pin.control.laws.uncertainty import base_columns, inertia, poses
+from gimbal_pin.control.tuning import controller_from, tune
+from gimbal_pin.dynamics.model import Estimated, Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.model import Estimated, Model, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import columns_of
-from gimbal_pin.tuning import controller_from, tune
+from gimbal_pin.estimation.rows import columns_of
+from gimbal_pin.log.log import Array
+from gimbal_pin.report import text
+from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
 KINDS = ("computed-torque", "pid")

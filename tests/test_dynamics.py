@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from lxml import etree
 
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig, bundled_payloads
+from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.rig.files import bundled_payloads
+from gimbal_pin.rig.rig import Rig
 from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import BODY, COMBINATIONS, bundled, energy, spelled, states
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.eccentricity import Eccentricity, eccentricity
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.log.eccentricity import Eccentricity, eccentricity
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
 SECONDS, DT = 30.0, 0.002

@@ -15,8 +15,12 @@ from hypothesis import strategies as st
 from lxml import etree
 from scipy.linalg import expm
 
-from gimbal_pin.control import ComputedTorque, Pid
+from gimbal_pin.control.laws import ComputedTorque, Pid
 from gimbal_pin.diagnosis.shapes import COARSE, ROUNDS
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.regressor import regressor, rnea
+from gimbal_pin.dynamics.simulation import Sensors, plant_with, simulate
 from gimbal_pin.effects import ALWAYS, CAUSES, Cause, Coulomb, Effect, RigEffect, Sample, Signal, Term
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.backlash import Backlash
@@ -31,6 +35,7 @@ from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
@@ -43,14 +48,9 @@ from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.regressor import regressor, rnea
-from gimbal_pin.rig import PHI, Rig, build
-from gimbal_pin.simulation import Sensors, plant_with, simulate
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import PHI, Rig, build
 
 KINDS: dict[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
 TORQUES = sorted(name for name, kind in KINDS.items() if issubclass(kind, Effect))

@@ -20,12 +20,12 @@ from gimbal_pin.diagnosis.engine.noise import exponential, smooth
 from gimbal_pin.diagnosis.engine.support import without
 from gimbal_pin.diagnosis.engine.whitening import flat, whitened
 from gimbal_pin.diagnosis.evidence import Evidence, gather, later
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.delay import Delay
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 
 RIG = "turret"

@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin import text
-from gimbal_pin.control import Margins
-from gimbal_pin.control.equal import DISK, Equal
+from gimbal_pin.control.laws import Margins
+from gimbal_pin.control.laws.equal import DISK, Equal
 from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import State
 from gimbal_pin.effects.delay import Delay
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import State
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed, unbalanced
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Course, Row
@@ -34,7 +33,8 @@ from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.swinging import Swing, swinging
 from gimbal_pin.pointing.verify import Verified
-from gimbal_pin.rig import Rig
+from gimbal_pin.report import text
+from gimbal_pin.rig.rig import Rig
 
 DT = 1e-3
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimators import ESTIMATORS, Hausman, Ridge, hausman, idim, output_error, weighted
-from gimbal_pin.estimators.colour import colour, coloured, least
-from gimbal_pin.estimators.hausman import LEVEL
-from gimbal_pin.identification import given_beta, moved
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.replay import runs
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, kept
-from gimbal_pin.suspicion import NOISY, Suspicion, noise_share, suspicion
+from gimbal_pin.estimation.estimators import ESTIMATORS, Hausman, Ridge, hausman, idim, output_error, weighted
+from gimbal_pin.estimation.estimators.colour import colour, coloured, least
+from gimbal_pin.estimation.estimators.hausman import LEVEL
+from gimbal_pin.estimation.hausman_check import NOISY, Suspicion, noise_share, suspicion
+from gimbal_pin.estimation.identification import given_beta, moved
+from gimbal_pin.estimation.replay import runs
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, kept
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
 from tests.test_moving_log import carried, swaying
 

@@ -26,9 +26,9 @@ import trimesh
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin import text
 from gimbal_pin.cli.excite import to_show
-from gimbal_pin.config import Limits
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.regressor import regressor
 from gimbal_pin.effects import CAUSES, Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.excitation import (
@@ -51,11 +51,12 @@ from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.design import cleared
 from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.problem import Problem
-from gimbal_pin.io import read_motion
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.regressor import regressor
-from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.log.io import read_motion
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.report import text
+from gimbal_pin.rig.config import Limits
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, heard, result
 
 PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"

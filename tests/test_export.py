@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.export import Library
 from gimbal_pin.export.ccode import number
 from gimbal_pin.export.sources import quoted, state_bytes, written
 from gimbal_pin.export.symbolic import CLOSE, Chain, checked, table, terms
-from gimbal_pin.io.files import write_yaml
-from gimbal_pin.model import Model, nominal
+from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.pointing import Course, Roster, compete, parse_fault
 from gimbal_pin.pointing.bench import WANTED, Shaken
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import Seen, Station
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Reference
-from gimbal_pin.tuning import tune
+from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused, result
 from tests.exported import (
     COMPILERS,
@@ -100,7 +100,7 @@ SHAPES = ["dead-zone:tilt:width=0.1", "dead-zone:tilt:width=0.01,sharpness=3", "
 
 @pytest.mark.parametrize("cause", SHAPES)
 def test_a_table_of_commands_is_as_close_as_it_says(cause: str) -> None:
-    from gimbal_pin.control.computed_torque import passed
+    from gimbal_pin.control.laws.computed_torque import passed
 
     (drive,) = [own for own in modelled(bundled("thesis"), [cause]).drives if own]
     points = np.array(table(lambda torque: passed(drive, torque), 3.6))

@@ -24,12 +24,13 @@ from pyarrow import parquet
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from gimbal_pin import identify, io, nominal
+from gimbal_pin import identify, nominal
 from gimbal_pin.errors import GimbalPinError, LogError
-from gimbal_pin.io import apart
-from gimbal_pin.io.base import log_columns
-from gimbal_pin.log import Imu, Log
-from gimbal_pin.rig import Rig
+from gimbal_pin.log import io
+from gimbal_pin.log.io import apart
+from gimbal_pin.log.io.base import log_columns
+from gimbal_pin.log.log import Imu, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused
 from tests.test_io import same
@@ -244,7 +245,7 @@ def test_a_damaged_file_is_refused_by_a_process_of_its_own(writer: str, whole: F
 
 def test_what_unfolds_without_measure_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     most = 2**20
-    for module in ("gimbal_pin.reading", "gimbal_pin.io.csv", "gimbal_pin.io.npy"):
+    for module in ("gimbal_pin.rig.reading", "gimbal_pin.log.io.csv", "gimbal_pin.log.io.npy"):
         monkeypatch.setattr(f"{module}.largest", lambda: most)
     monkeypatch.setattr(apart, "MEMORY", 3 * 2**27)
     zeros = np.zeros(most)

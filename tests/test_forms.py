@@ -17,6 +17,8 @@ from gimbal_pin.diagnosis.heldout import torque_error
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.shapes import free, moved, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, consistent, sized, solved, without
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.base import Sample, Term
@@ -35,10 +37,8 @@ from gimbal_pin.effects.stribeck import STROKE, Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.candidates import measure, refined, worth
 

@@ -19,8 +19,8 @@ from fuzzing.case import Case, Place
 from fuzzing.cases import READERS, Drawn
 
 from gimbal_pin.cli import VERBS, main
-from gimbal_pin.io import write_log
-from gimbal_pin.model import nominal
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.log.io import write_log
 from tests.bench_logs import prescribed
 from tests.rigs import bundled
 

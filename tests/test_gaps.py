@@ -12,20 +12,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.gaps import axes, flown
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import simulate
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import simulate
-from gimbal_pin.tuning import tune
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.candidates import refined, worth
 

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.actuator_lag import ActuatorLag
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.base import Sample, Term
@@ -17,9 +19,7 @@ from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 from tests.candidates import measure, refined
 from tests.test_forms import ALIGNED, gather, prescribed
 

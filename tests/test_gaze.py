@@ -14,11 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin import text
-from gimbal_pin.control.equal import Equal
+from gimbal_pin.control.laws.equal import Equal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.limited import PUSHED
-from gimbal_pin.log import Array
+from gimbal_pin.log.limited import PUSHED
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, learned
 from gimbal_pin.pointing.contest import Contest, Row
@@ -30,16 +29,17 @@ from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.targets import Target
 from gimbal_pin.pointing.verify import Asked, Verified, verify
-from gimbal_pin.report import pointing, render
-from gimbal_pin.report.numbers import figures
-from gimbal_pin.report.sections.gaze import gazes
-from gimbal_pin.report.sections.pointing import asked_for, headline, numbers
-from gimbal_pin.rig import Rig
-from gimbal_pin.text.camera import asking
-from gimbal_pin.view import afar, gaze
-from gimbal_pin.view.motion import poses
-from gimbal_pin.view.onboard import onboard
-from gimbal_pin.view.sight import rays
+from gimbal_pin.report import text
+from gimbal_pin.report.pages import pointing, render
+from gimbal_pin.report.pages.numbers import figures
+from gimbal_pin.report.pages.sections.gaze import gazes
+from gimbal_pin.report.pages.sections.pointing import asked_for, headline, numbers
+from gimbal_pin.report.text.camera import asking
+from gimbal_pin.report.view import afar, gaze
+from gimbal_pin.report.view.motion import poses
+from gimbal_pin.report.view.onboard import onboard
+from gimbal_pin.report.view.sight import rays
+from gimbal_pin.rig.rig import Rig
 from tests.browsing import needs_browser, visit, wide
 from tests.rigs import bundled
 from tests.test_report import OUTSIDE, WIDER, parsed
@@ -240,7 +240,7 @@ def test_what_cannot_hold_a_camera_says_why() -> None:
 
 
 def test_where_no_imu_says_how_the_platform_moves_profile_s_does() -> None:
-    from gimbal_pin.model import nominal
+    from gimbal_pin.dynamics.model import nominal
     from tests.bench_logs import prescribed
 
     turret = Rig.load("turret")

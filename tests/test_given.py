@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from lxml import etree
 
+from gimbal_pin.control.experiment import perturbed
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, chance
 from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import Given, given
 from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES, RigEffect
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.rig_effect import carried, payload
-from gimbal_pin.experiment import perturbed
-from gimbal_pin.inertia import to_urdf
-from gimbal_pin.log import Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, build
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.inertia import to_urdf
+from gimbal_pin.rig.rig import Rig, build
 from tests.bench_logs import prescribed
 
 ALIGNED = replace(BAND, alignment=0.0)

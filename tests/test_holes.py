@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.audit import CORRUPTIONS
-from gimbal_pin.audit.samples import taken
 from gimbal_pin.diagnosis.evidence import gather, judged
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
-from gimbal_pin.holes import LONGEST, Filled, filled, holes, inside, resolution
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering, smoothed, standstill, stretches
+from gimbal_pin.estimation.audit import CORRUPTIONS
+from gimbal_pin.estimation.audit.samples import taken
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.estimation.rows import Filtering, smoothed, standstill, stretches
+from gimbal_pin.log.log import Log
+from gimbal_pin.log.missing_samples import LONGEST, Filled, filled, holes, inside, resolution
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 
 CUTOFF, DT = 4.0, 2e-3
@@ -112,7 +112,7 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
     closed = filled(lossy, CUTOFF).closed
     kept = taken(log, np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
     second = identify(RIG, [lossy], holdout="none").estimate
-    with patch("gimbal_pin.rows.grid.filled", lambda *_: Filled(kept, closed)):
+    with patch("gimbal_pin.estimation.rows.grid.filled", lambda *_: Filled(kept, closed)):
         first = identify(RIG, [kept], holdout="none").estimate
     assert first.rows == second.rows
     assert np.all(np.abs(second.theta - first.theta) < 0.5 * first.std)

@@ -18,19 +18,19 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from gimbal_pin.control.design import KINDS
+from gimbal_pin.control.laws.design import KINDS
+from gimbal_pin.control.tuning import controller_from, tune
+from gimbal_pin.dynamics.model import Estimated, Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
-from gimbal_pin.io.files import plain
-from gimbal_pin.io.model import read_model, write_extended
-from gimbal_pin.model import Estimated, Model, nominal
-from gimbal_pin.reading import read_bytes, read_yaml
-from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.rig import bundled as data_folder
-from gimbal_pin.simulation import Reference
-from gimbal_pin.tuning import controller_from, tune
+from gimbal_pin.estimation.model_file import read_model, write_extended
+from gimbal_pin.log.io.files import plain
+from gimbal_pin.rig.files import bundled as data_folder
+from gimbal_pin.rig.reading import read_bytes, read_yaml
+from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused
 from tests.rigs import spelled
 

@@ -9,17 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin import signals, text
-from gimbal_pin.audit import CORRUPTIONS
+from gimbal_pin.dynamics.model import friction_effects, nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimators import ESTIMATORS, ols, robust, weighted
-from gimbal_pin.estimators.base import factor
-from gimbal_pin.identification import given_beta, identify, split
-from gimbal_pin.log import Log
-from gimbal_pin.model import friction_effects, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Channels, Filtering, Rows, blocks, kept, mask, smoothed, stretches
+from gimbal_pin.estimation.audit import CORRUPTIONS
+from gimbal_pin.estimation.estimators import ESTIMATORS, ols, robust, weighted
+from gimbal_pin.estimation.estimators.base import factor
+from gimbal_pin.estimation.identification import given_beta, identify, split
+from gimbal_pin.estimation.rows import Block, Channels, Filtering, Rows, blocks, kept, mask, smoothed, stretches
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Log
+from gimbal_pin.report import text
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
 
 EXACT = Filtering(alignment=0.0)

@@ -8,14 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin import urdf
-from gimbal_pin.consistency import nearest
+from gimbal_pin.control.experiment import perturbed
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import ModelError
-from gimbal_pin.experiment import perturbed
-from gimbal_pin.inertia import physical, strictly, to_urdf
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, bundled_rigs, to_pinocchio
-from gimbal_pin.rows import over_phi
+from gimbal_pin.estimation.rows import over_phi
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.consistency import nearest
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.inertia import physical, strictly, to_urdf
+from gimbal_pin.rig.rig import Rig, to_pinocchio
 from tests.rigs import COMBINATIONS, taken_by_all
 
 

@@ -14,14 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin import io, text
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.io.files import to_json
-from gimbal_pin.io.inspection import expression, inspect
-from gimbal_pin.io.mapping import Source, parse_expression, read_mapping
-from gimbal_pin.log import Log
-from gimbal_pin.recognise import recognise
-from gimbal_pin.rig import Rig
+from gimbal_pin.log import io
+from gimbal_pin.log.io.files import to_json
+from gimbal_pin.log.io.inspection import expression, inspect
+from gimbal_pin.log.io.mapping import Source, parse_expression, read_mapping
+from gimbal_pin.log.log import Log
+from gimbal_pin.log.recognise import recognise
+from gimbal_pin.report import text
+from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused, result
 from tests.test_formats import TURRET, swing
 

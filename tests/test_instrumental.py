@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimators import Estimate, ols, weighted
-from gimbal_pin.estimators.instrumental import instrumental, repeated
-from gimbal_pin.log import Array
-from gimbal_pin.rows import Block
+from gimbal_pin.estimation.estimators import Estimate, ols, weighted
+from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
+from gimbal_pin.estimation.rows import Block
+from gimbal_pin.log.log import Array
 
 
 def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:

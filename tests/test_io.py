@@ -16,12 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin import io, reading
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
-from gimbal_pin.io import base, csv, files, units
-from gimbal_pin.io.mapping import Source, parse_entry, parse_expression, read_mapping
-from gimbal_pin.log import NOTHING, REACH, Imu, Log, Motion, untimely
-from gimbal_pin.rig import Rig
+from gimbal_pin.log import io
+from gimbal_pin.log.io import base, csv, files, units
+from gimbal_pin.log.io.mapping import Source, parse_entry, parse_expression, read_mapping
+from gimbal_pin.log.log import NOTHING, REACH, Imu, Log, Motion, untimely
+from gimbal_pin.rig import reading
+from gimbal_pin.rig.rig import Rig
 from tests.rigs import spelled
 
 DATA = Path(__file__).parents[2] / "shared" / "data"

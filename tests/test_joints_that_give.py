@@ -14,20 +14,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import simulate
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.presliding import Presliding
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import simulate
-from gimbal_pin.tuning import tune
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.candidates import refined, worth
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -14,21 +15,13 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-FILED = "reading bounded meshes records log limited urdf_checks urdf mending config floating rig_formats rig_files rig"
-DATA = f"errors threads digits parameter controllers {FILED}"
-SENSED = "naming clocks signals platform aboard profile gyros eccentricity calibration regressor imu"
-ROWS = "holes rows replay"
-LOOP = "sensors planting drive simulation"
-MATHS = f"{SENSED} states reduction inertia consistency bodies effects model carrier plant {ROWS} estimators {LOOP}"
-BEFORE = "suspicion halves wiring audit identification excitation control trajectories"
-VERBS = f"{BEFORE} tuning experiment tracking diagnosis base pointing"
-WHOLE = "checking new_rig balance payloads recognise online export"
-EDGES = "io view report walk text cli"
-ORDER = f"{DATA} {MATHS} {VERBS} {WHOLE} {EDGES}".split()
-"""Modules and folders of the package, each of which imports only what stands before it."""
+BELOW = "errors rig log effects dynamics estimation excitation control diagnosis"
+ORDER = f"{BELOW} online pointing export report cli".split()
+"""Rooms of the package, each of which imports only what stands before it."""
 
 SHARED = {
     "effects": {
+        "parameter",
         "cause",
         "base",
         "signal",
@@ -42,7 +35,7 @@ SHARED = {
         "loose",
     },
     # Some estimates start from simpler ones: the robust from the weighted, those that simulate from the physical.
-    "estimators": {"base", "colour", "components", "weighted", "physical", "instrumental"},
+    "estimation/estimators": {"base", "colour", "components", "weighted", "physical", "instrumental"},
 }
 """Files in a folder of plug-ins that the others there may import."""
 READERS = {"__init__", "parse", "plain", "resistance"}
@@ -50,7 +43,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
 HEAVY |= {"h5py", "rosbags", "pyulog", "casadi"}
-NAMELESS = {"identification", "planting", "drive", "simulation", "diagnosis"}
+NAMELESS = ("estimation/identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
 """Verbs that know causes, but none of them by name."""
 
 
@@ -78,24 +71,27 @@ def at_load(node: ast.AST) -> Iterator[ast.AST]:
             yield from at_load(child)
 
 
-def room(path: Path) -> str:
-    """The module or folder of the package that a file belongs to."""
-    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+def inside(path: Path) -> str:
+    """The path of a file within the package, without its suffix."""
+    return path.relative_to(PACKAGE).with_suffix("").as_posix()
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_file_keeps_the_house_rules(path: Path) -> None:
-    own, inner = room(path), path.stem
-    assert own in ORDER or own == "__init__", f"{own}: give it a place in ORDER"
+    place, inner = inside(path), path.stem
+    own = place.partition("/")[0]
+    assert own in ORDER or place == "__init__", f"{own}: give it a place in ORDER"
+    plugins = next((folder for folder in SHARED if place.startswith(f"{folder}/")), None)
     for line, name in imports(path):
         parts = name.split(".")
         where = f"{path}:{line}: imports {name}"
         if parts[0] != PACKAGE.name or parts[1] not in ORDER:
             continue
-        assert own == "__init__" or ORDER.index(parts[1]) <= ORDER.index(own), f"{where}, which stands above it"
-        if own in SHARED and parts[1] == own and inner not in READERS:
-            assert parts[2] in SHARED[own], f"{where}: plug-ins do not import each other"
-        if own in NAMELESS and parts[1] == "effects":
+        assert place == "__init__" or ORDER.index(parts[1]) <= ORDER.index(own), f"{where}, which stands above it"
+        if plugins and inner not in READERS and name.startswith(f"gimbal_pin.{plugins.replace('/', '.')}."):
+            other = parts[1 + len(plugins.split("/"))]
+            assert other in SHARED[plugins], f"{where}: plug-ins do not import each other"
+        if place.startswith(NAMELESS) and parts[1] == "effects":
             assert not concrete(parts[2:]), f"{where}: it should not know this cause by name"
     for line, name in imports(path, at_load(tree(path))):
         heavy = [module for module in HEAVY if f"{name}.".startswith(f"{module}.")]
@@ -116,8 +112,24 @@ def concrete(name: list[str]) -> bool:
     return name[0] in files or name[0].lower() in {file.replace("_", "") for file in files}
 
 
+def test_only_the_errors_stand_beside_the_rooms() -> None:
+    assert {path.stem for path in PACKAGE.glob("*.py")} == {"__init__", "errors"}
+    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*ORDER} - {"errors"}
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    modules = {".".join((PACKAGE.name, *inside(path).split("/"))).removesuffix(".__init__"): path for path in FILES}
+    needs = {
+        module: {name if name in modules else name.rpartition(".")[0] for _, name in imports(path, at_load(tree(path)))}
+        for module, path in modules.items()
+    }
+    order = TopologicalSorter({module: found & modules.keys() - {module} for module, found in needs.items()})
+    assert len(list(order.static_order())) == len(modules)  # a circle raises CycleError
+
+
 def test_the_rules_are_about_files_that_exist() -> None:
     assert len(FILES) > 20
+    assert all((PACKAGE / f"{name}.py").is_file() or (PACKAGE / name).is_dir() for name in NAMELESS)
     for folder, names in SHARED.items():
         assert all((PACKAGE / folder / f"{name}.py").is_file() for name in names)
     assert concrete(["Stribeck"]) and concrete(["payload_shift", "PayloadShift"]) and not concrete(["Effect"])

@@ -21,14 +21,14 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from gimbal_pin import view
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Log
-from gimbal_pin.rig import Rig
-from gimbal_pin.view import figure
-from gimbal_pin.view.live import open_window
-from gimbal_pin.view.motion import poses
-from gimbal_pin.view.scene import GHOST, RIG
+from gimbal_pin.log.log import Log
+from gimbal_pin.report import view
+from gimbal_pin.report.view import figure
+from gimbal_pin.report.view.live import open_window
+from gimbal_pin.report.view.motion import poses
+from gimbal_pin.report.view.scene import GHOST, RIG
+from gimbal_pin.rig.rig import Rig
 from tests.browsing import meanwhile, needs_browser, pause, visit
 from tests.command_line import heard
 

@@ -6,22 +6,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gimbal_pin.control import ComputedTorque, Pid
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.laws import ComputedTorque, Pid
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, solved, without
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES, LoadDependentFriction, Sample, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.plain import cause_from
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.log import Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.platform import Platform
-from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.log import Log
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 
 DT = 0.004

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from gimbal_pin import meshes
-from gimbal_pin.meshes import Mesh, find_meshes, stl
+from gimbal_pin.rig import meshes
+from gimbal_pin.rig.meshes import Mesh, find_meshes, stl
 
 SECRET = "root:x:0:0:nobody reads this"
 KINDS = ("stl", "stl_ascii", "obj", "ply", "off", "dae", "glb")

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin import text
-from gimbal_pin.consistency import likeliest
+from gimbal_pin.dynamics.apply import plant_with
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimators import weighted
-from gimbal_pin.identification import given_beta, identify
-from gimbal_pin.identification.misfit import GROUPS, honest, misfit
-from gimbal_pin.io import write_log
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.planting import plant_with
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import kept
+from gimbal_pin.estimation.estimators import weighted
+from gimbal_pin.estimation.identification import given_beta, identify
+from gimbal_pin.estimation.identification.misfit import GROUPS, honest, misfit
+from gimbal_pin.estimation.rows import kept
+from gimbal_pin.log.io import write_log
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.report import text
+from gimbal_pin.rig.consistency import likeliest
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
 from tests.command_line import Run
 

@@ -10,29 +10,30 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gimbal_pin import text
-from gimbal_pin.audit.samples import taken
-from gimbal_pin.audit.stuck_channel import denied_torque
-from gimbal_pin.base import base
+from gimbal_pin.control.experiment import perturbed
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.dynamics.base_parameters import base
+from gimbal_pin.dynamics.imu import noisy, readings
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import Sensors, simulate
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.experiment import perturbed
-from gimbal_pin.identification import given_beta, identify, moved
-from gimbal_pin.imu import noisy, readings
-from gimbal_pin.io import read_log, write_motion
-from gimbal_pin.log import Array, Imu, Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.platform import MOTIONS, BaseMotion, Platform, rotations
+from gimbal_pin.estimation.audit.samples import taken
+from gimbal_pin.estimation.audit.stuck_channel import denied_torque
+from gimbal_pin.estimation.identification import given_beta, identify, moved
+from gimbal_pin.estimation.rows import base_motion
+from gimbal_pin.log.io import read_log, write_motion
+from gimbal_pin.log.log import Array, Imu, Log
+from gimbal_pin.log.platform import MOTIONS, BaseMotion, Platform, rotations
+from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.verify import Asked, modelled
-from gimbal_pin.profile import profile_s
-from gimbal_pin.reduction import reduce
-from gimbal_pin.report.sections.diagnosis import diagnosis as page
-from gimbal_pin.report.sections.headline import about_gain, extended_card, missed
-from gimbal_pin.rig import GRAVITY, bundled_rigs
-from gimbal_pin.rows import base_motion
-from gimbal_pin.simulation import Sensors, simulate
-from gimbal_pin.tuning import tune
+from gimbal_pin.report import text
+from gimbal_pin.report.pages.sections.diagnosis import diagnosis as page
+from gimbal_pin.report.pages.sections.headline import about_gain, extended_card, missed
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import GRAVITY
 from tests.bench_logs import EXACT, fourier, rows_of, true_theta
 from tests.command_line import Run, refused, result
 from tests.rigs import bundled

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused
 from tests.test_rig_formats import MUJOCO, RIG, SENSORS, TRANSMISSIONS, torques
 

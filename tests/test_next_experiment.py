@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import BAND, Diagnosis, NextExperiment, diagnose, next_experiment, planned
+from gimbal_pin.diagnosis.file import write_diagnosis
 from gimbal_pin.diagnosis.next_experiment import MARGIN, Contest, contest, imagined, nearest
 from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting
 from gimbal_pin.diagnosis.state import solved
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.joint_flexibility import JointFlexibility
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.excitation.limits import Envelope
-from gimbal_pin.io import read_motion
-from gimbal_pin.io.diagnosis import write_diagnosis
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.io import read_motion
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import Rig
 
 DT, SECONDS = 0.005, 20.0
 

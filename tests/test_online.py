@@ -19,25 +19,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import chdtri
 
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimators import Estimate, weighted
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import given_beta, identify
-from gimbal_pin.io import write_log
-from gimbal_pin.io.follow import follow, whole_lines
-from gimbal_pin.io.model import read_model
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import nominal
+from gimbal_pin.estimation.estimators import Estimate, weighted
+from gimbal_pin.estimation.identification import given_beta, identify
+from gimbal_pin.estimation.model_file import read_model
+from gimbal_pin.estimation.rows import Block, Filtering
+from gimbal_pin.log.io import write_log
+from gimbal_pin.log.io.follow import follow, whole_lines
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.signals import lowpass
 from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
 from gimbal_pin.online.change import LOOK, Watch, spared
 from gimbal_pin.online.learning import absorbed, values
 from gimbal_pin.online.recursive import LAGS, Known, Moments, loosened, solved
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering
-from gimbal_pin.signals import lowpass
-from gimbal_pin.tuning import tune
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, heard, refused
 

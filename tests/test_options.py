@@ -22,7 +22,7 @@ from gimbal_pin.cli.paths import label
 from gimbal_pin.cli.present import say
 from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageError
-from gimbal_pin.io import files
+from gimbal_pin.log.io import files
 from tests.command_line import Run, refused
 
 HOSTILE = ("nan", "inf", "-inf", "-1e11", "1e11", "1e300", "1" + "0" * 400, "9" * 6000, "", "x\x1b[31m", "None", "١")

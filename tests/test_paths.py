@@ -15,8 +15,8 @@ import pytest
 from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.paths import Reads, Writes, options
 from gimbal_pin.errors import UsageError
-from gimbal_pin.io import files
-from gimbal_pin.rig_files import bundled
+from gimbal_pin.log.io import files
+from gimbal_pin.rig.files import bundled
 from tests.command_line import Run, refused
 
 CLASHES = [

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.errors import UsageError
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import Identified, given_beta, identify
-from gimbal_pin.io import write_log
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.payloads import Carried, Several, identify_new, identify_several, stated
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
-from gimbal_pin.tuning import tune
+from gimbal_pin.estimation.identification import Identified, given_beta, identify
+from gimbal_pin.estimation.payloads import Carried, Several, identify_new, identify_several, stated
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.io import write_log
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused, result
 
@@ -186,7 +186,7 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
 
 
 def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:
-    from gimbal_pin.io.model import read_model, write_model
+    from gimbal_pin.estimation.model_file import read_model, write_model
 
     found = several("turret", ("mirrorless", "cinema"))
     write_model(found.first, tmp_path / "model.yaml", found.identified)

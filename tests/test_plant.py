@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from lxml import etree
 from scipy.integrate import solve_ivp
 
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.effects import Coulomb, Term, Viscous
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 from tests.mujoco_peer import rigid_bodies
 from tests.rigs import bundled, energy, spelled
 

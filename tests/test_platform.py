@@ -10,17 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from gimbal_pin.carrier import Carrier
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.moving_base import Carrier
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.reduction import columns, reduce, scan, stacked
+from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Coulomb, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
-from gimbal_pin.log import Array, Imu
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.platform import Platform, integrated, rotations
-from gimbal_pin.profile import ACCELERATION, ATTITUDE, profile_s
-from gimbal_pin.reduction import columns, reduce, scan, stacked
-from gimbal_pin.regressor import regressor, rnea
-from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
+from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.log.platform import Platform, integrated, rotations
+from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, profile_s
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import GRAVITY, Rig
 from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import COMBINATIONS, bundled, states
 from tests.test_reduction import subspace

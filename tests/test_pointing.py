@@ -12,20 +12,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.config import Noise
-from gimbal_pin.control import JointPid, Pid
-from gimbal_pin.control.aim import Ahead, Aim, Carried
-from gimbal_pin.control.carried import CarriedTorque, share
-from gimbal_pin.control.equal import Equal
-from gimbal_pin.control.loop import Margins, margins
-from gimbal_pin.control.observer import Observer, observed_loop, observed_margins
+from gimbal_pin.control.laws import JointPid, Pid
+from gimbal_pin.control.laws.aim import Ahead, Aim, Carried
+from gimbal_pin.control.laws.carried import CarriedTorque, share
+from gimbal_pin.control.laws.equal import Equal
+from gimbal_pin.control.laws.loop import Margins, margins
+from gimbal_pin.control.laws.observer import Observer, observed_loop, observed_margins
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.imu import readings
+from gimbal_pin.dynamics.model import Estimated, Model, nominal
+from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.imu import readings
-from gimbal_pin.log import Array, Imu
-from gimbal_pin.model import Estimated, Model, nominal
-from gimbal_pin.platform import Platform
+from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.bench import WANTED, Shaken, unbalanced
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Course, Row, compete
@@ -46,11 +49,8 @@ from gimbal_pin.pointing.singular import lost_turn
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.targets import Target, targets
 from gimbal_pin.pointing.trust import holding, trusted
-from gimbal_pin.profile import profile_s
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
-from gimbal_pin.tuning import tune
+from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.rig import Rig
 from tests.rigs import chain
 
 DT = 1e-3
@@ -448,7 +448,7 @@ def test_what_only_a_moving_base_shows_can_be_dropped() -> None:
 
 
 def test_a_model_that_knows_nothing_is_not_trusted() -> None:
-    from gimbal_pin.reduction import reduce
+    from gimbal_pin.dynamics.reduction import reduce
 
     rig = rig_of("turret")
     names = (*reduce(rig, base="rotating").base_names, *(f"f{k}" for k in range(4)))

@@ -13,13 +13,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gimbal_pin.base import base
-from gimbal_pin.checking import check
-from gimbal_pin.reduction import reduce, samples
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import over_phi
-from gimbal_pin.urdf import parse
+from gimbal_pin.dynamics.base_parameters import base
+from gimbal_pin.dynamics.checking import check
+from gimbal_pin.dynamics.reduction import reduce, samples
+from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.estimation.rows import over_phi
+from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.urdf import parse
 from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import spelled, states
 

@@ -19,12 +19,12 @@ from real_data.cases import Case
 from real_data.running import Outcome
 from real_data.samples import errors
 
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.io import read_log, write_log
-from gimbal_pin.io.model import write_extended
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
+from gimbal_pin.estimation.model_file import write_extended
+from gimbal_pin.log.io import read_log, write_log
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.rigs import bundled, chain
 

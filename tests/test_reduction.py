@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.model import friction_effects
-from gimbal_pin.reduction import TOLERANCE, Reduction, reduce, samples, scan, stacked
-from gimbal_pin.regressor import columns, regressor, rnea
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
+from gimbal_pin.dynamics.model import friction_effects
+from gimbal_pin.dynamics.reduction import TOLERANCE, Reduction, reduce, samples, scan, stacked
+from gimbal_pin.dynamics.regressor import columns, regressor, rnea
+from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.rigs import BODY, bundled, spelled
 
 TABLE = (

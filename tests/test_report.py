@@ -16,28 +16,28 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from markupsafe import Markup
 
-from gimbal_pin import report
+from gimbal_pin.control.tracking import Tracking, track
+from gimbal_pin.control.tuning import Tuning, tune
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import Sensors
 from gimbal_pin.errors import UsageError
+from gimbal_pin.estimation.identification import Identified, identify
+from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.excitation import excite
-from gimbal_pin.identification import Identified, identify
-from gimbal_pin.log import Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.report import Section, html, numbers, plots, svg
-from gimbal_pin.report.base import anchors
-from gimbal_pin.report.evaluation import Evaluated, Part, evaluate
-from gimbal_pin.report.joints import PALETTE, joint_colours, joints_of
-from gimbal_pin.report.sections.diagnosis import WRONG
-from gimbal_pin.report.sections.experiments import marked
-from gimbal_pin.report.sections.known import known
-from gimbal_pin.report.sections.overlay import broken, rounded, worst
-from gimbal_pin.report.sections.parameters import terms
-from gimbal_pin.report.sections.summary import cautions, ratios, verdict
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
-from gimbal_pin.simulation import Sensors
-from gimbal_pin.tracking import Tracking, track
-from gimbal_pin.tuning import Tuning, tune
-from gimbal_pin.view import record
+from gimbal_pin.log.log import Log
+from gimbal_pin.report import pages as report
+from gimbal_pin.report.pages import Section, html, numbers, plots, svg
+from gimbal_pin.report.pages.base import anchors
+from gimbal_pin.report.pages.evaluation import Evaluated, Part, evaluate
+from gimbal_pin.report.pages.joints import PALETTE, joint_colours, joints_of
+from gimbal_pin.report.pages.sections.diagnosis import WRONG
+from gimbal_pin.report.pages.sections.experiments import marked
+from gimbal_pin.report.pages.sections.known import known
+from gimbal_pin.report.pages.sections.overlay import broken, rounded, worst
+from gimbal_pin.report.pages.sections.parameters import terms
+from gimbal_pin.report.pages.sections.summary import cautions, ratios, verdict
+from gimbal_pin.report.view import record
+from gimbal_pin.rig.rig import Rig
 from tests.browsing import needs_browser, visit, wide
 from tests.rigs import spelled
 
@@ -319,7 +319,7 @@ def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk
 
 def nominal_beta(walk: Walk) -> np.ndarray:
     """Return the base parameters of the rig's URDF."""
-    from gimbal_pin.regressor import columns
+    from gimbal_pin.dynamics.regressor import columns
 
     return walk.found.reduction.mixing @ walk.rig.phi[columns(walk.rig)[1]]
 

@@ -15,14 +15,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from gimbal_pin import urdf
-from gimbal_pin.config import Limits, Motor
+from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.errors import RigError
-from gimbal_pin.mending import nearest_inertia
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from gimbal_pin.rig import bundled as data_folder
-from gimbal_pin.urdf_checks import rule
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.config import Limits, Motor
+from gimbal_pin.rig.files import bundled as data_folder
+from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
+from gimbal_pin.rig.mending import nearest_inertia
+from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.urdf_checks import rule
 from tests.command_line import Run
 from tests.rigs import COMBINATIONS, bundled
 

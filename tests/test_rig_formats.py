@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.errors import GimbalPinError, RigError
-from gimbal_pin.log import Array
-from gimbal_pin.model import nominal
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import GRAVITY, Rig
-from gimbal_pin.rig_formats import mjcf
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.formats import mjcf
+from gimbal_pin.rig.rig import GRAVITY, Rig
 from tests.command_line import Run
 from tests.mujoco_peer import torque
 from tests.rigs import spelled

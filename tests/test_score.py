@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis.fit import Fit, fit
 from gimbal_pin.diagnosis.score import NIL, gained
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 ROWS, BLOCKS = 1200, 40
 RNG = np.random.default_rng

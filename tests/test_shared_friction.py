@@ -12,7 +12,7 @@ from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from tests.candidates import measure
 from tests.refitted import RIG, first
 

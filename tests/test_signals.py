@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin.signals import (
+from gimbal_pin.log.signals import (
     differentiate,
     jumping_noise_std,
     lowpass,

@@ -10,8 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.control import ComputedTorque, JointPid, Pid
-from gimbal_pin.drive import borne
+from gimbal_pin.control.laws import ComputedTorque, JointPid, Pid
+from gimbal_pin.dynamics.drive import borne
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.simulation import Drive, Sensors, plant_with, simulate
 from gimbal_pin.effects import CAUSES, Effect, Signal, Term
 from gimbal_pin.effects.base_tilt import BaseTilt
 from gimbal_pin.effects.delay import Delay
@@ -19,13 +22,10 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import RigError, UsageError
-from gimbal_pin.identification import identify
-from gimbal_pin.limited import past_stops
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Drive, Sensors, plant_with, simulate
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.log.limited import past_stops
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run
 
 DT = 0.001

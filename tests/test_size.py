@@ -10,14 +10,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.estimators import weighted
-from gimbal_pin.estimators.components import fisher, pieces
-from gimbal_pin.identification import given_beta, identify
-from gimbal_pin.log import PAUSE, Log
-from gimbal_pin.model import friction_effects, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.rows import Block, Filtering, Rows, blocks, chosen
+from gimbal_pin.dynamics.model import friction_effects, nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.estimation.estimators import weighted
+from gimbal_pin.estimation.estimators.components import fisher, pieces
+from gimbal_pin.estimation.identification import given_beta, identify
+from gimbal_pin.estimation.rows import Block, Filtering, Rows, blocks, chosen
+from gimbal_pin.log.log import PAUSE, Log
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.rigs import chain
 

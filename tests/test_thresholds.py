@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gimbal_pin.control import ComputedTorque, Pid
+from gimbal_pin.control.laws import ComputedTorque, Pid
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import Sensors, simulate
 from gimbal_pin.effects.dead_zone import DeadZone
 from gimbal_pin.effects.signal import Static
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Sensors, simulate
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.candidates import refined, worth
 from tests.test_forms import BAND

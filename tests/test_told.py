@@ -11,15 +11,15 @@ from typing import cast
 import numpy as np
 import pytest
 
-from gimbal_pin.audit import CHECKS
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.diagnosis.finding import Finding, Residual, Rival
 from gimbal_pin.diagnosis.findings import rough
 from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.torque_ripple import TorqueRipple
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.text import wrong
+from gimbal_pin.estimation.audit import CHECKS
+from gimbal_pin.report.text import wrong
 from tests.test_forms import SEEN
 
 

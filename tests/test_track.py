@@ -10,16 +10,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.config import Limits, Motor
-from gimbal_pin.control.uncertainty import home
+from gimbal_pin.control.laws.uncertainty import home
+from gimbal_pin.control.tracking import BEFORE, Tracking, metrics, track
+from gimbal_pin.control.trajectories import ROOM, minimum_jerk, within
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import Sensors
 from gimbal_pin.effects import Term
 from gimbal_pin.errors import UsageError
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from gimbal_pin.simulation import Sensors
-from gimbal_pin.tracking import BEFORE, Tracking, metrics, track
-from gimbal_pin.trajectories import ROOM, minimum_jerk, within
-from gimbal_pin.tuning import tune
+from gimbal_pin.rig.config import Limits, Motor
+from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
+from gimbal_pin.rig.rig import Rig
 
 METRICS = {"rise_time", "overshoot_percent", "settling_time", "steady_state_error", "rms_error"}
 

@@ -15,19 +15,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin.config import Limits, Motor
-from gimbal_pin.control import ComputedTorque, JointPid, Pid, margins
-from gimbal_pin.control.uncertainty import inertia, poses
+from gimbal_pin.control.laws import ComputedTorque, JointPid, Pid, margins
+from gimbal_pin.control.laws.uncertainty import inertia, poses
+from gimbal_pin.control.tuning import Tuning, controller_from, tune
+from gimbal_pin.dynamics.model import Estimated, Model, nominal
+from gimbal_pin.dynamics.plant import State
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import Reference, Sensors, plant_with, simulate
 from gimbal_pin.effects import Coulomb, Term, Viscous
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import ModelError, UsageError
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Estimated, Model, nominal
-from gimbal_pin.plant import State
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.simulation import Reference, Sensors, plant_with, simulate
-from gimbal_pin.tuning import Tuning, controller_from, tune
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.config import Limits, Motor
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 
 KEYS = {"kp", "ki", "kd", "phase_margin_deg", "gain_margin_db", "disk_margin", "bandwidth_hz"}
 

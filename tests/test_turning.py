@@ -11,21 +11,21 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
-from gimbal_pin.control import ComputedTorque, Pid
+from gimbal_pin.control.laws import ComputedTorque, Pid
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.diagnosis.turns import accelerating, apart, dry_friction, opened, rounded, smear
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.presliding import Presliding
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import impulse, sliding, stretches
-from gimbal_pin.signals import lowpass, zero_phase
-from gimbal_pin.simulation import plant_with, simulate
+from gimbal_pin.estimation.rows import impulse, sliding, stretches
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.signals import lowpass, zero_phase
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
 SECONDS = 20.0

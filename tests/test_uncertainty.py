@@ -12,19 +12,20 @@ from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from gimbal_pin.bodies import bodies, deviations, figures, slopes
-from gimbal_pin.consistency import likeliest, spread
-from gimbal_pin.control.uncertainty import bounds
+from gimbal_pin.control.laws.uncertainty import bounds
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimators import Bootstrap, Estimate, ols, physical, weighted
-from gimbal_pin.estimators.components import Told, autocovariances, pieces, powers, scoring, told
-from gimbal_pin.identification import Identified, identify
-from gimbal_pin.inertia import pseudo_inertia
-from gimbal_pin.log import Array
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.rows import Block, kept, over_phi
+from gimbal_pin.estimation.bodies import bodies, deviations, figures, slopes
+from gimbal_pin.estimation.estimators import Bootstrap, Estimate, ols, physical, weighted
+from gimbal_pin.estimation.estimators.components import Told, autocovariances, pieces, powers, scoring, told
+from gimbal_pin.estimation.identification import Identified, identify
+from gimbal_pin.estimation.rows import Block, kept, over_phi
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.consistency import likeliest, spread
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.inertia import pseudo_inertia
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis.state import solved
+from gimbal_pin.dynamics.apply import plant_with
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects.asymmetric_friction import AsymmetricFriction
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.plain import term_from
 from gimbal_pin.errors import UsageError
-from gimbal_pin.model import nominal
-from gimbal_pin.planting import plant_with
 from tests.candidates import refined
 from tests.refitted import RIG, first
 

@@ -17,21 +17,21 @@ from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.diagnosis.swung import swing, swung
+from gimbal_pin.dynamics.model import friction_effects, nominal
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimators import weighted
-from gimbal_pin.identification import identify
-from gimbal_pin.io import write_log
-from gimbal_pin.log import REACH, Array, Imu, Log
-from gimbal_pin.model import friction_effects, nominal
+from gimbal_pin.estimation.channel_assignment import agreement, check_wiring, tried
+from gimbal_pin.estimation.estimators import weighted
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.estimation.rows import Filtering, Regression, Rows, kept
+from gimbal_pin.log.io import write_log
+from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering, Regression, Rows, kept
-from gimbal_pin.wiring import agreement, check_wiring, tried
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused
 

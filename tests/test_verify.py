@@ -8,15 +8,18 @@ from math import degrees, nan
 import numpy as np
 import pytest
 
-from gimbal_pin import text
-from gimbal_pin.control import ComputedTorque, JointPid
-from gimbal_pin.control.uncertainty import base_columns
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import identify
-from gimbal_pin.identification.bound import SHAKEN
-from gimbal_pin.log import Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.platform import Platform
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.laws import ComputedTorque, JointPid
+from gimbal_pin.control.laws.uncertainty import base_columns
+from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import columns
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.estimation.identification.bound import SHAKEN
+from gimbal_pin.log.log import Log
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.bench import WANTED, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.demand import AFTER, BEFORE, Demand
@@ -29,11 +32,8 @@ from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, STANDING, Followed, law
 from gimbal_pin.pointing.sweep import Sweep, heavier
 from gimbal_pin.pointing.trust import along, doubtful
 from gimbal_pin.pointing.verify import Asked, grounds
-from gimbal_pin.profile import profile_s
-from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import columns
-from gimbal_pin.rig import Rig
-from gimbal_pin.tracking import Experiment, StepMetrics, Tracking
+from gimbal_pin.report import text
+from gimbal_pin.rig.rig import Rig
 
 DT = 1e-3
 

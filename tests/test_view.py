@@ -20,16 +20,17 @@ import umsgpack
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin import view
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log import Imu, Log
-from gimbal_pin.rig import Rig, bundled_rigs
-from gimbal_pin.view import browser, figure, output, stage
-from gimbal_pin.view.motion import base_attitude, motion, poses
-from gimbal_pin.view.scene import GHOST, RIG, scene
-from gimbal_pin.view.solid import Y_TO_Z
-from gimbal_pin.view.stage import ASPECT, FOV
-from gimbal_pin.view.visuals import visuals
+from gimbal_pin.log.log import Imu, Log
+from gimbal_pin.report import view
+from gimbal_pin.report.view import browser, figure, output, stage
+from gimbal_pin.report.view.motion import base_attitude, motion, poses
+from gimbal_pin.report.view.scene import GHOST, RIG, scene
+from gimbal_pin.report.view.solid import Y_TO_Z
+from gimbal_pin.report.view.stage import ASPECT, FOV
+from gimbal_pin.report.view.visuals import visuals
+from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.browsing import needs_browser, pause, visit
 
 BARE = """<robot name="bare">

@@ -13,16 +13,16 @@ from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.heldout import torque_rmse
 from gimbal_pin.diagnosis.library import library
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.plant import Plant
+from gimbal_pin.dynamics.plant import State as At
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.base import Sample, Term
 from gimbal_pin.effects.friction_drift import FrictionDrift
 from gimbal_pin.effects.losses import STEP, Losses
-from gimbal_pin.identification import split
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.plant import Plant
-from gimbal_pin.plant import State as At
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
+from gimbal_pin.estimation.identification import split
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.candidates import refined, worth
 from tests.test_forms import ALIGNED

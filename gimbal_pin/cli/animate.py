@@ -17,8 +17,8 @@ from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Array, Log
-    from gimbal_pin.rig import Rig
+    from gimbal_pin.log.log import Array, Log
+    from gimbal_pin.rig.rig import Rig
 
 USUAL_SIZE = (960, 540)
 SCALE = "residual: red from 10 % of the joint's torque"
@@ -71,9 +71,9 @@ def animate(
     live: Annotated[bool, arg(help="play it in a browser on this machine")] = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
-    from gimbal_pin import view
-    from gimbal_pin.io import read_log, split_payload
-    from gimbal_pin.view.output import ENCODERS, FPS, PRESETS
+    from gimbal_pin.log.io import read_log, split_payload
+    from gimbal_pin.report import view
+    from gimbal_pin.report.view.output import ENCODERS, FPS, PRESETS
 
     shown_somewhere(output, live)
     if not logs:
@@ -117,6 +117,6 @@ def animate(
 def warmth(name: Path, rig: Rig, log: Log) -> Array:
     """Return what the model of a YAML leaves of a log's torques, as `view.save` colours it."""
     from gimbal_pin.diagnosis.heat import heat
-    from gimbal_pin.io.model import read_model
+    from gimbal_pin.estimation.model_file import read_model
 
     return heat(read_model(name, rig), log)

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, play, run_of, typed
 from gimbal_pin.cli.options import (
     USUAL,
@@ -24,6 +23,7 @@ from gimbal_pin.cli.options import (
     Seed,
 )
 from gimbal_pin.cli.present import noted, present
+from gimbal_pin.report import text
 
 
 def auto(
@@ -46,8 +46,8 @@ def auto(
     asked_for = run_of("auto", locals())
     import numpy as np
 
-    from gimbal_pin.estimators import ESTIMATORS
-    from gimbal_pin.walk import auto as run
+    from gimbal_pin.estimation.estimators import ESTIMATORS
+    from gimbal_pin.report.pipeline import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map)
     found = run(

@@ -11,9 +11,9 @@ from gimbal_pin.cli.inputs import load_logs, load_rig, mounted
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.estimators import Estimator
-    from gimbal_pin.payloads import Several
-    from gimbal_pin.rows import Filtering
+    from gimbal_pin.estimation.estimators import Estimator
+    from gimbal_pin.estimation.payloads import Several
+    from gimbal_pin.estimation.rows import Filtering
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Fit:
 
 def tags_of(logs: Sequence[str]) -> list[str | None]:
     """Return the payloads that the logs are tagged with, each once, None for those without a tag."""
-    from gimbal_pin.io import split_payload
+    from gimbal_pin.log.io import split_payload
 
     return list(dict.fromkeys(split_payload(log)[1] for log in logs))
 
@@ -51,8 +51,8 @@ def cameras(
 
     With `refit` from all data, once the held-out error is known.
     """
-    from gimbal_pin.io.model import read_model
-    from gimbal_pin.payloads import identify_new, identify_several
+    from gimbal_pin.estimation.model_file import read_model
+    from gimbal_pin.estimation.payloads import identify_new, identify_several
 
     def judged(run: Callable[..., Several]) -> Several:
         if not refit:

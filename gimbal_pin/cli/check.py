@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from gimbal_pin import text
 from gimbal_pin.cli.options import Json, Payload, RigName, optional
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import noted, present
+from gimbal_pin.report import text
 
 Mend = Annotated[
     Path | None,
@@ -19,9 +19,9 @@ Mend = Annotated[
 
 def check(rig: RigName, *, payload: Payload = None, mend: Mend = None, json: Json = None) -> None:
     """Validate a rig: tree, axes, limits, inertias, camera frame; say what a log must hold."""
-    from gimbal_pin.checking import check as run
-    from gimbal_pin.io.files import atomic_write
-    from gimbal_pin.rig import Rig
+    from gimbal_pin.dynamics.checking import check as run
+    from gimbal_pin.log.io.files import atomic_write
+    from gimbal_pin.rig.rig import Rig
 
     loaded = Rig.load(rig, payload, mend=mend is not None)
     if mend is not None:

@@ -7,12 +7,12 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_rig, run_of
 from gimbal_pin.cli.options import Folder, Json, Payload, Seed, Yes, between
 from gimbal_pin.cli.paths import Reads, rigs
 from gimbal_pin.cli.present import noted, present
 from gimbal_pin.cli.work import affordable
+from gimbal_pin.report import text
 
 
 def demo(
@@ -29,7 +29,7 @@ def demo(
     asked_for = run_of("demo", locals())
     import numpy as np
 
-    from gimbal_pin.walk import demo as run
+    from gimbal_pin.report.pipeline import demo as run
 
     loaded = load_rig(rig, payload)
     affordable(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, run_of, typed
 from gimbal_pin.cli.options import (
     BAND,
@@ -24,6 +23,7 @@ from gimbal_pin.cli.options import (
 )
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import noted, present
+from gimbal_pin.report import text
 
 
 def diagnose(
@@ -58,12 +58,12 @@ def diagnose(
     asked_for = run_of("diagnose", locals())
     import numpy as np
 
-    from gimbal_pin import report
     from gimbal_pin.diagnosis import BAND, planned, usual
     from gimbal_pin.diagnosis import diagnose as run
-    from gimbal_pin.identification import added, identify
-    from gimbal_pin.io.diagnosis import write_diagnosis
-    from gimbal_pin.io.files import atomic_write
+    from gimbal_pin.diagnosis.file import write_diagnosis
+    from gimbal_pin.estimation.identification import added, identify
+    from gimbal_pin.log.io.files import atomic_write
+    from gimbal_pin.report import pages as report
 
     loaded, read = load_logs(rig, payload, logs, map)
     band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_logs, load_rig, mounted, plant_of
 from gimbal_pin.cli.options import Json, Map, ModelFile, Output, Payload, RigName, Seed, Yes, between, optional
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
+from gimbal_pin.report import text
 
 if TYPE_CHECKING:
+    from gimbal_pin.dynamics.model import Model
     from gimbal_pin.effects import Effect
-    from gimbal_pin.model import Model
 
 
 def excite(
@@ -72,7 +72,7 @@ def excite(
 
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.excitation import repeats, sequential
-    from gimbal_pin.io import write_motion
+    from gimbal_pin.log.io import write_motion
 
     camera = payload or mounted(model)
     loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
@@ -105,9 +105,9 @@ def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:
     Raises:
         UsageError: A text names a cause that is no torque at a joint; it says what shows that.
     """
+    from gimbal_pin.dynamics.model import friction_effects
     from gimbal_pin.effects import Term
     from gimbal_pin.effects.parse import parse_effect
-    from gimbal_pin.model import friction_effects
 
     terms = [term.effect for term in model.terms]
     for named in texts:

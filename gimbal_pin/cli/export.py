@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_rig, measured_motion, mounted, read_controller, run_of
 from gimbal_pin.cli.options import Json, Map, Payload, optional
 from gimbal_pin.cli.paths import Reads, Writes, in_folder, logs, rigs
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.report import text
 
 if TYPE_CHECKING:
-    from gimbal_pin.rig import Rig
+    from gimbal_pin.rig.rig import Rig
 
 
 def sources(value: Path, given: Any) -> list[Path]:
@@ -54,7 +54,7 @@ def export(
     """Write a controller as C99 for the gimbal's own processor."""
     asked_for = run_of("export", locals())
     from gimbal_pin.export import export as run
-    from gimbal_pin.io.files import atomic_write, write_run
+    from gimbal_pin.log.io.files import atomic_write, write_run
 
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
@@ -75,8 +75,8 @@ def rig_of(controller: str, rig: str | None, payload: str | None) -> Rig:
         UsageError: It is of a rig that is not bundled, and no file of that is named.
         ModelError: It does not name a rig.
     """
-    from gimbal_pin.reading import read_yaml
-    from gimbal_pin.rig import bundled_rigs
+    from gimbal_pin.rig.files import bundled_rigs
+    from gimbal_pin.rig.reading import read_yaml
 
     data = read_yaml(controller, ModelError)
     name = data.get("rig") if isinstance(data, dict) else None

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.cameras import tags_of
 from gimbal_pin.cli.inputs import alone, load_rig, mounted
 from gimbal_pin.cli.options import Plotted, between, optional
 from gimbal_pin.cli.present import noted, present, say
 from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.report import text
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified
-    from gimbal_pin.log import Log
+    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.estimation.rows import Filtering
+    from gimbal_pin.log.log import Log
     from gimbal_pin.online import Online
-    from gimbal_pin.rows import Filtering
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Following:
         self, rig: str, payload: str | None, logs: Sequence[str], known: str | None, filters: Filtering
     ) -> Online:
         """Return the estimator of the one log; it knows a gimbal already where a model's YAML is given."""
-        from gimbal_pin.io.model import read_model
+        from gimbal_pin.estimation.model_file import read_model
         from gimbal_pin.online import Online
 
         if len(logs) != 1:
@@ -81,8 +81,8 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
 
     With `lines` as JSON, else as text; `wish` says how long to wait for more, and where the way is drawn in the end.
     """
-    from gimbal_pin.io.files import replacing, to_json
-    from gimbal_pin.io.follow import follow
+    from gimbal_pin.log.io.files import replacing, to_json
+    from gimbal_pin.log.io.follow import follow
     from gimbal_pin.online import progress, steps
     from gimbal_pin.online.chart import chart
 
@@ -113,8 +113,8 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
 
 def concluded(found: Identified, json: Path | None) -> None:
     """Say what was learned: the last line of JSON where every second had one, else as for a log that is whole."""
-    from gimbal_pin.balance import reported
-    from gimbal_pin.io.files import to_json
+    from gimbal_pin.estimation.balance import reported
+    from gimbal_pin.log.io.files import to_json
 
     if by_line(json):
         say(to_json({**reported(found), "kind": "result"}, None)[:-1])

@@ -14,17 +14,17 @@ from gimbal_pin.cli.options import Effects, Page, PlatformSize, Plotted, Yes, be
 from gimbal_pin.cli.paths import Reads, logs, maps
 from gimbal_pin.cli.present import noted
 from gimbal_pin.cli.work import affordable
-from gimbal_pin.controllers import COMPILED, HOLDING, TUNED
+from gimbal_pin.control.controllers import COMPILED, HOLDING, TUNED
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Log
-    from gimbal_pin.model import Model
+    from gimbal_pin.control.tracking import Tracking
+    from gimbal_pin.control.tuning import Law
+    from gimbal_pin.dynamics.model import Model
+    from gimbal_pin.log.log import Log
     from gimbal_pin.pointing import Verified
     from gimbal_pin.pointing.roster import Machine
-    from gimbal_pin.rig import Rig
-    from gimbal_pin.tracking import Tracking
-    from gimbal_pin.tuning import Law
+    from gimbal_pin.rig.rig import Rig
 
 MOTIONS = "--platform S, --platform-log FILE"
 GIVEN = {TUNED: "the gains of CONTROLLER", COMPILED: "the same, compiled, from --compiled"}
@@ -106,7 +106,7 @@ class Holding:
 
     def taught(self, rig: str, payload: str | None) -> Log | None:
         """Return the log that teaches, if one is named; say what is wrong with its platform's IMU."""
-        from gimbal_pin.aboard import sound
+        from gimbal_pin.log.platform_log import sound
 
         if self.learn is None:
             return None
@@ -174,10 +174,10 @@ class Pages:
 
     def write(self, rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> None:
         """Write them."""
-        from gimbal_pin.io.files import atomic_write, replacing
+        from gimbal_pin.log.io.files import atomic_write, replacing
         from gimbal_pin.pointing.chart import chart
-        from gimbal_pin.report.full import carried as whole
-        from gimbal_pin.report.full import moving
+        from gimbal_pin.report.pages.full import carried as whole
+        from gimbal_pin.report.pages.full import moving
 
         if self.plot is not None and held is not None:
             with replacing(self.plot) as temporary:

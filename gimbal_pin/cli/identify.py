@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.cameras import Fit, cameras, tags_of
 from gimbal_pin.cli.following import WHOLE, Following, by_line, concluded, followed
 from gimbal_pin.cli.inputs import filtering, load_logs
@@ -33,14 +32,15 @@ from gimbal_pin.cli.paths import Reads, Writes
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
+from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.effects import Effect
-    from gimbal_pin.estimators import Estimator
-    from gimbal_pin.identification import Identified
-    from gimbal_pin.log import Log
-    from gimbal_pin.rig import Rig
-    from gimbal_pin.suspicion import Asked
+    from gimbal_pin.estimation.estimators import Estimator
+    from gimbal_pin.estimation.hausman_check import Asked
+    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.log.log import Log
+    from gimbal_pin.rig.rig import Rig
 
 
 def identify(
@@ -94,11 +94,11 @@ def identify(
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
-    from gimbal_pin.balance import reported
-    from gimbal_pin.bodies import TRUST
-    from gimbal_pin.identification import added
-    from gimbal_pin.io.model import read_model
-    from gimbal_pin.rows import Filtering
+    from gimbal_pin.estimation.balance import reported
+    from gimbal_pin.estimation.bodies import TRUST
+    from gimbal_pin.estimation.identification import added
+    from gimbal_pin.estimation.model_file import read_model
+    from gimbal_pin.estimation.rows import Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
     fit = Fit(estimator_of(estimator, trusted, bootstrap, seed), holdout, filters)
@@ -137,8 +137,8 @@ def identified(
     rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool, trust: float, causes: tuple[Effect, ...] = ()
 ) -> Identified:
     """Identify a rig from logs of one payload; with `refit` from all data, once the held-out error is known."""
-    from gimbal_pin.identification import identify as run
-    from gimbal_pin.identification import refitted
+    from gimbal_pin.estimation.identification import identify as run
+    from gimbal_pin.estimation.identification import refitted
 
     examined: Asked = "always" if bias else "noisy"
     found = run(rig, logs, causes, **vars(fit), examined=examined, trust=trust)
@@ -151,8 +151,8 @@ def write(
     found: Identified, output: Path | None, urdf: Path | None, each: Mapping[str, Identified] | None = None
 ) -> None:
     """Write the model, of every payload where there are several, and the URDF, each if it is asked for."""
-    from gimbal_pin.io.files import atomic_write
-    from gimbal_pin.io.model import write_model
+    from gimbal_pin.estimation.model_file import write_model
+    from gimbal_pin.log.io.files import atomic_write
 
     if output is not None:
         write_model(found, output, each)
@@ -162,7 +162,7 @@ def write(
 
 def estimator_of(name: EstimatorName, trust: float, bootstrap: int, seed: int) -> Estimator:
     """Return the estimator of a name, its deviations by repetition if so many are asked for."""
-    from gimbal_pin.estimators import ESTIMATORS, Bootstrap, Ridge
+    from gimbal_pin.estimation.estimators import ESTIMATORS, Bootstrap, Ridge
 
     ridge = Ridge(trust)  # it checks the trust, which matters to all
     chosen = ridge if name == "ridge" else ESTIMATORS[name]

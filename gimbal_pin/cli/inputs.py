@@ -14,17 +14,17 @@ from gimbal_pin.cli.present import noted, say
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Array, Imu, Log
-    from gimbal_pin.model import Model
-    from gimbal_pin.platform import Platform
-    from gimbal_pin.rig import Rig
-    from gimbal_pin.rows import Filtering
-    from gimbal_pin.tuning import Stored
+    from gimbal_pin.control.tuning import Stored
+    from gimbal_pin.dynamics.model import Model
+    from gimbal_pin.estimation.rows import Filtering
+    from gimbal_pin.log.log import Array, Imu, Log
+    from gimbal_pin.log.platform import Platform
+    from gimbal_pin.rig.rig import Rig
 
 
 def load_rig(rig: str, payload: str | None) -> Rig:
     """Load a rig with the payload that was asked for; what is to be known of its file is told."""
-    from gimbal_pin.rig import Rig
+    from gimbal_pin.rig.rig import Rig
 
     loaded = Rig.load(rig, payload)
     noted(loaded.notes)
@@ -37,7 +37,7 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     Raises:
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
-    from gimbal_pin.io import read_log, split_payload
+    from gimbal_pin.log.io import read_log, split_payload
 
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
@@ -94,8 +94,8 @@ def carried(
     """
     import numpy as np
 
-    from gimbal_pin.platform import Platform
-    from gimbal_pin.profile import profile_s
+    from gimbal_pin.log.platform import Platform
+    from gimbal_pin.log.profile import profile_s
 
     if log is None:
         times = dt / 2 * np.arange(2 * round(seconds / dt) + 1)
@@ -112,8 +112,8 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
     Raises:
         LogError: The log cannot be used, see `aboard.sound`.
     """
-    from gimbal_pin.aboard import sound
-    from gimbal_pin.io import read_imu
+    from gimbal_pin.log.io import read_imu
+    from gimbal_pin.log.platform_log import sound
 
     t, imu, notes = sound(*read_imu(log, rig, rig.base, mapping), str(log))
     noted(notes)
@@ -122,7 +122,7 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:
     """Return the filter that the options ask for, None where they ask for nothing."""
-    from gimbal_pin.rows import Filtering
+    from gimbal_pin.estimation.rows import Filtering
 
     if cutoff is None and alignment is None:
         return None
@@ -131,8 +131,8 @@ def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None
 
 def plant_of(name: Path | None, rig: Rig) -> Model:
     """Return the model of a YAML, or the rig as its URDF states it."""
-    from gimbal_pin.io.model import read_model
-    from gimbal_pin.model import nominal
+    from gimbal_pin.dynamics.model import nominal
+    from gimbal_pin.estimation.model_file import read_model
 
     return nominal(rig) if name is None else read_model(name, rig)
 
@@ -142,8 +142,8 @@ def mounted(name: str | Path | None) -> str | None:
     if name is None:
         return None
     from gimbal_pin.errors import ModelError
-    from gimbal_pin.reading import read_yaml
-    from gimbal_pin.rig import bundled_payloads
+    from gimbal_pin.rig.files import bundled_payloads
+    from gimbal_pin.rig.reading import read_yaml
 
     data = read_yaml(name, ModelError)
     payload = data.get("payload") if isinstance(data, dict) else None
@@ -152,16 +152,16 @@ def mounted(name: str | Path | None) -> str | None:
 
 def read_controller(name: str, rig: Rig) -> Stored:
     """Read a controller's YAML."""
+    from gimbal_pin.control.tuning import stored
     from gimbal_pin.errors import ModelError
-    from gimbal_pin.reading import read_yaml
-    from gimbal_pin.tuning import stored
+    from gimbal_pin.rig.reading import read_yaml
 
     return stored(read_yaml(name, ModelError), rig, name)
 
 
 def play(rig: Rig, log: Log) -> None:
     """Show a log live until the user ends it."""
-    from gimbal_pin import view
+    from gimbal_pin.report import view
 
     with view.show(rig, log) as live:
         say(f"playing at {live.url} (Ctrl-C ends it)")

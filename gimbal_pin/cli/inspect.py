@@ -7,12 +7,12 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.options import Json, Logs, optional
 from gimbal_pin.cli.paths import Reads, Writes, rigs
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
+from gimbal_pin.report import text
 
 
 def inspect(
@@ -34,9 +34,9 @@ def inspect(
     json: Json = None,
 ) -> None:
     """What a log's file holds, what each column is and why, and a mapping of columns for a rig."""
-    from gimbal_pin.io import split_payload
-    from gimbal_pin.io.files import atomic_write, replacing
-    from gimbal_pin.io.inspection import inspect as run
+    from gimbal_pin.log.io import split_payload
+    from gimbal_pin.log.io.files import atomic_write, replacing
+    from gimbal_pin.log.io.inspection import inspect as run
 
     if not files:
         raise UsageError("LOG", "none was given", "name at least one file")
@@ -47,11 +47,11 @@ def inspect(
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
-        from gimbal_pin import report
+        from gimbal_pin.report import pages as report
 
         report.write("What the logs hold", [report.inspection(one) for one in found], output)
     elif output is not None:
-        from gimbal_pin.report.sections.inspection import draw
+        from gimbal_pin.report.pages.sections.inspection import draw
 
         with replacing(output) as temporary:
             draw(found[0], temporary)

@@ -20,8 +20,8 @@ NewYaml = Annotated[Path | None, Writes(suffixes=(".yaml", ".yml")), INTO_FILE]
 
 def new_rig(urdf: RigFile, *, output: NewYaml = None) -> None:
     """Write a commented YAML for a rig: what a URDF cannot say of motors, camera and IMUs, guessed where it can be."""
-    from gimbal_pin.io.files import atomic_write
-    from gimbal_pin.new_rig import proposed
+    from gimbal_pin.log.io.files import atomic_write
+    from gimbal_pin.rig.new_rig import proposed
 
     text = proposed(load_rig(urdf, None), Path.cwd() if output is None else output.parent)
     if output is None:

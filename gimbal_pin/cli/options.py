@@ -13,7 +13,7 @@ from gimbal_pin.cli.paths import Reads, Writes, diagnosed, logs, maps, payloads,
 from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
-    from gimbal_pin.control.design import Wish
+    from gimbal_pin.control.laws.design import Wish
 
 
 def optional(metavar: str | None, help: str, default: str = "") -> Any:
@@ -148,7 +148,7 @@ class Gains:
     @property
     def wish(self) -> Wish:
         """What `tune` is asked for."""
-        from gimbal_pin.control.design import Wish
+        from gimbal_pin.control.laws.design import Wish
 
         return Wish(**vars(self))
 

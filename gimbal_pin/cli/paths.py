@@ -53,8 +53,8 @@ class Writes:
 
 def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
     """Files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
-    from gimbal_pin.io import split_payload
-    from gimbal_pin.io.formats import files_of
+    from gimbal_pin.log.io import split_payload
+    from gimbal_pin.log.io.formats import files_of
 
     for log in value if isinstance(value, tuple) else (str(value),):
         file, payload = (Path("/dev/stdin"), None) if log == "-" else split_payload(log)
@@ -64,22 +64,22 @@ def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Itera
 
 def maps(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
     """YAML files among the entries of a mapping."""
-    from gimbal_pin.io.mapping import is_file
+    from gimbal_pin.log.io.mapping import is_file
 
     return [entry for entry in value if is_file(entry)]
 
 
 def payloads(value: str, given: Mapping[str, Any]) -> list[Path]:
     """URDF of a payload, and the meshes that it names."""
-    from gimbal_pin.rig_files import payload_path
+    from gimbal_pin.rig.files import payload_path
 
     return with_meshes(payload_path(value), {})
 
 
 def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
     """YAML files that a rig's name leads through, its URDF, the YAML beside that, its payload and their meshes."""
-    from gimbal_pin.config import load_config
-    from gimbal_pin.rig_files import YAML, bundled, bundled_rigs, find, find_target
+    from gimbal_pin.rig.config import load_config
+    from gimbal_pin.rig.files import YAML, bundled, bundled_rigs, find, find_target
 
     urdf, config = find(value)
     path = bundled() / f"{value}.urdf" if value in bundled_rigs() else Path(value)
@@ -93,9 +93,9 @@ def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
 
 def with_meshes(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
     """Return the file of a rig or payload and the mesh files that it names; `arguments`: of a xacro file."""
-    from gimbal_pin.meshes import mesh_file
-    from gimbal_pin.rig_formats import as_urdf
-    from gimbal_pin.urdf import parse
+    from gimbal_pin.rig.formats import as_urdf
+    from gimbal_pin.rig.meshes import mesh_file
+    from gimbal_pin.rig.urdf import parse
 
     named = [mesh.get("filename", "") for mesh in parse(as_urdf(rig, arguments)[0], str(rig)).iter("mesh")]
     return [rig, *(file for name in named if (file := mesh_file(name, rig.parent)) is not None)]
@@ -103,22 +103,22 @@ def with_meshes(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
 
 def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:
     """Files that `diagnose` may put into a folder."""
-    from gimbal_pin.io.diagnosis import FILES
+    from gimbal_pin.diagnosis.file import FILES
 
     return in_folder(value, FILES.values())
 
 
 def walked(value: Path, given: Mapping[str, Any]) -> list[Path]:
     """Files that `auto` may put into a folder."""
-    from gimbal_pin.rig_files import find
-    from gimbal_pin.walk import FILES
+    from gimbal_pin.report.pipeline import FILES
+    from gimbal_pin.rig.files import find
 
     return in_folder(value, (*FILES.values(), f"{find(given['rig'])[0].stem}.urdf"))
 
 
 def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
     """Return files that a run writes into a folder, and those of an earlier run, which it removes."""
-    from gimbal_pin.io.files import RUN, listed
+    from gimbal_pin.log.io.files import RUN, listed
 
     return [folder / name for name in (*names, *listed(folder), RUN)]
 
@@ -156,7 +156,7 @@ def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
 
 def check_file(path: Path, mark: Writes, label: str) -> None:
     """Raise `UsageError` unless a file can be put there, under that name."""
-    from gimbal_pin.io.files import check_target
+    from gimbal_pin.log.io.files import check_target
 
     check_target(path, label)
     if mark.suffixes and path.suffix.lower() not in mark.suffixes:
@@ -167,7 +167,7 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
 
 def check_run(folder: Path, files: Iterable[str | Path], label: str) -> None:
     """Raise `UsageError` if a run cannot be put into a folder, or would replace what is not an earlier run's."""
-    from gimbal_pin.io.files import RUN, check_folder, digest, listed
+    from gimbal_pin.log.io.files import RUN, check_folder, digest, listed
 
     check_folder(folder, label)
     ours = listed(folder)

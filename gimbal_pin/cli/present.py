@@ -13,7 +13,7 @@ from gimbal_pin.errors import UsageError, message, visible
 
 def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
     """Print what a person reads, or write what a program reads; with ``--json -`` only the latter is printed."""
-    from gimbal_pin.io.files import to_json, write_json
+    from gimbal_pin.log.io.files import to_json, write_json
 
     if json is not None and str(json) == "-":
         say(to_json(result)[:-1])

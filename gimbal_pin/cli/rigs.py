@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from gimbal_pin import text
 from gimbal_pin.cli.options import Json
 from gimbal_pin.cli.present import present
+from gimbal_pin.report import text
 
 
 def rigs(*, json: Json = None) -> None:
     """List the bundled rigs and payloads."""
-    from gimbal_pin.checking import listing
+    from gimbal_pin.dynamics.checking import listing
 
     listed = listing()
     present(text.rigs(listed), listed, json)

@@ -30,11 +30,11 @@ from gimbal_pin.cli.present import noted, say
 from gimbal_pin.cli.work import affordable
 
 if TYPE_CHECKING:
-    from gimbal_pin.log import Log, Motion
-    from gimbal_pin.model import Model
-    from gimbal_pin.platform import Platform
-    from gimbal_pin.rig import Rig
-    from gimbal_pin.simulation import Controller
+    from gimbal_pin.dynamics.model import Model
+    from gimbal_pin.dynamics.simulation import Controller
+    from gimbal_pin.log.log import Log, Motion
+    from gimbal_pin.log.platform import Platform
+    from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def simulate(
 ) -> None:
     """Simulate the closed loop and write what its sensors say as a log."""
     from gimbal_pin.effects.parse import every
-    from gimbal_pin.io import read_motion, write_log
+    from gimbal_pin.log.io import read_motion, write_log
 
     if "help" in effect:
         say(every())
@@ -140,9 +140,9 @@ def run_of(
     """Return the log of a run, which is no longer than the platform's motion."""
     import numpy as np
 
+    from gimbal_pin.control.experiment import bench_run
+    from gimbal_pin.dynamics.simulation import plant_with
     from gimbal_pin.effects.parse import parse_effect
-    from gimbal_pin.experiment import bench_run
-    from gimbal_pin.simulation import plant_with
 
     rig = known.rig
     plant, drive = plant_with(known, [parse_effect(text, rig) for text in causes])
@@ -167,7 +167,7 @@ def run_of(
 
 def law_of(name: str, plant: Model, bandwidth_hz: float) -> Controller:
     """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library."""
-    from gimbal_pin.tuning import tune as run
+    from gimbal_pin.control.tuning import tune as run
 
     if name in ("computed-torque", "pid"):
         return run(plant, kind=name, bandwidth_hz=bandwidth_hz).controller

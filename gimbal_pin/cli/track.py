@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
 from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed, optional
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
-from gimbal_pin.controllers import COMPILED
+from gimbal_pin.control.controllers import COMPILED
 from gimbal_pin.errors import UsageError
+from gimbal_pin.report import text
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.tracking import Tracking
+    from gimbal_pin.control.tuning import Law, Stored
+    from gimbal_pin.dynamics.model import Model
+    from gimbal_pin.dynamics.simulation import Controller
     from gimbal_pin.export import Library
-    from gimbal_pin.model import Model
     from gimbal_pin.pointing import Verified
-    from gimbal_pin.rig import Rig
-    from gimbal_pin.simulation import Controller
-    from gimbal_pin.tracking import Tracking
-    from gimbal_pin.tuning import Law, Stored
+    from gimbal_pin.rig.rig import Rig
 
 
 def track(
@@ -83,7 +83,7 @@ def track(
 
 def rivals(tuned: Stored) -> dict[str, Law]:
     """Return a controller under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.tuning import tune as run
+    from gimbal_pin.control.tuning import tune as run
 
     if tuned.wish.kind == "pid":
         return {"pid": tuned.law}
@@ -105,7 +105,7 @@ def stepped(tuned: Stored, machine: Library | None, plant: Model, late: int, see
     """Step a controller, its compiled twin if there is one, and its rival."""
     import numpy as np
 
-    from gimbal_pin.tracking import track as run
+    from gimbal_pin.control.tracking import track as run
 
     twin: dict[str, Controller] = {} if machine is None else {COMPILED: machine.law}
     return run(plant, {**rivals(tuned), **twin}, rng=np.random.default_rng(seed), delay=late)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from gimbal_pin import text
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
 from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeYaml, Payload, Plotted, RigName
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
+from gimbal_pin.report import text
 
 if TYPE_CHECKING:
-    from gimbal_pin.model import Model
+    from gimbal_pin.dynamics.model import Model
 
 
 def tune(
@@ -32,8 +32,8 @@ def tune(
     json: Json = None,
 ) -> None:
     """Gains, margins and robust term from logs or from a model."""
-    from gimbal_pin.io.files import replacing, write_yaml
-    from gimbal_pin.tuning import tune as run
+    from gimbal_pin.control.tuning import tune as run
+    from gimbal_pin.log.io.files import replacing, write_yaml
 
     model = model_of(rig, payload, source, map, cutoff)
     found = run(model, **vars(gains))
@@ -49,8 +49,8 @@ def model_of(
     rig: str, payload: str | None, source: Sequence[str], mapping: Sequence[str], cutoff: float | None
 ) -> Model:
     """Read a model's YAML, or identify one from logs."""
-    from gimbal_pin.identification import identify as run
-    from gimbal_pin.io.model import is_model, read_model
+    from gimbal_pin.estimation.identification import identify as run
+    from gimbal_pin.estimation.model_file import is_model, read_model
 
     if len(source) == 1 and is_model(source[0]):
         return read_model(source[0], load_rig(rig, payload or mounted(source[0])))

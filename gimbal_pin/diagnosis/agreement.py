@@ -12,18 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.audit import Fault
 from gimbal_pin.diagnosis.difference import outside
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.digits import digits
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Cause
-from gimbal_pin.errors import DataError
-from gimbal_pin.log import Array, Log
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering, Flags
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import DataError, digits
+from gimbal_pin.estimation.audit import Fault
+from gimbal_pin.estimation.rows import Filtering, Flags
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 
 NAME = "logs-disagree"
 MATERIAL = 0.01

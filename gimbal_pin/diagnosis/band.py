@@ -9,10 +9,10 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.signal import welch
 
-from gimbal_pin.limited import MOSTLY, near_limit
-from gimbal_pin.log import Array, Log
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.limited import MOSTLY, near_limit
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 
 BAND = Filtering(cutoff=12.0, smoothing=2.5)
 """Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""

@@ -18,13 +18,13 @@ from scipy.stats import f
 
 from gimbal_pin.diagnosis.difference import RANK, Difference
 from gimbal_pin.diagnosis.engine.selection import BEAM, ERROR_RATE, MOST
+from gimbal_pin.dynamics.reduction import samples
+from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.reduction import samples
-from gimbal_pin.regressor import regressor, rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import columns_of
+from gimbal_pin.estimation.rows import columns_of
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 STEP = 1e-6
 """Step of differences, kg, m, rad or kg m²: too small for a body to forbid, and round-off leaves eight digits."""

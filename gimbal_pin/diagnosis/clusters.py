@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 BINS = 10
 """Bins of the angle and of the rate's size; each holds as many rows as the next."""

@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.dynamics.reduction import Reduction
+from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.log import Array
-from gimbal_pin.reduction import Reduction
-from gimbal_pin.regressor import regressor, rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import columns_of
+from gimbal_pin.estimation.rows import columns_of
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 ALIKE = (0.3, 3.0)
 """A drive's column fits if its coefficient, which is one, is found within these."""

@@ -17,11 +17,11 @@ from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
-from gimbal_pin.log import Array, Log
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.platform import BaseMotion
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rows import Filtering
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.platform import BaseMotion
 
 
 class Counterfactual(NamedTuple):

@@ -8,8 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.audit import Audit, Fault, audit
-from gimbal_pin.calibration import rectified
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.band import usual
 from gimbal_pin.diagnosis.engine import Explained, explain
@@ -24,15 +22,17 @@ from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.diagnosis.swung import swung
 from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.diagnosis.turns import opened
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import moved, split, within
-from gimbal_pin.log import Log
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering, chosen
-from gimbal_pin.threads import one_thread
-from gimbal_pin.wiring import check_columns
+from gimbal_pin.estimation.audit import Audit, Fault, audit
+from gimbal_pin.estimation.channel_assignment import check_columns
+from gimbal_pin.estimation.identification import moved, split, within
+from gimbal_pin.estimation.rows import Filtering, chosen
+from gimbal_pin.log.calibration import rectified
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 
 LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""

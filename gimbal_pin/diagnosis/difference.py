@@ -10,11 +10,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from gimbal_pin.diagnosis.fit import Fit
-from gimbal_pin.identification import Identified, given_beta
-from gimbal_pin.log import Array
-from gimbal_pin.reduction import Reduction
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import over_phi
+from gimbal_pin.dynamics.reduction import Reduction
+from gimbal_pin.estimation.identification import Identified, given_beta
+from gimbal_pin.estimation.rows import over_phi
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 RANK = 1e-6
 """A direction that keeps less than this of the largest, once the others are projected out, is not shown by the rig."""

@@ -16,17 +16,14 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.noise import floor
+from gimbal_pin.dynamics.regressor import weight
 from gimbal_pin.effects import Sample, Signal
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import DataError
-from gimbal_pin.log import Array, Log
-from gimbal_pin.platform import Platform
-from gimbal_pin.regressor import weight
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import (
+from gimbal_pin.estimation.rows import (
     Channels,
     Filtering,
     Flags,
@@ -44,6 +41,9 @@ from gimbal_pin.rows import (
     stretches,
     thinning,
 )
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.rig import Rig
 
 BLOCKS = 40
 """Blocks of time that errors are counted by."""

@@ -10,13 +10,13 @@ import numpy as np
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.state import State, refitted, sized
+from gimbal_pin.dynamics.model import Estimated, Model, brakes
+from gimbal_pin.dynamics.reduction import units
+from gimbal_pin.dynamics.regressor import across, inertia
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.log import Array
-from gimbal_pin.model import Estimated, Model, brakes
-from gimbal_pin.reduction import units
-from gimbal_pin.regressor import across, inertia
+from gimbal_pin.log.log import Array
 
 
 @dataclass(frozen=True, eq=False)

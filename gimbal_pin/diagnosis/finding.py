@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
-from gimbal_pin.audit import Fault
 from gimbal_pin.diagnosis.engine.rivals import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
@@ -15,10 +14,11 @@ from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.digits import digits
 from gimbal_pin.effects import Cause
-from gimbal_pin.log import Motion
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
+from gimbal_pin.estimation.audit import Fault
+from gimbal_pin.log.log import Motion
 
 MEASURED = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""

@@ -22,7 +22,7 @@ from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import width
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import Cause
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.effects.parameter import Parameter
 
 BOOTSTRAPS = 200
 ROUGH = 0.5

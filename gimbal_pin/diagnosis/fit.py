@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 PASSES = 4
 LUCK = 0.5

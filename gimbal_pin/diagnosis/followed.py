@@ -7,15 +7,15 @@ from math import degrees, nan
 
 import numpy as np
 
+from gimbal_pin.control.tracking import Witness
+from gimbal_pin.control.trajectories import tour
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import massive
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.simulation import Controller, simulate
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model
-from gimbal_pin.simulation import Controller, simulate
-from gimbal_pin.tracking import Witness
-from gimbal_pin.trajectories import tour
-from gimbal_pin.tuning import tune
+from gimbal_pin.log.log import Array, Motion
 
 DT = 0.004
 """Sampling interval of the simulated controllers, s."""

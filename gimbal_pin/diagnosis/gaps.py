@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin import signals
 from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.dynamics.regressor import inertia, rnea
 from gimbal_pin.effects.loose import Loose
-from gimbal_pin.log import Array
-from gimbal_pin.regressor import inertia, rnea
-from gimbal_pin.rig import PHI, Rig
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import PHI, Rig
 
 STEP = 1e-3
 """Longest step of a flight, s: the landing is found within it."""

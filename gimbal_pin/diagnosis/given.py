@@ -9,10 +9,9 @@ import numpy as np
 
 from gimbal_pin.diagnosis.difference import Difference, Seen
 from gimbal_pin.diagnosis.engine.support import FORM
-from gimbal_pin.digits import digits
 from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide
-from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
+from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.log.log import Array
 
 SHOWN = 0.1
 """Standard deviation from which a log does not show a difference, as a share of what the payload has: of its mass, of

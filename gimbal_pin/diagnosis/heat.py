@@ -9,9 +9,9 @@ from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import filtered, torque_error
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model
-from gimbal_pin.rows import Filtering
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.log import Array, Log
 
 FULL = 0.1
 """Residual, as a share of the joint's torque rms, at which a joint is all red."""

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin import signals
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.extended import Extended
-from gimbal_pin.log import Array
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.rig import Rig
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 Figures = Mapping[str, Mapping[str, float]]
 """Name of a figure → joint → its value."""

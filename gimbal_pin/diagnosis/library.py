@@ -12,8 +12,8 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import State, near, sized
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
-from gimbal_pin.log import Array
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 TRIAL = 1e-3
 """Size of a rig's change in the library, rad."""

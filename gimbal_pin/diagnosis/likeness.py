@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.engine.support import without
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.effects import Cause
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,11 @@ from gimbal_pin.diagnosis.parting import NAMED, Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, width, without
 from gimbal_pin.diagnosis.uncertainty import tangent
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.estimation.rows import Channels
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Determinant
@@ -34,10 +37,7 @@ from gimbal_pin.excitation.design import CLEARANCE, COARSE, cleared
 from gimbal_pin.excitation.fourier import LONGEST, Series
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.excitation.problem import Problem as Limits
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model
-from gimbal_pin.rows import Channels
-from gimbal_pin.threads import one_thread
+from gimbal_pin.log.log import Array, Motion
 
 REPEATS, HARMONICS = (1, 2, 4, 8), 10
 """How often a series repeats, and its harmonics: in 20 s `excite`'s own, and by octaves up to 4 Hz, which a position

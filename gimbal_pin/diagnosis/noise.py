@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin import signals
-from gimbal_pin.log import Array, Log
-from gimbal_pin.rig import Rig
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 
 POSES = 64
 """Poses over which the mass matrix is averaged."""

@@ -11,10 +11,10 @@ from gimbal_pin.diagnosis.counterfactual import counterfactual
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.eccentricity import Eccentricity
-from gimbal_pin.log import Log
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rows import Filtering
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.eccentricity import Eccentricity
+from gimbal_pin.log.log import Log
 
 NAME = "encoder-offset"
 Encoders = Mapping[str, Mapping[str, Eccentricity]]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from gimbal_pin.diagnosis.engine.rivals import APART
-from gimbal_pin.digits import digits
-from gimbal_pin.log import Motion
+from gimbal_pin.errors import digits
+from gimbal_pin.log.log import Motion
 
 NAMED = 2 * APART
 """Standard deviations between two causes from which one is named: half of them is Vuong's z to be expected."""

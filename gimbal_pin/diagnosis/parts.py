@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part
-from gimbal_pin.rows import Filtering, Flags, dilated, mask, settling
+from gimbal_pin.estimation.rows import Filtering, Flags, dilated, mask, settling
 
 BLOCKS = 15
 """Blocks of a log, unless they would be shorter than `SHORTEST`."""

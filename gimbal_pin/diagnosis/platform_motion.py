@@ -13,11 +13,11 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.finding import MEASURED, Finding
 from gimbal_pin.diagnosis.heldout import Figures
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.log import Log
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.platform import LEANS, Platform
-from gimbal_pin.rig import GRAVITY, Rig
-from gimbal_pin.rows import Filtering
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.log import Log
+from gimbal_pin.log.platform import LEANS, Platform
+from gimbal_pin.rig.rig import GRAVITY, Rig
 
 COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
 

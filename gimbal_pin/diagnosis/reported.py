@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.audit import Audit
 from gimbal_pin.diagnosis.engine.criterion import criterion, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
@@ -25,11 +24,12 @@ from gimbal_pin.diagnosis.off_centre import joined
 from gimbal_pin.diagnosis.platform_motion import Ridden
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.diagnosis.untestable import untestable
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering
+from gimbal_pin.estimation.audit import Audit
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 
 
 def reported(

@@ -13,16 +13,16 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.swinging import swinging
+from gimbal_pin.dynamics.model import brakes, friction_effects
+from gimbal_pin.dynamics.reduction import Reduction
+from gimbal_pin.dynamics.regressor import across, inertia_columns, regressor
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.identification import given_beta
-from gimbal_pin.log import Array
-from gimbal_pin.model import brakes, friction_effects
-from gimbal_pin.reduction import Reduction
-from gimbal_pin.regressor import across, inertia_columns, regressor
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Flags, columns_of
+from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.estimation.rows import Flags, columns_of
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 SETTLED = 1e-4
 """Change of a torque, as a share, under which one that reads itself has settled."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.effects.signal import Signal
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 
 def swinging(

@@ -8,14 +8,14 @@ from math import isfinite
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.audit import Fault, stuck_channel
 from gimbal_pin.diagnosis.engine import Explained
-from gimbal_pin.digits import digits
 from gimbal_pin.effects import Signal
-from gimbal_pin.limited import MOSTLY, near_limit
-from gimbal_pin.log import Array, Log
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rig import Rig
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
+from gimbal_pin.estimation.audit import Fault, stuck_channel
+from gimbal_pin.log.limited import MOSTLY, near_limit
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 
 BEYOND = 0.5
 """Share of the torque's power beyond the band from which most of what a log holds is not looked at."""

@@ -20,8 +20,8 @@ from gimbal_pin.diagnosis.given import SURE, TOLD, given
 from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
-from gimbal_pin.identification import given_beta
-from gimbal_pin.log import Array
+from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.log.log import Array
 
 TRUSTED = "trusted"
 """What a rig's YAML says under `inertia` if differences from its URDF are findings."""

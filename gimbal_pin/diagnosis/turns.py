@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, fade
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.log import Array
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rows import Filtering, Flags, dilated, mask, memory, settling, slow
+from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.estimation.rows import Filtering, Flags, dilated, mask, memory, settling, slow
+from gimbal_pin.log.log import Array
 
 SMEAR = 2.0 / 3.0
 """``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners: to

@@ -11,8 +11,8 @@ from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 NUDGE = 0.02
 """Relative change of a shape parameter for its slope."""

@@ -13,11 +13,11 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
 from gimbal_pin.effects.geared import ROTOR_SHARE
 from gimbal_pin.effects.loose import Loose
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne, Memory
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 FINER = 16
 """Widths within a factor of two that are tried where the search has found a gap: a twentieth apart."""

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cos, sin
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 Turns = NDArray[np.complex128]
 Held = Any

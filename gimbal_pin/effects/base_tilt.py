@@ -11,12 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.rig_effect import RigEffect, with_model
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.platform import Platform
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.rig import Rig
 
 STEP = 1e-3
 """Angle by which a search turns it to see what torque it costs, rad, or rate, rad/s."""

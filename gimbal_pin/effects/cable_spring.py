@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cut, exp, larger, propagated
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 STATED = (
     Parameter("stiffness", nan, "N m/rad", 0.0, inf, meaning="torque per angle where it rests"),

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, TypeVar
 
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 C = TypeVar("C", bound="Cause")
 

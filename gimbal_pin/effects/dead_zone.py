@@ -11,10 +11,10 @@ import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, exp, size
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Flags, Static
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""

@@ -8,9 +8,9 @@ from math import nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
-from gimbal_pin.parameter import Parameter
 
 
 @dataclass(frozen=True)

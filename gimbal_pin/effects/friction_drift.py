@@ -11,9 +11,9 @@ from typing import ClassVar
 from gimbal_pin.effects.base import AMBIENT, Effect, Held, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 KELVIN = 10.0
 """Warming of the motor that the coefficients speak of where the log holds its temperature, K."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 Value = float | Array
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.signal import Signal
-from gimbal_pin.parameter import Parameter
 
 ROTOR_SHARE = Parameter(
     "rotor_share",

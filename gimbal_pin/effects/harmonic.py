@@ -13,9 +13,9 @@ import numpy as np
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cos, propagated, sin
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi, meaning="phase of the cosine at the joint's zero")
 

@@ -12,11 +12,11 @@ import numpy as np
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
 from gimbal_pin.effects.geared import ROTOR_SHARE
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Borne, Memory, Signal
 from gimbal_pin.effects.sprung import SHARE, Sprung
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 WITHIN = 1.2
 """Zero over band up to which the link is seen to swing."""

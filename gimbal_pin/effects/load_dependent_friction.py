@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import hypot
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 WEIGHS = Parameter(
     "weighs",

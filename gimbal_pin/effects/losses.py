@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from gimbal_pin.log import PAUSE, Array
+from gimbal_pin.log.log import PAUSE, Array
 
 STEP = 0.02
 """Time over which losses are averaged, s: of what warms over seconds nothing is lost."""

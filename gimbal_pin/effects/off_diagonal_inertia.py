@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rig import PHI, Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import PHI, Rig
 
 LINK = ("Ixy", "Ixz", "Iyz")
 """Products of the link itself."""

@@ -7,9 +7,9 @@ from math import isinf, isnan
 
 from gimbal_pin.effects import CAUSES, Cause, RigEffect, Signal, Term
 from gimbal_pin.effects.cause import bounds, within
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 
 
 def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:

@@ -10,11 +10,10 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.digits import digits
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.rig_effect import RigEffect, gyration, payload, placed, with_added
-from gimbal_pin.errors import UsageError
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rig import Rig
+from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.rig.rig import Rig
 
 CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 """Of a tetrahedron about the payload: from one of them a fit gets to a weight anywhere."""

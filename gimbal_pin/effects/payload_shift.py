@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, placed, shifted, slide, with_added
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from gimbal_pin.effects import ALWAYS, CAUSES, Cause, Effect, Term
 from gimbal_pin.errors import ModelError
-from gimbal_pin.records import placed, record, value
+from gimbal_pin.rig.records import placed, record, value
 
 
 def cause_from(data: Any) -> Cause:

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 from gimbal_pin.effects.base import Effect, Held, Sample, Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, exp, sign, size
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.parameter import Parameter
 
 REACH = tuple((2 * i + 1) / 8 for i in range(8))
 """Lengths of bristles in strokes: evenly between none and two, enough of them that a log tells no single one."""

@@ -10,9 +10,9 @@ from typing import ClassVar
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import size
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 POWERS = (2.0, 1.5, 1.75, 2.25, 2.5, 2.75, 3.0)
 """Powers that are looked for."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from gimbal_pin.effects.base import AMBIENT, Held, Sample, Term
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 Memory = tuple[Held, ...]
 sampled = partial(tuple.__new__, Sample)

@@ -10,11 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.effects.cause import Cause
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
-from gimbal_pin.platform import Platform
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True)

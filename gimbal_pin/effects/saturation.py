@@ -11,9 +11,9 @@ import numpy as np
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, size
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Static
-from gimbal_pin.parameter import Parameter
 
 SOFT = 2.0
 """Knee that a search starts from."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.effects.parameter import Parameter
 
 
 class Seen(NamedTuple):

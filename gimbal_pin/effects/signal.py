@@ -13,7 +13,7 @@ from scipy import fft
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 Flags = NDArray[np.bool_]
 Memory = tuple[float, ...]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.effects.geared import Geared
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 SHARE = 0.25
 """The rotor's share of a joint's inertia that is usual."""

@@ -10,9 +10,9 @@ from typing import ClassVar
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp, size
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 STROKE = 1e-4
 """Shortest stroke of bristles that is looked for as presliding, rad."""

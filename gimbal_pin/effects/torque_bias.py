@@ -8,9 +8,9 @@ from math import inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 
 @dataclass(frozen=True)

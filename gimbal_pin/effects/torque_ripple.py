@@ -9,9 +9,9 @@ from typing import ClassVar
 
 from gimbal_pin.effects.base import Sample
 from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.log import Array
-from gimbal_pin.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 
 @dataclass(frozen=True)

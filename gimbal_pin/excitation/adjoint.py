@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.log import Array, Motion
+from gimbal_pin.log.log import Array, Motion
 
 
 def cross_tensor() -> Array:

@@ -12,12 +12,12 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from gimbal_pin import urdf
 from gimbal_pin.errors import RigError
 from gimbal_pin.excitation.limits import Envelope
-from gimbal_pin.log import Array
-from gimbal_pin.meshes import find_meshes, stl
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.meshes import find_meshes, stl
+from gimbal_pin.rig.rig import Rig
 
 STATES = 100
 """States spread over the limits on which it is seen which pairs can come near each other."""

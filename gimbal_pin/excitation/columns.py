@@ -8,15 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
+from gimbal_pin.dynamics.model import friction_effects
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects import Effect, Sample
 from gimbal_pin.excitation.adjoint import Link, links, regressor_gradient
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.excitation.limits import Envelope
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import friction_effects
-from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import columns, regressor, rnea, weight
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.rig import Rig
 
 TINY = 1e-12
 """Rate, rad/s, under which a joint counts as still."""

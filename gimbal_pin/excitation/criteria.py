@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 
 class Criterion(Protocol):

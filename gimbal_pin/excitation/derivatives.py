@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.log import Array, Motion
+from gimbal_pin.log.log import Array, Motion
 
 STEP = 1e-5
 """Half width of the difference: exact to rounding for what is linear (friction), to 1e-10 for what is smooth."""

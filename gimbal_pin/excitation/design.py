@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance, Gap
@@ -19,10 +21,8 @@ from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope
 from gimbal_pin.excitation.problem import Problem
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.threads import one_thread
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.rig import Rig
 
 TOLERANCE = 3e-4
 """Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""

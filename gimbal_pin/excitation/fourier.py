@@ -9,7 +9,7 @@ from math import ceil, isfinite
 import numpy as np
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array, Motion
+from gimbal_pin.log.log import Array, Motion
 
 FASTEST, FEWEST = 0.5, 5
 """Frequency, Hz, that the highest harmonic reaches whatever the period, and the fewest harmonics of a short one."""

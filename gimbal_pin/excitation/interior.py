@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 FIRST_GAP, LAST_GAP, SHRINK = 6.0, 0.002, 0.65
 """Barrier's weight, all limits together, at first, at last, and from step to step; in units of ``|f'| |x|``. It starts

@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from gimbal_pin.effects import Effect
+from gimbal_pin.estimation.rows import CHUNK, Filtering, Stretch, smoothed, standstill, stretches
 from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Sequential
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import CHUNK, Filtering, Stretch, smoothed, standstill, stretches
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import Rig
 
 FINE = 100.0
 """Samples per second that are enough for the information of smoothed channels."""

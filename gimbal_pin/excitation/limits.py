@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gimbal_pin.dynamics.configurations import filling, pace, travel
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model
-from gimbal_pin.regressor import rnea
-from gimbal_pin.rig import Rig
-from gimbal_pin.states import filling, pace, travel
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.rig import Rig
 
 QUANTITIES = ("q", "dq", "ddq", "tau")
 

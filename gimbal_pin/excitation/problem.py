@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns, sliding
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import Envelope
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model
+from gimbal_pin.log.log import Array, Motion
 
 DENSE = 240
 """Samples per period of the highest harmonic on which the limits are checked afterwards."""

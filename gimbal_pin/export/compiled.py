@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.errors import ModelError
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.seen import Seen
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Reference
+from gimbal_pin.rig.rig import Rig
 
 MEND = "build it from what 'gimbal-pin export' wrote: cmake -S DIR -B DIR/build && cmake --build DIR/build"
 

@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.control import ComputedTorque, JointPid
-from gimbal_pin.control.base import Outer
-from gimbal_pin.control.carried import MOST, PAID, CarriedTorque
-from gimbal_pin.control.lyapunov import Robust
+from gimbal_pin.control.laws import ComputedTorque, JointPid
+from gimbal_pin.control.laws.base import Outer
+from gimbal_pin.control.laws.carried import MOST, PAID, CarriedTorque
+from gimbal_pin.control.laws.lyapunov import Robust
+from gimbal_pin.control.tuning import Stored
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
 from gimbal_pin.export.symbolic import Chain, checked, table, terms
-from gimbal_pin.log import Imu
+from gimbal_pin.log.log import Imu
 from gimbal_pin.pointing import guard
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, rehearsed
@@ -29,7 +30,6 @@ from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.seen import Station
 from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between
 from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.tuning import Stored
 
 SAME = (
     "gimbal_controller.h",
@@ -201,7 +201,7 @@ def about(stored: Stored) -> dict[str, Any]:
 
 def drives(stored: Stored) -> list[tuple[Any, float]]:
     """Return, per joint, what to command for a torque, and the motor's limit, N m; a PID compensates no drive."""
-    from gimbal_pin.control.computed_torque import passed
+    from gimbal_pin.control.laws.computed_torque import passed
 
     model = stored.model
     own = model.drives if isinstance(stored.law, ComputedTorque) else ((),) * model.rig.n

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Sample
 from gimbal_pin.errors import ModelError
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sight import gyros_between
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 
 if TYPE_CHECKING:
     import casadi

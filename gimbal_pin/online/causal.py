@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import lfilter, sosfilt, sosfilt_zi
 
-from gimbal_pin import signals
-from gimbal_pin.log import Array
+from gimbal_pin.dynamics.reduction import samples
+from gimbal_pin.estimation.rows import MEMORY, TAPER, Channels, Filtering, Rows, mask, settling, standstill
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array
 from gimbal_pin.online.grid import Frame
-from gimbal_pin.reduction import samples
-from gimbal_pin.rows import MEMORY, TAPER, Channels, Filtering, Rows, mask, settling, standstill
 
 SETTLING = 1.5
 """Time to skip after a start, in memories of the batch's filters: what runs forwards twice forgets later."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import chdtri, fdtri
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from gimbal_pin.online.recursive import LAGS, Known, tapered
 
 WINDOWS = (4, 8, 16)

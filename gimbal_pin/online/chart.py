@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gimbal_pin.errors import DataError
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from gimbal_pin.online.progress import Progress
 
 if TYPE_CHECKING:

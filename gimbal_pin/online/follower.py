@@ -9,10 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.dynamics.model import Model, friction_effects
+from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimators import Estimate
-from gimbal_pin.identification import (
+from gimbal_pin.estimation.channel_assignment import check_wiring
+from gimbal_pin.estimation.estimators import Estimate
+from gimbal_pin.estimation.identification import (
     DROWNED,
     Accuracy,
     Identified,
@@ -22,8 +25,9 @@ from gimbal_pin.identification import (
     check_sampling,
     to_model,
 )
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model, friction_effects
+from gimbal_pin.estimation.payloads import Carried, estimated
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, settling
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
 from gimbal_pin.online.change import WINDOWS
 from gimbal_pin.online.grid import FIRST, Grid, interval, next_frame
@@ -41,11 +45,7 @@ from gimbal_pin.online.learning import (
     values,
 )
 from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
-from gimbal_pin.payloads import Carried, estimated
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, Rows, settling
-from gimbal_pin.wiring import check_wiring
+from gimbal_pin.rig.rig import Rig
 
 
 class Memory(NamedTuple):

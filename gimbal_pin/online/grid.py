@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin import signals
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array, Log
 
 FIRST = 64
 """Samples whose intervals tell the sampling interval."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.errors import DataError
-from gimbal_pin.log import Array, Log
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.online.follower import Memory, Online
 from gimbal_pin.online.learning import Event, gathered
 

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.estimators import Estimate
-from gimbal_pin.estimators.weighted import reweighted
-from gimbal_pin.log import Array
-from gimbal_pin.rows import Block
+from gimbal_pin.estimation.estimators import Estimate
+from gimbal_pin.estimation.estimators.weighted import reweighted
+from gimbal_pin.estimation.rows import Block
+from gimbal_pin.log.log import Array
 
 LAGS = 8
 """Rows over which residuals may be correlated: four periods of the cutoff."""

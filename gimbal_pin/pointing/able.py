@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 
 REACHED = 1e-6
 """Error up to which an attitude is reached, rad."""

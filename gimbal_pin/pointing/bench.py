@@ -10,16 +10,16 @@ from math import radians
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.config import Noise
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.dynamics.imu import noisy
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Effect, Signal
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import facing, payload
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import identify
-from gimbal_pin.imu import noisy
-from gimbal_pin.log import Array, Imu, Log
-from gimbal_pin.model import Model
-from gimbal_pin.platform import Platform
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.log.log import Array, Imu, Log
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.contest import Course
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.roster import Roster
@@ -27,8 +27,8 @@ from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.pointing.trust import trusted
-from gimbal_pin.profile import profile_s
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.rig import Rig
 
 WANTED = attitude(radians(20.0), radians(25.0))
 """R_d = Rz(20°) Ry(25°)."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
-from gimbal_pin.controllers import BASELINE
+from gimbal_pin.control.controllers import BASELINE
 
 FRICTION = "friction"
 STEPS = (

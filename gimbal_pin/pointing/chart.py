@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gimbal_pin.controllers import BASELINE, ORACLE, OURS, TUNED
-from gimbal_pin.log import Array
+from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS, TUNED
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import cumulative, split

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.controllers import BASELINE, ORACLE, OURS
+from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS
+from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.effects import Signal
-from gimbal_pin.model import Model, friction_effects
-from gimbal_pin.platform import Platform
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.budget import Budget
 from gimbal_pin.pointing.events import summed
 from gimbal_pin.pointing.pointer import Holder

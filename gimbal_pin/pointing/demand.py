@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.control.uncertainty import inertia
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model
-from gimbal_pin.platform import Platform
+from gimbal_pin.control.laws.uncertainty import inertia
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.least import LONGEST, least
 from gimbal_pin.pointing.measures import SETTLING, split
 from gimbal_pin.pointing.sight import Sight

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_toeplitz
 
-from gimbal_pin.control.aim import Carried
-from gimbal_pin.control.base import Pid
-from gimbal_pin.log import Array
+from gimbal_pin.control.laws.aim import Carried
+from gimbal_pin.control.laws.base import Pid
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.spectrum import Spectrum
 
 TAPS = 128

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.measures import SLOW
 
 exp3, log3 = pin.exp3, pin.log3

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.seen import Seen
 
 NONE, KEPT = (0, 0, 0, 0, 0), (None, None, None, None, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 LONGEST = 600
 """Samples of the longest stretch that is worked out, in about a second."""

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.control import Bounds, JointPid, Margins, Pid, Robust, bounds
-from gimbal_pin.control.computed_torque import ComputedTorque
-from gimbal_pin.control.design import inner
-from gimbal_pin.control.equal import DAMPING, INTEGRAL, Equal, bandwidth, redesigned
-from gimbal_pin.control.observer import Observer, observed_margins
-from gimbal_pin.digits import digits
-from gimbal_pin.model import Model
+from gimbal_pin.control.laws import Bounds, JointPid, Margins, Pid, Robust, bounds
+from gimbal_pin.control.laws.computed_torque import ComputedTorque
+from gimbal_pin.control.laws.design import inner
+from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth, redesigned
+from gimbal_pin.control.laws.observer import Observer, observed_margins
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.errors import digits
 from gimbal_pin.pointing.measures import SLOW
 
 FALLEN = 0.5

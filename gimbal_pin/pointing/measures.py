@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 SLOW = 0.2
 """Corner between jitter and drift, Hz."""

@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.control.aim import Ahead, Aim, Carried
-from gimbal_pin.log import Array
+from gimbal_pin.control.laws.aim import Ahead, Aim, Carried
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast, Past
 from gimbal_pin.pointing.fusion import Fused, Fusion
 from gimbal_pin.pointing.seen import Seen

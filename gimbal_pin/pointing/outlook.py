@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.controllers import BASELINE, OURS, TUNED
-from gimbal_pin.log import Array
+from gimbal_pin.control.controllers import BASELINE, OURS, TUNED
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.contest import Contest, Row
 from gimbal_pin.pointing.measures import split
 from gimbal_pin.pointing.result import Pointing

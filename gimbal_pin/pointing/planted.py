@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.model import Model
 
 
 def cause_of(text: str, model: Model) -> Cause:

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gimbal_pin.control.aim import Law
-from gimbal_pin.control.base import Memory
-from gimbal_pin.control.pid import JointPid
-from gimbal_pin.log import Array
+from gimbal_pin.control.laws.aim import Law
+from gimbal_pin.control.laws.base import Memory
+from gimbal_pin.control.laws.pid import JointPid
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.guard import Guard, Watch
 from gimbal_pin.pointing.navigator import Fix, Known, Navigator
 from gimbal_pin.pointing.seen import Seen

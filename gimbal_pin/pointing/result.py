@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gimbal_pin.limited import at_limit
-from gimbal_pin.log import Array, frozen
+from gimbal_pin.log.limited import at_limit
+from gimbal_pin.log.log import Array, frozen
 from gimbal_pin.pointing.measures import SETTLING, jitter
 
 if TYPE_CHECKING:

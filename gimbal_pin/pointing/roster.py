@@ -8,15 +8,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gimbal_pin.config import Noise
-from gimbal_pin.control import ComputedTorque, JointPid, Margins, Pid
-from gimbal_pin.control.aim import Law
-from gimbal_pin.control.carried import CarriedTorque
-from gimbal_pin.control.uncertainty import inertia
-from gimbal_pin.controllers import COMPILED, HOLDING, ORACLE, OURS, TUNED
+from gimbal_pin.control.controllers import COMPILED, HOLDING, ORACLE, OURS, TUNED
+from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid
+from gimbal_pin.control.laws.aim import Law
+from gimbal_pin.control.laws.carried import CarriedTorque
+from gimbal_pin.control.laws.uncertainty import inertia
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast
 from gimbal_pin.pointing.fusion import Fusion
 from gimbal_pin.pointing.guard import Guard
@@ -25,8 +26,7 @@ from gimbal_pin.pointing.navigator import ErrorFrom, Navigator
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.reduction import reduce
-from gimbal_pin.regressor import columns
+from gimbal_pin.rig.config import Noise
 
 NAMES = tuple(HOLDING)
 """All controllers."""

@@ -10,18 +10,18 @@ import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.simulation import Drive, halved
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model
-from gimbal_pin.plant import Plant, State
-from gimbal_pin.platform import Platform
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.navigator import carried
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.seen import Seen, Station, rotations
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.simulation import Drive, halved
 
 
 class Sensed:

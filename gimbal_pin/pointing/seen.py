@@ -9,10 +9,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from gimbal_pin.config import Noise
-from gimbal_pin.control.aim import Carried
-from gimbal_pin.log import Array
-from gimbal_pin.rig import Rig
+from gimbal_pin.control.laws.aim import Carried
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.rig import Rig
 
 GYRO = np.deg2rad(0.005)
 """Noise density of the benchmark's gyros, rad/s/√Hz."""

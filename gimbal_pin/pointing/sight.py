@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.log import Array
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 # Looked up once, as they run several times a sample.
 LOCAL = pin.LOCAL

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.digits import digits
-from gimbal_pin.log import Array
+from gimbal_pin.errors import digits
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sight import Sight
 
 AXES = ("x, its line of sight", "y", "z")

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import welch
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log import Array, Imu
+from gimbal_pin.log.log import Array, Imu
 
 RESOLUTION = 0.5
 """Width of a frequency bin, Hz."""

@@ -8,10 +8,10 @@ from math import degrees, isnan
 
 import numpy as np
 
-from gimbal_pin.model import Model
+from gimbal_pin.control.tracking import Tracking, track
+from gimbal_pin.control.tuning import Law, tune
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.pointing.targets import Target
-from gimbal_pin.tracking import Tracking, track
-from gimbal_pin.tuning import Law, tune
 
 BANDWIDTH = 8.0
 """Of every law, Hz (CONTROL, "Steps")."""

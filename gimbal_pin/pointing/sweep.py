@@ -10,10 +10,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from gimbal_pin.control.carried import CarriedTorque
-from gimbal_pin.controllers import BASELINE, OURS
+from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.laws.carried import CarriedTorque
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
-from gimbal_pin.model import Model
 from gimbal_pin.pointing.contest import Course
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.roster import Roster

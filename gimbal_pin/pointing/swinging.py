@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import welch
 
-from gimbal_pin.log import Array
-from gimbal_pin.model import Model
-from gimbal_pin.platform import Platform
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.demand import RATE, Demand
 from gimbal_pin.pointing.result import Pointing
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import degrees
 
-from gimbal_pin.controllers import OURS
+from gimbal_pin.control.controllers import OURS
 from gimbal_pin.pointing.contest import Contest
 from gimbal_pin.pointing.sight import Sight
 

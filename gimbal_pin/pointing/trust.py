@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.control.uncertainty import base_columns, columns
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model
-from gimbal_pin.platform import Platform
+from gimbal_pin.control.laws.uncertainty import base_columns, columns
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.seen import rotations
 from gimbal_pin.pointing.sight import Sight
 

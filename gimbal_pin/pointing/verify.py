@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from gimbal_pin.control.aim import Law
-from gimbal_pin.control.loop import Margins, worst
-from gimbal_pin.controllers import BASELINE, COMPILED, TUNED
+from gimbal_pin.control.controllers import BASELINE, COMPILED, TUNED
+from gimbal_pin.control.laws.aim import Law
+from gimbal_pin.control.laws.loop import Margins, worst
+from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model, nominal
-from gimbal_pin.platform import Platform
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
 from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
@@ -35,9 +37,7 @@ from gimbal_pin.pointing.steps import step_targets, stepped
 from gimbal_pin.pointing.sweep import Sweep, sweep
 from gimbal_pin.pointing.targets import Target, targets
 from gimbal_pin.pointing.trust import drawn
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
-from gimbal_pin.tracking import Tracking
+from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)

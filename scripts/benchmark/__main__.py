@@ -14,7 +14,7 @@ import tyro
 
 from benchmark import diagnosing, excitation, memory, online, regression, simulation, size
 from benchmark.figure import Figure, line, summary
-from gimbal_pin.io.files import write_json
+from gimbal_pin.log.io.files import write_json
 
 
 def main(json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> None:

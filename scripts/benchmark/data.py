@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.excitation.fourier import Series
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
 PERIOD = 10.0

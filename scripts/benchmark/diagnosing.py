@@ -11,11 +11,11 @@ from benchmark.data import DT, noisy_log
 from benchmark.figure import Figure
 from benchmark.timing import wall_and_cpu
 from gimbal_pin.diagnosis import Diagnosis, diagnose
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import plant_with
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 
 SECONDS, RATE = 60.0, 500.0
 ROUNDS = 3

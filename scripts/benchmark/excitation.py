@@ -13,12 +13,12 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmark.figure import Figure
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.excitation import Columns, Condition, Envelope, Series, condition_number, excite
 from gimbal_pin.excitation.design import COARSE, FINE, TOLERANCE
 from gimbal_pin.excitation.problem import Problem
-from gimbal_pin.log import Array
-from gimbal_pin.model import nominal
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 SEEDS, STARTS, SECONDS, HARMONICS, MARGIN = 3, 5, 10.0, 5, 0.05
 RIGS = ("thesis", "handheld")

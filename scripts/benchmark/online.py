@@ -9,10 +9,10 @@ import numpy as np
 from benchmark.data import DT, noisy_log
 from benchmark.figure import Figure
 from benchmark.timing import alternating
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.log.log import Log
 from gimbal_pin.online import Memory, Online
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 
 SETTLED, MEASURED = 30_000, 10_000
 """Samples before, when everything is known and watched, and those that are timed."""

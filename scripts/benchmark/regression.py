@@ -14,12 +14,12 @@ import pinocchio as pin
 from benchmark.data import DT, exciting, noisy_log, repeated
 from benchmark.figure import Figure
 from benchmark.timing import alternating
-from gimbal_pin.estimators.base import factor, solve
-from gimbal_pin.log import Array, Motion
-from gimbal_pin.model import Model, friction_effects, nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import CHUNK, Block, Channels, Filtering, Rows
+from gimbal_pin.dynamics.model import Model, friction_effects, nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.estimation.estimators.base import factor, solve
+from gimbal_pin.estimation.rows import CHUNK, Block, Channels, Filtering, Rows
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.rig import Rig
 
 ROUNDS = {60_000: 11, 600_000: 3}
 """Number of samples → how often each way is timed."""

@@ -13,10 +13,13 @@ from lxml import etree
 from benchmark.data import DT, exciting
 from benchmark.figure import Figure
 from benchmark.timing import alternating, wall_and_cpu
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import Controller, Reference, Sensors, plant_with, simulate
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.model import Model, nominal
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.bench import WANTED, Shaken
 from gimbal_pin.pointing.contest import Course
 from gimbal_pin.pointing.result import Pointing
@@ -25,10 +28,7 @@ from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.profile import profile_s
-from gimbal_pin.rig import Rig
-from gimbal_pin.simulation import Controller, Reference, Sensors, plant_with, simulate
-from gimbal_pin.tuning import tune
+from gimbal_pin.rig.rig import Rig
 from tests.mujoco_peer import rigid_bodies
 
 ROUNDS = 9

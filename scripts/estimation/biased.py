@@ -13,16 +13,16 @@ import numpy as np
 
 from estimation.jobs import CORES, results
 from estimation.logs import drawn
-from gimbal_pin.estimators import hausman, idim, output_error, physical, weighted
-from gimbal_pin.estimators.idim import instruments
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import given_beta
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import nominal
-from gimbal_pin.reduction import reduce
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Filtering, Regression, kept
-from gimbal_pin.tuning import tune
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.estimation.estimators import hausman, idim, output_error, physical, weighted
+from gimbal_pin.estimation.estimators.idim import instruments
+from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, kept
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import rows_of
 
 EXACT = 40

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from estimation.jobs import CORES, results
+from gimbal_pin.control.experiment import bench_run
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import PayloadShift
-from gimbal_pin.experiment import bench_run
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Log
-from gimbal_pin.model import nominal
-from gimbal_pin.payloads import Carried, identify_new, stated
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from gimbal_pin.tuning import tune
+from gimbal_pin.estimation.identification import identify
+from gimbal_pin.estimation.payloads import Carried, identify_new, stated
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
+from gimbal_pin.rig.rig import Rig
 
 BARE = "none"
 DT = 2e-3

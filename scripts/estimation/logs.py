@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from gimbal_pin.experiment import perturbed
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model
-from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
-from gimbal_pin.simulation import Sensors
+from gimbal_pin.control.experiment import perturbed
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.simulation import Sensors
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
 

@@ -10,12 +10,12 @@ from tyro.conf import Positional
 
 from gimbal_pin import read_log
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.estimators import ESTIMATORS
-from gimbal_pin.identification import Accuracy, Identified, accuracy, identify
-from gimbal_pin.log import Log
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Filtering, Rows, kept
-from gimbal_pin.suspicion import Asked
+from gimbal_pin.estimation.estimators import ESTIMATORS
+from gimbal_pin.estimation.hausman_check import Asked
+from gimbal_pin.estimation.identification import Accuracy, Identified, accuracy, identify
+from gimbal_pin.estimation.rows import Filtering, Rows, kept
+from gimbal_pin.log.log import Log
+from gimbal_pin.rig.rig import Rig
 
 TRAIN, TESTS = "061157", ("055640", "060143")
 COLUMNS = ["t=time"] + [

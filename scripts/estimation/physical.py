@@ -13,15 +13,15 @@ from scipy.signal import lfilter
 
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
-from gimbal_pin.estimators import physical as physical_fit
-from gimbal_pin.estimators import weighted
-from gimbal_pin.estimators.colour import autocovariance, colour, series
-from gimbal_pin.identification import accuracy, identify
-from gimbal_pin.inertia import physical as can_exist
-from gimbal_pin.log import Array, Log
-from gimbal_pin.model import Model
-from gimbal_pin.rig import Rig
-from gimbal_pin.rows import Block, Regression, kept
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.estimation.estimators import physical as physical_fit
+from gimbal_pin.estimation.estimators import weighted
+from gimbal_pin.estimation.estimators.colour import autocovariance, colour, series
+from gimbal_pin.estimation.identification import accuracy, identify
+from gimbal_pin.estimation.rows import Block, Regression, kept
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.inertia import physical as can_exist
+from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, rows_of, true_theta
 from tests.rigs import taken_by_all
 

@@ -183,10 +183,10 @@ def extended(source: str, target: str) -> None:
     """Write an identified model with causes of every kind, as `diagnose` does."""
     from dataclasses import replace
 
+    from gimbal_pin.dynamics.simulation import plant_with
     from gimbal_pin.effects.parse import parse_effect
-    from gimbal_pin.io.model import read_model, write_extended
-    from gimbal_pin.rig import Rig
-    from gimbal_pin.simulation import plant_with
+    from gimbal_pin.estimation.model_file import read_model, write_extended
+    from gimbal_pin.rig.rig import Rig
 
     rig = Rig.load("pan.yaml")
     model = read_model(source, rig)

@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 from xml.etree import ElementTree
 
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig.rig import Rig
 
 Words = tuple[str, ...]
 

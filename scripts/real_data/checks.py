@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.io import read_log
-from gimbal_pin.rig import Rig
+from gimbal_pin.log.io import read_log
+from gimbal_pin.rig.rig import Rig
 from real_data.cases import TORQUE_CONSTANT, Case
 from real_data.running import Outcome
 from real_data.samples import errors

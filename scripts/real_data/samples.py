@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gimbal_pin.io import read_log
-from gimbal_pin.io.model import read_model
-from gimbal_pin.log import Array
-from gimbal_pin.regressor import regressor
-from gimbal_pin.rig import Rig
+from gimbal_pin.dynamics.regressor import regressor
+from gimbal_pin.estimation.model_file import read_model
+from gimbal_pin.log.io import read_log
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 from real_data.cases import Case
 
 SMOOTHING = 8.0

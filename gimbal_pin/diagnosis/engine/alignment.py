@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import Beside
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 EARLIEST, LATEST = -2e-2, 5e-3
 """Shifts that are the log's, s: currents are reported late, through filters of 10 Hz and above; angles, over buses of

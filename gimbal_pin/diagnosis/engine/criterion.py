@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.shapes import free
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 INSIDE, WIDTH = 0.75, 8
 """Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 FOLDS = 10
 """Parts of the blocks of which each is predicted from the others."""

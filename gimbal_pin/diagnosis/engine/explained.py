@@ -17,11 +17,11 @@ from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened_problem
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.reduction import Reduction
+from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import Cause, Signal
-from gimbal_pin.log import Array
-from gimbal_pin.reduction import Reduction
-from gimbal_pin.rig import Rig
-from gimbal_pin.threads import one_thread
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 STRUCTURED = 0.1
 """Share of what is left from which it has a structure: δ predicts less of noise, see `lack_of_fit`."""

@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
 from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened_problem, whitened
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 PASSES = 2
 """Rounds: the second ridge is fitted to rows that the first's spectrum has whitened."""

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.diagnosis.uncertainty import tangent
 from gimbal_pin.effects import Cause, Signal
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 
 def overfit(state: State) -> Array:

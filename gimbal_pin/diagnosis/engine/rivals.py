@@ -9,7 +9,7 @@ from gimbal_pin.diagnosis.engine.selection import MOST, Search, promising, toget
 from gimbal_pin.diagnosis.engine.support import fitted, unsupported, without
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 APART = 1.96
 """Deviations from which two models are told apart (Vuong, Econometrica 57, 1989; 95 %)."""

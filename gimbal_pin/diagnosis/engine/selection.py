@@ -18,7 +18,7 @@ from gimbal_pin.diagnosis.score import all_gained, gained
 from gimbal_pin.diagnosis.shapes import free, other_forms, refined, same
 from gimbal_pin.diagnosis.state import Problem, State, width
 from gimbal_pin.effects import Cause, Signal
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 BEAM = 2
 """Models that are carried on from step to step."""

@@ -12,8 +12,8 @@ from gimbal_pin.diagnosis.engine.criterion import WIDTH
 from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import Problem, State, acted, consistent, solved
 from gimbal_pin.effects import Cause, Effect, Signal
-from gimbal_pin.identification import given_beta
-from gimbal_pin.log import Array
+from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.log.log import Array
 
 FORM, OF_CAUSE = 0.005, 0.17
 """Plausible error of a form, as a share of its torque: of the rigid model, and of what only a cause explains."""

@@ -10,7 +10,7 @@ from scipy import fft
 
 from gimbal_pin.diagnosis.evidence import Evidence, Part, band_edge
 from gimbal_pin.diagnosis.state import Problem
-from gimbal_pin.log import Array
+from gimbal_pin.log.log import Array
 
 
 def flat(evidence: Evidence) -> Evidence:

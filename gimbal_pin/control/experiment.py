@@ -1,0 +1,96 @@
+"""A rig on the bench, simulated: an exciting motion under closed loop, as a log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
+from gimbal_pin.effects import Signal
+from gimbal_pin.excitation import excite
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.inertia import pseudo_inertia
+from gimbal_pin.rig.rig import Rig
+
+
+def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
+    """Return a motion that starts and ends in one pose, at rest, over and over for `seconds`, sampled every `dt` s."""
+    t = dt * np.arange(round(seconds / dt) + 1)
+    phase = t % motion.t[-1]
+    q, v, a = (np.column_stack([np.interp(phase, motion.t, x) for x in getattr(motion, name).T]) for name in "qva")
+    return Motion(t, q, v, a)
+
+
+def bench_run(
+    plant: Model,
+    controller: Controller | None = None,
+    *,
+    rng: np.random.Generator,
+    seconds: float = 60.0,
+    period: float = 10.0,
+    starts: int = 1,
+    torque_noise: float = 0.01,
+    encoder_bits: float | None = None,
+    delay: int = 1,
+    reference: Motion | None = None,
+    drive: Sequence[Signal] = (),
+    platform: Platform | None = None,
+    imus: Sequence[str] = (),
+    name: str = "simulated",
+) -> Log:
+    """Simulate an excitation experiment and return its log.
+
+    Args:
+        plant: The true rig.
+        controller: What moves it; None: computed torque of 4 Hz that knows the plant.
+        rng: Source of the excitation's starts and of the sensors' noise.
+        seconds: Length, s.
+        period: Length of the excitation that is repeated, s.
+        starts: Random starts of the excitation's design.
+        torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
+        encoder_bits: Resolution of the encoders; None: the rig's own.
+        delay: Samples between measurement and torque.
+        reference: The motion instead of a designed one.
+        drive: Signal causes between command and torque, as `plant_with` returns them.
+        platform: Motion of the base, see `simulate`; None: it stands.
+        imus: Links whose IMU is in the log.
+        name: Name of the log.
+    """
+    mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
+    dt, rig = mover.dt, plant.rig
+    if reference is None:
+        design = excite(rig, seconds=period, starts=starts, rng=rng, torque_model=plant, dt=dt)
+        reference = repeated(design.motion, seconds, dt)
+    sensors = replace(Sensors.of(rig, dt), imus=tuple(imus))
+    if encoder_bits is not None:
+        sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
+    log = simulate(
+        plant, mover, reference, rng=rng, sensors=sensors, delay=delay, drive=drive, platform=platform, name=name
+    )
+    tau = np.asarray(log.tau)
+    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    return replace(log, tau=tau + noise)
+
+
+def perturbed(rig: Rig, spread: float, rng: np.random.Generator) -> Model:
+    """Return a nominal model whose bodies differ from the URDF's by about `spread`, all of them still physical.
+
+    ``P' = (1 + E) P (1 + E)ᵀ`` of every pseudo-inertia, E uniform in ± `spread`/2 except for its last row: masses
+    stay, first moments and inertias change. Friction changes by up to ± 3 `spread`.
+    """
+    phi = [changed(body, spread, rng) for body in np.reshape(rig.phi, (-1, 10))]
+    friction = rig.friction * (1 + 3 * spread * rng.uniform(-1, 1, rig.friction.shape))
+    return nominal(replace(rig, friction=friction).with_phi(np.concatenate(phi)))
+
+
+def changed(phi: Array, spread: float, rng: np.random.Generator) -> Array:
+    """Return one body's parameters under a random congruence of its pseudo-inertia."""
+    E = np.eye(4)
+    E[:3, :3] += spread / 2 * rng.uniform(-1, 1, (3, 3))
+    return np.array(pin.PseudoInertia.FromMatrix(E @ pseudo_inertia(phi) @ E.T).toDynamicParameters())

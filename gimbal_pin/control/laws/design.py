@@ -1,0 +1,198 @@
+"""From wishes to gains: how much bandwidth the delay leaves, and how much gain the boundary layer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+
+import numpy as np
+
+from gimbal_pin.control.laws.base import Pid
+from gimbal_pin.control.laws.loop import Margins, margins, smallest_disk, worst
+from gimbal_pin.control.laws.lyapunov import Robust, lyapunov, stiffened
+from gimbal_pin.control.laws.uncertainty import VARIED, Bounds, home, inertia, poses
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.effects import Signal
+from gimbal_pin.errors import UsageError
+from gimbal_pin.rig.rig import Rig
+
+KINDS = ("computed-torque", "pid")
+SMALLEST_GAIN, LARGEST_GAIN = 0.1, 100.0
+"""Of the boundary layer: a thicker one does nothing, a thinner one is a relay."""
+
+BANDWIDTH = 8.0
+"""Of the error's dynamics where neither a bandwidth nor a disk margin is asked for, Hz."""
+DISK = 0.5
+"""Smallest disk margin accepted where none is asked for; the bandwidth gives way to it."""
+LAYERED = 0.4
+"""Share of the bandwidth that Lyapunov redesign leaves to the linear loop, before its layer takes up the rest."""
+BRAKES = 0.7
+"""Share of a motor's spare torque that an approach from far away counts on: the rest corrects."""
+
+FASTEST, SLOWEST = 1e-6, 1.0
+"""Sampling intervals, s: a megahertz is beyond any drive's current loop; what moves in a second no loop holds."""
+LATEST = 50
+"""Largest delay, in samples."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of `tune`.
+
+    Attributes:
+        bandwidth_hz: Natural frequency of the error's dynamics, Hz: one for all joints, or joint → Hz. None: the
+            highest that keeps `disk_margin`, or 8 Hz where that is None too.
+        damping: Their damping ζ.
+        delay: Time from measurement to torque, s, at most; the hold of the torque comes on top.
+        dt: Sampling interval, s.
+        kind: "computed-torque" or "pid".
+        integral: Speed of the integral action in shares of the bandwidth; 0: none.
+        disk_margin: Disk margin that every joint's loop keeps; the bandwidth gives way to it. None: 0.5.
+        robust: True adds Lyapunov redesign (computed torque only).
+    """
+
+    bandwidth_hz: float | Mapping[str, float] | None = None
+    damping: float = 1.0
+    delay: float = 0.001
+    dt: float = 0.001
+    kind: str = "computed-torque"
+    integral: float = 0.2
+    disk_margin: float | None = None
+    robust: bool = False
+
+    @property
+    def samples(self) -> int:
+        """Samples from measurement to torque that `delay` is, at least one."""
+        return max(1, round(self.delay / self.dt))
+
+    def __post_init__(self) -> None:
+        """Refuse what no loop can be made of."""
+        if self.kind not in KINDS:
+            raise UsageError("kind", f"is '{self.kind}'", f"use {' or '.join(KINDS)}")
+        if self.robust and self.kind == "pid":
+            raise UsageError("robust", "needs a model that it could be wrong about", "use kind='computed-torque'")
+        positive("damping", self.damping)
+        if not FASTEST <= self.dt <= SLOWEST:
+            raise UsageError("dt", f"is {self.dt:g} s", f"give {FASTEST:g} to {SLOWEST:g}")
+        if not 0 <= self.delay <= LATEST * self.dt:
+            mend = f"give 0 to {LATEST * self.dt:g}: a gimbal cannot be held with more"
+            raise UsageError("delay", f"is {self.delay:g} s", mend)
+        if not (isfinite(self.integral) and self.integral >= 0):
+            raise UsageError("integral", f"is {self.integral}", "give a number that is not negative")
+        if not 0 < self.disk < 2:
+            raise UsageError("disk_margin", f"is {self.disk:g}", "a disk margin lies between 0 and 2")
+
+    @property
+    def disk(self) -> float:
+        """Smallest disk margin accepted."""
+        return DISK if self.disk_margin is None else self.disk_margin
+
+    def kept(self, margin: float) -> bool:
+        """Whether a disk margin is as large as asked for, but for rounding: what was once reported can be asked for."""
+        return margin >= self.disk * (1 - 1e-9)
+
+    def per_joint(self, rig: Rig) -> tuple[float, ...]:
+        """Return the wanted bandwidth of each joint, Hz; infinite: the highest that keeps the disk margin."""
+        wanted = self.bandwidth_hz
+        if wanted is None:
+            return (BANDWIDTH if self.disk_margin is None else inf,) * rig.n
+        if not isinstance(wanted, Mapping):
+            return (positive("bandwidth_hz", wanted),) * rig.n
+        for joint in wanted:
+            rig.joint_index(joint)
+        missing = [joint for joint in rig.joints if joint not in wanted]
+        if missing:
+            raise UsageError("bandwidth_hz", f"has no entry for {', '.join(missing)}", "give all, or one number")
+        return tuple(positive(f"bandwidth_hz of {joint}", wanted[joint]) for joint in rig.joints)
+
+    def gains(self, hz: float) -> Pid:
+        """The outer loop of a bandwidth, Hz."""
+        return Pid.placed(hz, self.damping, self.integral)
+
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """The delays that a loop must bear, s: no margin may come from being late.
+
+        Less than half a sample of delay weakens a sampled loop at half the sampling rate, where a fast one ends.
+        """
+        return (0.0, self.delay) if 0 < self.delay < self.dt / 2 else (self.delay,)
+
+    def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,), drive: tuple[Signal, ...] = ()) -> Margins:
+        """Return the worst margins of an outer loop over the plant's gains `ratios`, with the drive's signals in it."""
+        return worst([margins(gains, self.dt, late, ratio, drive) for late in self.delays for ratio in ratios])
+
+    def smallest(self, gains: Pid, ratios: Sequence[float], drive: tuple[Signal, ...]) -> float:
+        """Return the disk margin of `margins` alone, which is quicker."""
+        return min(smallest_disk(gains, self.dt, late, tuple(ratios), drive) for late in self.delays)
+
+
+def positive(name: str, value: float) -> float:
+    """Return `value`, or raise `UsageError` if it is not a positive number."""
+    if not (isfinite(value) and value > 0):
+        raise UsageError(name, f"is {value}", "give a positive number")
+    return float(value)
+
+
+def seen_inertia(model: Model, kind: str) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+    """Return each joint's inertia at home, kg m², and nominal over true inertia: lowest, one, highest over the poses.
+
+    Computed torque divides the inertia out: its ratio is one at any pose.
+    """
+    nominal = np.diagonal(inertia(model, home(model.rig)[None])[0])
+    if kind != "pid":
+        return tuple(nominal.tolist()), ((1.0,),) * model.rig.n
+    ratios = nominal / np.diagonal(inertia(model, poses(model.rig, VARIED)[0]), axis1=1, axis2=2)
+    ends = zip(ratios.min(axis=0).round(6).tolist(), ratios.max(axis=0).round(6).tolist())
+    return tuple(nominal.tolist()), tuple(tuple(sorted({low, 1.0, high})) for low, high in ends)
+
+
+def braking(model: Model) -> tuple[float, ...]:
+    """Deceleration that each motor surely has, rad/s²: `BRAKES` of what gravity and friction leave at the worst pose.
+
+    No bound for a motor without a limit, or one that cannot even hold its load at some pose.
+    """
+    q = poses(model.rig)[0]
+    zero = np.zeros_like(q)
+    load = np.abs(model.inverse(q, zero, zero, slide=zero)) + model.level(q, zero, zero, zero)
+    spare = (model.tau_max - load) / np.diagonal(inertia(model, q), axis1=1, axis2=2)
+    worst_pose = spare.min(axis=0)
+    return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
+
+
+def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the largest value between `low`, which is enough, and `high`, which is not, to half a per cent."""
+    while high - low > 5e-3 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if enough(middle) else (low, middle)
+    return low
+
+
+def layered(
+    gains: tuple[Pid, ...],
+    known: Bounds,
+    wish: Wish,
+    ratios: Sequence[Sequence[float]],
+    between: Sequence[tuple[Signal, ...]],
+) -> Robust | None:
+    """Return Lyapunov redesign with the thinnest boundary layer whose gain leaves the disk margin wished for.
+
+    None where the outer loop has used up the margin already.
+    """
+    law = Robust(lyapunov(gains), known, 1.0)
+
+    def enough(gain: float) -> bool:
+        loops = zip(inner(gains, replace(law, gain=gain)), ratios, between)
+        return all(wish.kept(wish.smallest(*loop)) for loop in loops)
+
+    high = SMALLEST_GAIN
+    while enough(high) and high < LARGEST_GAIN:
+        high *= 2
+    return replace(law, gain=bisected(enough, high / 2, high)) if high > SMALLEST_GAIN else None
+
+
+def inner(gains: tuple[Pid, ...], law: Robust | None) -> tuple[Pid, ...]:
+    """The gains that small errors see: the boundary layer's on top."""
+    if law is None:
+        return gains
+    return tuple(stiffened(pid, row, law.gain) for pid, row in zip(gains, law.rows))

@@ -1,0 +1,142 @@
+"""Why the gains are what they are, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+
+from gimbal_pin.control.laws.design import LAYERED, Wish
+from gimbal_pin.control.laws.drawn import DRAWS, LARGEST, Ratios
+from gimbal_pin.control.laws.loop import Margins
+from gimbal_pin.control.laws.lyapunov import Robust
+from gimbal_pin.control.laws.uncertainty import Bounds
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.effects import ALWAYS, Signal
+from gimbal_pin.errors import digits
+
+UNSAFE_ALPHA = 0.5
+"""Model errors from which on the inverted model does as much harm as good."""
+
+
+def grouped(joints: Sequence[str], sentences: Sequence[str]) -> list[str]:
+    """Put the joints before their sentences, those that share one together."""
+    owners: dict[str, list[str]] = {}
+    for joint, sentence in zip(joints, sentences):
+        owners.setdefault(sentence, []).append(joint)
+    return [f"{', '.join(names)}: {sentence}" for sentence, names in owners.items()]
+
+
+def about_loops(
+    model: Model, wish: Wish, granted: Sequence[float], found: Sequence[Margins], least: Sequence[Margins] | None
+) -> list[str]:
+    """Say why the bandwidths and gains are what they are; `least`: the worst margins of all draws, if any."""
+    joints, rows = model.rig.joints, zip(wish.per_joint(model.rig), granted, found, model.drives)
+    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows])
+    if least is not None:
+        reasons += grouped(joints, [about_draws(margins, wish) for margins in least])
+    return [*reasons, about_gains(wish), *about_compensation(model, wish.kind)]
+
+
+def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, drive: Sequence[Signal] = ()) -> str:
+    """Say what was granted, and what it leaves; `drive`: what stands between command and torque."""
+    margins = (
+        f"phase margin {found.phase_margin_deg:.0f}°, gain margin {found.gain_margin_db:.1f} dB, "
+        f"disk margin {found.disk_margin:.2f}, delay margin {1e3 * found.delay_margin:.1f} ms"
+    )
+    if granted == wanted:
+        return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}"
+    late = f"with {digits(1e3 * (wish.delay + wish.dt / 2))} ms of delay and hold"
+    late += "".join(f", and the drive's {name}" for name in dict.fromkeys(s.name for s in drive if s.linear))
+    if not isfinite(wanted):
+        share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
+        why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
+        return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}"
+    why = f"{digits(wanted)} Hz would leave a disk margin under {wish.disk:g} {late}"
+    return f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}"
+
+
+def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tuple[str, ...]:
+    """Say which loops nobody should close: those whose inertia may as well be half of what is believed, or less.
+
+    Args:
+        joints: Joint names.
+        over: Gains of the plant over what the law believes, of all draws.
+        least: The worst margins of all draws.
+    """
+    most = [max(ratios) for ratios in over]
+    rows = [(j, m, own) for j, m, own in zip(joints, most, least) if m >= 1 / (1 - UNSAFE_ALPHA)]
+    said = [
+        f"not to be run: the logs leave its inertia open, its loop's gain may be {times(m)} what is believed and cross "
+        f"at {digits(own.crossover_hz)} Hz; identify it better first (gimbal-pin excite designs a motion)"
+        for _, m, own in rows
+    ]
+    return tuple(grouped([joint for joint, _, _ in rows], said))
+
+
+def times(gain: float) -> str:
+    """How many times a gain another one is; beyond those looked at it has no bound."""
+    return "any number of times" if gain >= LARGEST * (1 - 1e-9) else f"{digits(gain, 2)} times"
+
+
+def about_gains(wish: Wish) -> str:
+    """Say what each gain is made of."""
+    if wish.integral == 0:
+        shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}"
+        return f"kp = ω², kd = 2 ζ ω with {shape}: the error's poles are s² + 2 ζ ω s + ω²"
+    poles = "(s² + 2 ζ ω s + ω²)(s + γ ω)"
+    shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}, γ = {wish.integral:g}"
+    return f"kp = (1 + 2 ζ γ) ω², ki = γ ω³, kd = (2 ζ + γ) ω with {shape}: the error's poles are {poles}"
+
+
+def about_draws(found: Margins, wish: Wish) -> str:
+    """Say what the worst of the drawn models leaves."""
+    if found.disk_margin == 0:
+        return f"the worst of {DRAWS} models drawn from the covariance makes the loop unstable: identify it better"
+    worst = (
+        f"the worst of {DRAWS} models drawn from the covariance has disk margin {found.disk_margin:.2f}, "
+        f"phase margin {found.phase_margin_deg:.0f}°, crossover {digits(found.crossover_hz)} Hz"
+    )
+    less = f", and no bandwidth would leave {wish.disk:g}: identify it better"
+    return worst + ("" if wish.kept(found.disk_margin) else less)
+
+
+def about_compensation(model: Model, kind: str) -> list[str]:
+    """Say what of the model, beside its inertias and plain friction, the control law makes up for; one line at most."""
+    always = {cause.name for cause in ALWAYS}
+    terms = [f"{t.effect.name} at {t.effect.joint}" for t in model.terms if t.effect.name not in always]
+    drive = [f"{signal.name} at {signal.joint}" for signal in model.drive]
+    if kind == "pid":
+        return [f"the margins include {', '.join(dict.fromkeys(drive))}"] if drive else []
+    found = [*terms, *drive, *(f"{change.name} at {change.place}" for change in model.changes)]
+    return [f"compensated: {', '.join(dict.fromkeys(found))}"] if found else []
+
+
+def about_inertia(nominal: float, ratios: Sequence[float]) -> str:
+    """Say how the inertia changes with the pose under a PID."""
+    low, high = nominal / max(ratios), nominal / min(ratios)
+    return (
+        f"the inertia goes from {digits(low)} to {digits(high)} kg m² with the pose; the margins are the worst of them"
+    )
+
+
+def about_model(known: Bounds) -> str:
+    """Say how far the model may be off, and when PID is safer."""
+    sizes = f"α = {digits(known.alpha, 2)} in inertia and {digits(known.phi, 2)} N m otherwise"
+    off = f"the model may be off by {sizes} ({known.source})"
+    if known.alpha >= UNSAFE_ALPHA:
+        return f"{off}: a PID is safer (tune --kind pid) until it is identified better"
+    if known.cross_model > known.cross_pid:
+        why = f"{digits(known.cross_model, 2)} rad/s² per rad/s², {digits(known.cross_pid, 2)} with PID"
+        return f"{off}: one joint may move another more than without a model ({why}): a PID is safer (tune --kind pid)"
+    return off
+
+
+def about_layer(law: Robust | None) -> str:
+    """Say what Lyapunov redesign adds, or why it cannot."""
+    if law is None:
+        return "no Lyapunov redesign: the outer loop leaves no margin for its boundary layer; ask for less bandwidth"
+    at_rest = law.size([0.0], [0.0])
+    return (
+        f"Lyapunov redesign: up to {digits(at_rest, 2)} rad/s² at rest, gain {digits(law.gain, 2)} within a boundary "
+        f"layer of {digits(at_rest / law.gain, 2)} rad/s²; the margins include it"
+    )

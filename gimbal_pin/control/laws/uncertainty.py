@@ -1,0 +1,178 @@
+"""How wrong the inverted model may be: α and Φ of Lyapunov redesign, from the estimated covariance."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.dynamics.model import Estimated, Model
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import regressor, rnea
+from gimbal_pin.effects import Sample
+from gimbal_pin.estimation.rows import columns_of
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import MOTIONS, Platform
+from gimbal_pin.rig.rig import Rig
+
+POSES = 40
+VARIED = 200
+"""Poses over which an inertia that a PID takes as constant is looked at."""
+SETS = 100
+STATED_ALPHA = 0.1
+"""‖I - D⁻¹ D̂‖ of a model that was never identified: inertias from a drawing, 10 % off."""
+STATED_PHI = 0.1
+"""Share of gravity, Coriolis and friction torque by which such a model is off."""
+RATE = 2.0
+"""Largest joint rate looked at where the rig states no limit, rad/s."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds on the model error ``q̈ - y = (D⁻¹ D̂ - I) y + D⁻¹ ñ``.
+
+    Attributes:
+        alpha: ‖I - D⁻¹ D̂‖ ≤ α.
+        phi: ‖ñ‖ ≤ Φ, error of gravity, Coriolis and friction torque, N m.
+        inverse: ‖D⁻¹‖ ≤ B_M, 1/(kg m²).
+        cross_model: Acceleration that one joint's acceleration causes at another through the model's error, at most.
+        cross_pid: The same for joint PID, which ignores the coupling altogether.
+        source: Where the bounds come from, as a sentence.
+    """
+
+    alpha: float
+    phi: float
+    inverse: float
+    cross_model: float
+    cross_pid: float
+    source: str
+
+
+def poses(rig: Rig, count: int = POSES) -> tuple[Array, Array]:
+    """Angles and rates that fill the rig's limits evenly and always alike, (count, n) each; the first is home, at rest.
+
+    A Kronecker sequence, like the reduction's: what is derived from it depends on the rig alone.
+    """
+    unit = np.outer(np.arange(count), np.sqrt(primes(2 * rig.n))) % 1.0
+    lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
+    upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])
+    top = np.array([min(limit.velocity, RATE) for limit in rig.limits])
+    q = lower + (upper - lower) * unit[:, : rig.n]
+    v = top * (2 * unit[:, rig.n :] - 1)
+    q[0], v[0] = home(rig), 0.0
+    return q, v
+
+
+def home(rig: Rig) -> Array:
+    """All angles zero, or as near to it as the limits let, rad, (n,)."""
+    return np.array([min(max(0.0, limit.lower), limit.upper) for limit in rig.limits])
+
+
+def primes(count: int) -> Array:
+    """The first few prime numbers, (count,)."""
+    found: list[int] = []
+    k = 2
+    while len(found) < count:
+        if all(k % p for p in found):
+            found.append(k)
+        k += 1
+    return np.array(found)
+
+
+def inertia(model: Model, q: Array) -> Array:
+    """``D(q)``, (N, n, n), with what the terms add to its diagonal (a rotor's inertia)."""
+    rig, data = model.rig, model.rig.model.createData()
+    out = np.empty((len(q), rig.n, rig.n))
+    for row, angles in zip(out, q):
+        upper = np.triu(pin.crba(rig.model, data, angles))
+        row[...] = upper + np.triu(upper, 1).T
+    zero = np.zeros_like(q)
+    extra = model.passive(q, zero, zero + 1.0, zero, zero) - model.passive(q, zero, zero, zero, zero)
+    return out + extra[:, :, None] * np.eye(rig.n)
+
+
+def bounds(model: Model, rng: np.random.Generator) -> Bounds:
+    """Return the bounds over poses and rates within the limits.
+
+    A model with a covariance is compared with parameter sets drawn from it: α and Φ are what 95 % of the sets do not
+    exceed at any pose. One without (or with that of another rig's parameters) gets the stated defaults.
+    """
+    q, v = poses(model.rig)
+    D = inertia(model, q)
+    largest = float(1 / np.linalg.eigvalsh(D)[:, 0].min())
+    places = None if model.estimated is None else base_columns(model, model.estimated)
+    if model.estimated is None or places is None:
+        return stated(model, q, v, D, largest)
+    deviation = model.estimated.covariance
+    draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh", check_valid="ignore")
+    alpha, phi, cross = (float(np.quantile(values, 0.95)) for values in sampled(model, places, q, v, D, draws))
+    source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
+    return Bounds(alpha, phi, largest, cross, ignored(D), source)
+
+
+def stated(model: Model, q: Array, v: Array, D: Array, largest: float) -> Bounds:
+    """Bounds by the stated shares, for a model that was never identified."""
+    load = np.linalg.norm(model.inverse(q, v, np.zeros_like(q)), axis=1).max()
+    shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
+    source = f"no covariance of its parameters: {shares} assumed"
+    cross = STATED_ALPHA * ignored(D)
+    return Bounds(STATED_ALPHA, float(STATED_PHI * load), largest, cross, ignored(D), source)
+
+
+def ignored(D: Array) -> float:
+    """``max |D_ij / D_ii|`` off the diagonal: what joint PID leaves of one joint's acceleration at another."""
+    return float(off_diagonal(D / np.diagonal(D, axis1=1, axis2=2)[:, :, None]).max())
+
+
+def off_diagonal(M: Array) -> Array:
+    """Largest entry off each matrix's diagonal, (N, n, n) → (N,); 0 for a single joint."""
+    return np.asarray(np.abs(M * (1 - np.eye(M.shape[-1]))).max(axis=(1, 2)))
+
+
+def sampled(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array, Array]:
+    """α, Φ and the cross-acceleration of each drawn parameter set, (sets,) each: the largest over the poses."""
+    rest, push = columns(model, places, q, v, np.zeros_like(q)), pushes(model, places, q, v)
+    eye = np.eye(q.shape[1])
+    errors = []
+    for draw in draws:
+        true = D + push @ draw
+        wrong = np.linalg.solve(true, D) - eye
+        alpha = np.linalg.norm(wrong, ord=2, axis=(1, 2)).max()
+        errors.append((alpha, np.linalg.norm(rest @ draw, axis=1).max(), off_diagonal(wrong).max()))
+    alpha, phi, cross = np.array(errors).T
+    return alpha, phi, cross
+
+
+def pushes(model: Model, places: Array, q: Array, v: Array) -> Array:
+    """``∂D(q)/∂θ``, (N, n, n, k): what one unit of each estimated parameter adds to the inertia matrix."""
+    zero = np.zeros_like(q)
+    rest = columns(model, places, q, v, zero)
+    return np.stack([columns(model, places, q, v, zero + row) - rest for row in np.eye(q.shape[1])], axis=2)
+
+
+def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
+    """Torque per unit of each estimated parameter, (N, n, k): base columns, then the terms' own bases."""
+    rig = model.rig
+    tau, parts = rnea(rig, q, v, a, platform), [regressor(rig, q, v, a, platform)[:, :, places]]
+    weight = model.weight(q, platform)
+    for term in model.terms:
+        j = rig.joint_index(term.effect.joint)
+        own = (x[:, j] for x in (q, v, a, np.sign(v), tau))
+        at = Sample(np.zeros(len(q)), *own)._replace(weight=weight[:, j])
+        part = np.zeros((*q.shape, len(term.values)))
+        for k, basis in enumerate(term.effect.basis(at)):
+            part[:, j, k] = basis
+        parts.append(part)
+    return np.concatenate(parts, axis=2)
+
+
+def base_columns(model: Model, known: Estimated) -> Array | None:
+    """Places in `Rig.phi` of the estimated base parameters; None if the estimate is not of this rig and these terms."""
+    width = len(known.names) - sum(len(term.values) for term in model.terms)
+    for diagonal, base in itertools.product((False, True), MOTIONS):
+        reduction = reduce(model.rig, diagonal, base)
+        if reduction.base_names == tuple(known.names[:width]):
+            return columns_of(model.rig, reduction)
+    return None

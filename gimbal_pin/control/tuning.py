@@ -1,0 +1,304 @@
+"""Gains from a wanted bandwidth or disk margin, with the margins of the sampled, delayed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, dataclass, fields
+from functools import cached_property
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
+from gimbal_pin.control.laws.bandwidth import granted
+from gimbal_pin.control.laws.design import Wish, braking, inner, layered, seen_inertia
+from gimbal_pin.control.laws.drawn import DRAWS, Ratios, drawn, widened
+from gimbal_pin.control.laws.lyapunov import lyapunov
+from gimbal_pin.control.laws.reasons import about_inertia, about_layer, about_loops, about_model, doubts, grouped
+from gimbal_pin.dynamics.model import Model, model_from, plain_model
+from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.rig.records import LARGEST, bounded, placed, record
+from gimbal_pin.rig.rig import Rig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Law = ComputedTorque | JointPid
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """The answer of `tune`: gains, their margins, and why they are what they are.
+
+    Attributes:
+        model: The model it was made for.
+        wish: What was asked.
+        bandwidth_hz: What was granted, Hz, (n).
+        gains: Outer loop, one per joint, in acceleration.
+        inertia: Inertia at each joint at home, kg m², (n); a PID's gains are multiplied by it.
+        braking: Deceleration that each motor surely has, rad/s², (n): beyond it the outer loop is no longer linear.
+        margins: One per joint: the worst over the poses within the limits, the boundary layer's gain included.
+        worst: The same, the worst of `draws` models drawn from the covariance included.
+        draws: How many were drawn; 0: the model has no covariance, and `worst` is `margins`.
+        ratios: Gains of the plant over what the law believes that `worst` is of, one tuple per joint.
+        robust: Lyapunov redesign, or None.
+        reasons: Sentences.
+        doubts: Which joints' loops should not be closed, and why; in sentences.
+    """
+
+    model: Model
+    wish: Wish
+    bandwidth_hz: tuple[float, ...]
+    gains: tuple[Pid, ...]
+    inertia: tuple[float, ...]
+    braking: tuple[float, ...]
+    margins: tuple[Margins, ...]
+    worst: tuple[Margins, ...]
+    draws: int
+    ratios: Ratios
+    robust: Robust | None
+    reasons: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+
+    @cached_property
+    def controller(self) -> Law:
+        """The control law, ready for `simulate`."""
+        return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
+
+    def __repr__(self) -> str:
+        """A line per joint: gains, bandwidth and margins; `text.tuning` has the table."""
+        rig = self.model.rig
+        rows = zip(rig.joints, self.gains, self.bandwidth_hz, self.margins)
+        each = (
+            f"{joint}: kp {pid.kp:.4g}, ki {pid.ki:.4g}, kd {pid.kd:.4g}; bandwidth {hz:.3g} Hz, margins: phase "
+            f"{found.phase_margin_deg:.3g}°, gain {found.gain_margin_db:.3g} dB, disk {found.disk_margin:.3g}"
+            for joint, pid, hz, found in rows
+        )
+        return "\n".join([f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *self.reasons])
+
+    def with_(self, **changes: Any) -> Tuning:
+        """Tune again with some wishes changed: ``tuning.with_(bandwidth_hz=12)``."""
+        known = [f.name for f in fields(Wish)]
+        for name in changes:
+            if name not in known:
+                raise UsageError("with_", f"knows no '{name}'", f"change {', '.join(known)}")
+        return tune(self.model, **{**vars(self.wish), **changes})
+
+    def plot(self) -> Figure:
+        """Return a figure of every joint's loop: Bode, Nyquist, and the answer to a disturbance."""
+        from gimbal_pin.control.laws.chart import chart
+
+        joints, drives, wish = self.model.rig.joints, self.model.drives, self.wish
+        return chart(joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON and YAML hold (CONTRACT, `tune`); `controller_from` reads it back.
+
+        Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind: times `inertia` they are N m/rad and so on.
+        `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null, and
+        so is `worst_of_draws` where the model has no covariance.
+        """
+        rig, wish, law = self.model.rig, self.wish, self.robust
+        rows = zip(rig.joints, self.gains, self.margins, self.worst, self.bandwidth_hz, self.inertia, self.braking)
+        wanted = wish.bandwidth_hz
+        return {
+            "schema": 1,
+            "controller": wish.kind,
+            "rig": rig.name,
+            "payload": rig.payload,
+            "joints": {
+                joint: {
+                    **pid._asdict(),
+                    **finite({**asdict(found), "bandwidth_hz": hz, "inertia": moment, "braking": deceleration}),
+                    "worst_of_draws": finite(asdict(least)) if self.draws else None,
+                }
+                for joint, pid, found, least, hz, moment, deceleration in rows
+            },
+            "draws": self.draws,
+            "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
+            "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
+            "reasons": list(self.reasons),
+            "doubts": list(self.doubts),
+            "model": plain_model(self.model),
+        }
+
+
+@one_thread()
+def tune(
+    model: Model,
+    *,
+    bandwidth_hz: float | Mapping[str, float] | None = None,
+    damping: float = 1.0,
+    delay: float = 0.001,
+    dt: float = 0.001,
+    kind: str = "computed-torque",
+    integral: float = 0.2,
+    disk_margin: float | None = None,
+    robust: bool = False,
+) -> Tuning:
+    """Place the error's poles, ``(s² + 2 ζ ω s + ω²)(s + γ ω)``, and check the margins of the sampled, delayed loop.
+
+    Asked for a disk margin, it finds each joint's highest bandwidth that keeps it; asked for a bandwidth, it lowers
+    that until the disk margin is kept, and says so. Both hold for the worst of `DRAWS` models drawn from the
+    covariance, the drive's lags and delays included.
+
+        model = identify(rig, logs).model
+        tuning = tune(model, disk_margin=1.0, delay=0.001)
+        log = simulate(model, tuning.controller, reference, rng=rng)
+
+    Args:
+        model: The model to invert; a PID takes only its inertias.
+        bandwidth_hz: ω/2π, Hz: one for all joints, or joint → Hz. The loop's gain is one at about 2 ζ times that.
+            None: the highest that keeps `disk_margin`, or 8 Hz where that is None too.
+        damping: ζ.
+        delay: Time from measurement to torque, s, without the hold; it need not be whole samples.
+        dt: Sampling interval, s.
+        kind: "computed-torque" or "pid".
+        integral: γ; 0: no integral action.
+        disk_margin: Balanced disk margin (0 … 2) that every joint's loop keeps. None: 0.5, and for the believed model
+            alone where no bandwidth keeps that for all drawn ones.
+        robust: True adds Lyapunov redesign, its boundary layer as thin as the disk margin lets it be.
+
+    Raises:
+        UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
+            that no bandwidth keeps, α ≥ 1.
+    """
+    wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk_margin, robust)
+    nominal, believed = seen_inertia(model, kind)
+    over = drawn(model, kind, np.random.default_rng(0))
+    ratios, drives = widened(believed, over), model.drives
+    rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
+    hertz, kept = zip(*granted(wish, rows))
+    gains = tuple(wish.gains(hz) for hz in hertz)
+    known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
+    law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
+    found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
+    reasons = about_loops(model, wish, hertz, found, least if over is not None else None)
+    if known is None:
+        reasons += grouped(model.rig.joints, [about_inertia(*row) for row in zip(nominal, believed)])
+    else:
+        reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
+    draws, brakes = 0 if over is None else DRAWS, braking(model)
+    unsure = () if over is None else doubts(model.rig.joints, over, least)
+    return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons), unsure)
+
+
+def law_of(
+    wish: Wish,
+    model: Model,
+    gains: tuple[Pid, ...],
+    inertia: tuple[float, ...],
+    brakes: tuple[float, ...],
+    robust: Robust | None,
+) -> Law:
+    """Return the control law of a kind."""
+    if wish.kind == "pid":
+        return JointPid(gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes)
+    lead = wish.delay + wish.dt / 2
+    return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What `Tuning.to_dict` writes of a joint, as far as its law needs it; see there."""
+
+    kp: float = bounded(MISSING, 1e-6, 1e10)  # from a millihertz to 16 kHz
+    ki: float = bounded(MISSING, 0.0, 1e16)
+    kd: float = bounded(MISSING, 1e-6, 1e6)
+    inertia: float = bounded(MISSING, 1e-12, LARGEST)
+    braking: float | None = bounded(MISSING, 1e-9, LARGEST)
+    bandwidth_hz: float | None = bounded(None, 1e-9, LARGEST)
+
+
+@dataclass(frozen=True)
+class Layer:
+    """The same of Lyapunov redesign."""
+
+    gain: float
+    alpha: float
+    phi: float = bounded(MISSING, 0.0, LARGEST)
+    inverse: float = bounded(MISSING, 0.0, LARGEST)
+    cross_model: float = bounded(MISSING, 0.0, LARGEST)
+    cross_pid: float = bounded(MISSING, 0.0, LARGEST)
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Filed:
+    """The same of all."""
+
+    controller: str
+    joints: Mapping[str, Any]
+    wish: Wish
+    robust: Layer | None
+    model: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A controller from a file.
+
+    Attributes:
+        law: The control law.
+        model: The model that it was made for.
+        wish: What was asked.
+        bandwidth_hz: Joint → what was granted, Hz, or None where the file does not say.
+    """
+
+    law: Law
+    model: Model
+    wish: Wish
+    bandwidth_hz: Mapping[str, float | None]
+
+
+def controller_from(data: Any, rig: Rig, place: str = "controller") -> Law:
+    """Return the control law that `Tuning.to_dict` wrote; see `stored`."""
+    return stored(data, rig, place).law
+
+
+def stored(data: Any, rig: Rig, place: str) -> Stored:
+    """Return the controller that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
+
+    Raises:
+        ModelError: A key is missing or holds the wrong kind of value, the joints are not the rig's, or a loop that
+            they close is unstable even with an exact model.
+    """
+    if not isinstance(data, dict) or data.get("wish") is None:
+        raise ModelError(place, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
+    with placed(place, ModelError):
+        filed = record(Filed, data, place, ModelError, others=True)
+        if set(filed.joints) != set(rig.joints):
+            what = f"is for the joints {', '.join(filed.joints)}"
+            raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
+        wish = filed.wish
+        if filed.controller != wish.kind:
+            what = f"is '{filed.controller}', and the wish is for {wish.kind}"
+            raise ModelError(f"{place}: controller", what, "write it with 'gimbal-pin tune'")
+        wish.per_joint(rig)
+        rows = [record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
+        gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
+        for joint, pid in zip(rig.joints, gains):
+            # Routh's bound of s³ + kd s² + kp s + ki, and a damping ratio, each with a margin that Lyapunov's needs.
+            if not (pid.ki <= 0.99 * pid.kp * pid.kd and pid.kd**2 >= 1e-6 * pid.kp):
+                mend = "give kp kd well above ki, and kd well above a thousandth of √kp"
+                raise ModelError(f"{place}: joints.{joint}", "has unstable gains", mend)
+        inertia = tuple(row.inertia for row in rows)
+        brakes = tuple(inf if row.braking is None else row.braking for row in rows)
+        model = model_from(filed.model, rig, f"{place}: model")
+        law = law_of(wish, model, gains, inertia, brakes, redesign(filed.robust, gains))
+        return Stored(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
+
+
+def redesign(layer: Layer | None, gains: tuple[Pid, ...]) -> Robust | None:
+    """Return the Lyapunov redesign of a controller file."""
+    if layer is None:
+        return None
+    rest = {key: x for key, x in vars(layer).items() if key != "gain"}
+    return Robust(lyapunov(gains), Bounds(**rest), layer.gain)
+
+
+def finite(values: Mapping[str, float]) -> dict[str, float | None]:
+    """Return the values with null for what JSON cannot say."""
+    return {key: value if isfinite(value) else None for key, value in values.items()}

@@ -1,0 +1,39 @@
+"""A diagnosis as files: its JSON, and the extended model that `tune`, `track` and `simulate` read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+from gimbal_pin.diagnosis import Diagnosis
+from gimbal_pin.estimation.model_file import write_extended
+from gimbal_pin.log.io import write_motion
+from gimbal_pin.log.io.files import atomic_write, write_json, write_run
+
+FILES = {
+    "diagnosis": "diagnosis.json",
+    "extended model": "extended.yaml",
+    "next experiment": "next_experiment.csv",
+    "report": "report.html",
+}
+"""What `write_diagnosis` writes → the file's name. The next experiment is the motion that parts what is ambiguous."""
+
+
+def write_diagnosis(
+    found: Diagnosis, folder: str | Path, page: str, run: Mapping[str, object] | None = None
+) -> tuple[Mapping[str, Path], tuple[str, ...]]:
+    """Write a diagnosis, its report `page` and what else there is of `FILES`; `run` is for `write_run`.
+
+    Returns:
+        What → path, and the notes of `write_run`.
+    """
+    writers: dict[str, Callable[[Path], object]] = {
+        "diagnosis": partial(write_json, found.to_dict()),
+        "extended model": partial(write_extended, found.after.model),
+        "report": partial(atomic_write, content=page),
+    }
+    if found.planned is not None and found.planned.motion is not None:
+        writers["next experiment"] = partial(write_motion, found.planned.motion, found.planned.joints)
+    notes = write_run(folder, {FILES[what]: write for what, write in writers.items()}, run or {})
+    return {what: Path(folder) / FILES[what] for what in writers}, notes

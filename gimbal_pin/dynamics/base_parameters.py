@@ -1,0 +1,75 @@
+"""What the joint torques of a rig can show: base parameters with friction counted in (THESIS 4.33 and its table)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gimbal_pin.dynamics.model import friction_effects
+from gimbal_pin.dynamics.reduction import Reduction, reduce, written
+from gimbal_pin.log.platform import MOTIONS, BaseMotion
+from gimbal_pin.rig.rig import Rig
+
+
+@dataclass(frozen=True)
+class Base:
+    """The result of `base`.
+
+    Attributes:
+        rig: The rig's name.
+        parameters: Number of inertial and friction parameters.
+        terms: Per base parameter, the parameters that it sums and their factors.
+        unidentifiable: Parameters without any trace in the torques.
+        moving: Motion of the base → the base parameters that it adds to those of a base that stands upright.
+    """
+
+    rig: str
+    parameters: int
+    terms: tuple[Mapping[str, float], ...]
+    unidentifiable: tuple[str, ...]
+    moving: Mapping[BaseMotion, tuple[Mapping[str, float], ...]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The base parameters, written as sums."""
+        return tuple(written(terms) for terms in self.terms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds (CONTRACT, `base`)."""
+        return {
+            "schema": 1,
+            "rig": self.rig,
+            "parameters": self.parameters,
+            "identifiable": len(self.terms),
+            "unidentifiable": list(self.unidentifiable),
+            "base": named(self.terms),
+            "moving_base": {
+                motion: {"identifiable": len(self.terms) + len(added), "adds": named(added)}
+                for motion, added in self.moving.items()
+            },
+        }
+
+
+def named(terms: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+    """Return base parameters with their names, as JSON holds them."""
+    return [{"name": written(one), "terms": dict(one)} for one in terms]
+
+
+def base(rig: Rig, diagonal: bool = False) -> Base:
+    """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis."""
+    reduction = reduce(rig, diagonal)
+    moving = {motion: added(reduction, reduce(rig, diagonal, motion)) for motion in MOTIONS[1:]}
+    friction = [f"{effect.joint}.{c.name}" for effect in friction_effects(rig.joints) for c in effect.coefficients]
+    return Base(
+        rig=rig.name,
+        parameters=len(reduction.names) + len(friction),
+        terms=(*reduction.terms, *({name: 1.0} for name in friction)),
+        unidentifiable=reduction.unidentifiable,
+        moving=moving,
+    )
+
+
+def added(fixed: Reduction, moving: Reduction) -> tuple[Mapping[str, float], ...]:
+    """Return the base parameters that a motion of the base adds: each is led by a column that was not there before."""
+    return tuple(terms for j, terms in zip(moving.independent, moving.terms) if j not in fixed.independent)

@@ -1,0 +1,297 @@
+"""A rig with inertial parameters and effects: the one model that fit, simulation and control share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.dynamics.reduction import samples
+from gimbal_pin.dynamics.regressor import rnea, weight
+from gimbal_pin.effects import ALWAYS, Armature, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
+from gimbal_pin.effects.base import AMBIENT
+from gimbal_pin.effects.losses import Losses
+from gimbal_pin.effects.plain import cause_from, term_from
+from gimbal_pin.errors import ModelError
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.records import placed, record
+from gimbal_pin.rig.rig import Rig
+
+ITERATIONS = 50
+"""Most passes for terms that depend on the total torque; three do where they are linear in it."""
+SETTLED = 1e-10
+"""Change of the torque at which they stop, N m."""
+
+
+POSES = 64
+"""At which the inertia of a model from a file is looked at, spread evenly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """What identification knows of the parameters, for those who want the uncertainty.
+
+    Attributes:
+        names: Names of the base parameters and effect coefficients (k).
+        units: Their SI units (k).
+        theta: Their values (k).
+        covariance: Their covariance (k, k).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    theta: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (k)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """``tau = rnea(q, v, a; phi) + sum of terms`` (THESIS 3.70).
+
+    Attributes:
+        rig: The rig; its Pinocchio model carries the inertial parameters in force.
+        terms: Effects with their coefficients; friction is among them.
+        estimated: Where the parameters were identified, with what uncertainty; None for a nominal model.
+        drive: What stands between the torque that is commanded and the one that acts, in the order it is passed.
+        changes: What sets the rig apart from its URDF beside its inertial parameters; `rig` holds it already.
+    """
+
+    rig: Rig
+    terms: tuple[Term, ...]
+    estimated: Estimated | None = None
+    drive: tuple[Signal, ...] = ()
+    changes: tuple[RigEffect, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line: whose it is, where its parameters come from, and what it has beside bodies and plain friction."""
+        plain = {kind.name for kind in ALWAYS}
+        causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)
+        beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
+        known = "as stated" if self.estimated is None else f"{len(self.estimated.names)} parameters identified"
+        return ", ".join([f"model of {self.rig.title}: {known}", *beside])
+
+    @cached_property
+    def tau_max(self) -> Array:
+        """Largest torque of each motor, N m, (n,): the rig's own, or less where a drive gives no more."""
+        lowest = self.rig.tau_max.copy()
+        for signal in self.drive:
+            j = self.rig.joint_index(signal.joint)
+            lowest[j] = min(lowest[j], signal.largest)
+        return lowest
+
+    @cached_property
+    def drives(self) -> tuple[tuple[Signal, ...], ...]:
+        """The signals of each joint's drive, (n)."""
+        return tuple(tuple(signal for signal in self.drive if signal.joint == joint) for joint in self.rig.joints)
+
+    def late(self, dt: float) -> tuple[float, ...]:
+        """Time by which each drive acts late, s, (n): the sum of its signals'; `dt` is the sampling interval, s."""
+        return tuple(sum((signal.late(dt) for signal in own), 0.0) for own in self.drives)
+
+    @cached_property
+    def by_joint(self) -> tuple[tuple[Term, ...], ...]:
+        """The terms that act on each joint, (n)."""
+        return tuple(tuple(term for term in self.terms if term.effect.joint == joint) for joint in self.rig.joints)
+
+    @cached_property
+    def armature(self) -> Array:
+        """Inertia that the terms add for each joint's own motor, kg m², (n,): their torque per acceleration."""
+        still, moving = (Sample(0.0, 0.0, 0.0, a, 0.0, 0.0) for a in (0.0, 1.0))
+        per_joint = [sum(t.torque(moving) - t.torque(still) for t in terms) for terms in self.by_joint]
+        return np.array(per_joint, dtype=np.float64)
+
+    @cached_property
+    def loaded(self) -> bool:
+        """Whether a term depends on the total torque."""
+        return any(term.effect.loaded for term in self.terms)
+
+    @cached_property
+    def weighed(self) -> bool:
+        """Whether a term may read what the rig asks for at rest."""
+        return any(term.effect.weighed for term in self.terms)
+
+    def weight(self, q: Array, platform: Platform | None = None) -> Array:
+        """Torque that the rig asks for at rest, N m, (N, n); zero where no term reads it."""
+        return weight(self.rig, q, platform) if self.weighed else np.zeros_like(q)
+
+    def carried(self, t: Array, platform: Platform | None = None) -> Platform | None:
+        """Motion of the base at the times t, s, (N,), where what it stands on moves as `platform`; None: it stands."""
+        for change in self.changes:
+            platform = change.carried(t, platform)
+        return platform
+
+    def inverse(
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        slide: Array | None = None,
+        t: Array | None = None,
+        temperature: Array | None = None,
+        platform: Platform | None = None,
+        losses: Sequence[Losses] | None = None,
+    ) -> Array:
+        """Torque that moves the rig as given, N m: ``tau = rnea(q, v, a) + passive(tau)``, iterated where it must be.
+
+        Args:
+            q: Angles, rad, (N, n), of consecutive samples where a term has a memory.
+            v: Rates, rad/s, (N, n).
+            a: Accelerations, rad/s², (N, n).
+            slide: Direction of sliding in [-1, 1], (N, n); sign(v) if None.
+            t: Time, s, (N,); zero if None.
+            temperature: Motor temperatures, °C, (N, n); ambient if None.
+            platform: Motion of the base at the same samples; None: it stands upright.
+            losses: What each motor turned into heat, (n); None: nobody knows.
+        """
+        direction = np.sign(v) if slide is None else slide
+        carrier = platform if t is None else self.carried(t, platform)
+        rigid, weight = rnea(self.rig, q, v, a, carrier), self.weight(q, carrier)
+
+        def total(tau: Array) -> Array:
+            return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses, weight)
+
+        return consistent(total, rigid) if self.loaded else total(rigid)
+
+    def passive(
+        self,
+        q: Array,
+        v: Array,
+        a: Array,
+        slide: Array,
+        tau: Array,
+        t: Array | None = None,
+        temperature: Array | None = None,
+        losses: Sequence[Losses] | None = None,
+        weight: Array | None = None,
+    ) -> Array:
+        """Torque of all terms, N m, (N, n); `tau` is the total torque, which load-dependent terms see.
+
+        `weight`: what of it the rig asks for at rest, N m, (N, n); None: on a base that stands.
+        """
+        out = np.zeros_like(q)
+        pull = self.weight(q) if weight is None else weight
+        times = np.zeros(len(q)) if t is None else t
+        warm = np.full_like(q, AMBIENT) if temperature is None else temperature
+        for j, terms in enumerate(self.by_joint):
+            own = (x[:, j] for x in (q, v, a, slide, tau, warm))
+            heat = None if losses is None else losses[j]
+            at = Sample(times, *own)._replace(weight=pull[:, j], losses=heat)
+            for term in terms:
+                out[:, j] += term.torque(at)
+        return out
+
+    def level(
+        self, q: Array, v: Array, a: Array, tau: Array, t: Array | None = None, slide: Array | None = None
+    ) -> Array:
+        """Dry friction that each joint can bear, N m, (N, n), against a torque in the direction `slide`, ±1.
+
+        It is positive in both directions; without `slide` it is that of the positive one.
+        """
+        way = np.ones_like(q) if slide is None else slide
+        dry = Model(self.rig, tuple(term for term in self.terms if term.effect.dry))
+        return way * (dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t))
+
+
+def consistent(total: Callable[[Array], Array], start: Array) -> Array:
+    """Solve ``tau = total(tau)``, entry by entry, by the secant method: exact at once where it is linear in tau."""
+    x, y = start, total(start)
+    rest = y - x
+    for _ in range(ITERATIONS):
+        rest_y = total(y) - y
+        if np.abs(rest_y).max(initial=0.0) < SETTLED:
+            break
+        change = rest_y - rest
+        slope = np.divide(change, y - x, out=-np.ones_like(x), where=np.abs(y - x) > 1e-12)
+        x, y, rest = y, y - rest_y / np.where(slope < -1e-3, slope, -1.0), rest_y
+    return y
+
+
+def plain_model(model: Model) -> dict[str, Any]:
+    """Return it as plain data, as YAML holds it, without its uncertainty; `model_from` reads it back."""
+    return {
+        "phi": model.rig.phi.tolist(),
+        "terms": [term.to_dict() for term in model.terms],
+        "drive": [signal.to_dict() for signal in model.drive],
+        "changes": [change.to_dict() for change in model.changes],
+    }
+
+
+@dataclass(frozen=True)
+class Filed:
+    """What `plain_model` writes of a model: inertial parameters, and its terms, drive and changes as plain data."""
+
+    phi: tuple[float, ...]
+    terms: tuple[Any, ...]
+    drive: tuple[Any, ...] = ()
+    changes: tuple[Any, ...] = ()
+
+
+def model_from(data: Any, rig: Rig, place: str = "model") -> Model:
+    """Return the model that `plain_model` wrote, on a rig as its URDF states it; `place` is the file.
+
+    Raises:
+        ModelError: Something is missing, is of the wrong kind, or no rig can have it.
+    """
+    filed = record(Filed, data, place, ModelError, others=True)
+    with placed(place, ModelError):
+        causes = [cause_from(entry) for entry in (*filed.drive, *filed.changes)]
+        terms = tuple(map(term_from, filed.terms))
+        drive = tuple(cause for cause in causes if isinstance(cause, Signal))
+        changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
+        if len(drive) + len(changes) < len(causes):
+            mend = "write it with 'gimbal-pin diagnose'"
+            raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
+        for cause in (*drive, *(term.effect for term in terms)):
+            rig.joint_index(cause.place)
+        rig = with_bodies(rig, np.array(filed.phi))
+        for change in changes:
+            phi, rig = rig.phi, change.apply(rig)
+            rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
+        return Model(rig, terms, drive=drive, changes=changes)
+
+
+def with_bodies(rig: Rig, phi: Array) -> Rig:
+    """Return the rig with inertial parameters from a file, (10 n,).
+
+    Bodies need not be physical one by one, as only sums of them show; but no rig moves without inertia.
+
+    Raises:
+        ModelError: They are of another number of joints, or the inertia is not positive definite at some pose.
+    """
+    if len(phi) != 10 * rig.n:
+        raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
+    out = rig.with_phi(phi)
+    data = out.model.createData()
+    upper = [pin.crba(out.model, data, q) for q in samples(rig, POSES)[0]]
+    if not np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0:
+        raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
+    return out
+
+
+def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
+    """Coulomb and viscous friction of every joint: always part of the model (THESIS 3.61)."""
+    return tuple(kind(joint) for joint in joints for kind in (Coulomb, Viscous))
+
+
+def brakes(effect: Effect) -> bool:
+    """Whether a torque is friction that brakes the motor whatever it drives: viscous, or dry and not of a load."""
+    return isinstance(effect, Viscous) or (effect.dry and not effect.loaded)
+
+
+def nominal(rig: Rig) -> Model:
+    """Return the model as the rig's URDF states it, friction from ``<dynamics>``, rotors from the motors."""
+    terms = []
+    for joint, (dry, viscous), motor in zip(rig.joints, rig.friction, rig.motors):
+        terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
+        terms += [Term(Armature(joint), (motor.armature,))] * (motor.armature > 0)
+    return Model(rig, tuple(terms))

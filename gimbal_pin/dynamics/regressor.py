@@ -1,0 +1,119 @@
+"""``tau = Y(q, v, a) phi``: Pinocchio's joint-torque regressor, and RNEA, over whole trajectories on any base."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.rig import PHI, Rig
+
+SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
+"""A body's inertial parameters in the order in which the reduction scans them (THESIS, "Base parameters")."""
+
+DIAGONAL = ("Ixx", "Iyy", "Izz", "mx", "my", "mz")
+"""The parameters of a body whose inertia is assumed diagonal, as in the thesis; concentric axes never show its mass."""
+
+TOGETHER = 128
+"""Samples whose columns are picked at once: few enough to stay in the cache, where they were just written."""
+
+
+def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
+    """Return the scanned parameters' names, ``link.symbol``, base to tip, and their places in `Rig.phi`, (p,)."""
+    symbols = DIAGONAL if diagonal else SCAN
+    names = tuple(f"{link}.{symbol}" for link in rig.links for symbol in symbols)
+    places = [10 * body + PHI.index(symbol) for body in range(rig.n) for symbol in symbols]
+    return names, np.array(places)
+
+
+def regressor(
+    rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None, places: Array | None = None
+) -> Array:
+    """``Y`` with ``rnea(q, v, a) = Y phi``, every sample in full; call it chunk by chunk on long trajectories.
+
+    Args:
+        rig: The rig (its inertial parameters do not matter).
+        q: Angles, rad, (N, n).
+        v: Rates, rad/s, (N, n).
+        a: Accelerations, rad/s², (N, n).
+        platform: Motion of the base at the same N samples; None: it stands upright.
+        places: Entries of `Rig.phi` whose columns are wanted, (p,); None: all.
+
+    Returns:
+        Torque per unit of each entry of `Rig.phi`, (N, n, 10 n), or of those in `places`, (N, n, p).
+    """
+    model, states = posed(rig, q, v, a, platform)
+    data, base = model.createData(), model.nv - rig.n
+    chosen = np.arange(10 * rig.n) if places is None else places.astype(np.intp)
+    out = np.empty((len(q), rig.n, len(chosen)))
+    compute, few = pin.computeJointTorqueRegressor, np.empty((TOGETHER, rig.n, 10 * rig.n))
+    for begin in range(0, len(q), TOGETHER):
+        samples = zip(few, *(x[begin : begin + TOGETHER] for x in states))
+        if base:
+            for row, angles, rates, accelerations in samples:
+                row[...] = compute(model, data, angles, rates, accelerations)[base:, 10:]
+        else:
+            for row, angles, rates, accelerations in samples:
+                row[...] = compute(model, data, angles, rates, accelerations)
+        part = out[begin : begin + TOGETHER]
+        part[...] = few[: len(part)].take(chosen, axis=2)
+    return out
+
+
+def weight(rig: Rig, q: Array, platform: Platform | None = None) -> Array:
+    """``G(q)``: `rnea` at rest, N m, (N, n); on a platform that moves with what that asks of joints that stand."""
+    still = np.zeros_like(q)
+    return rnea(rig, q, still, still, platform)
+
+
+def inertia(rig: Rig, q: Array, joint: int) -> Array:
+    """``M_j(q)``: torque at every joint for a unit acceleration of one, kg m², (N, n); angles (N, n)."""
+    return rnea(rig.weightless, q, np.zeros_like(q), unit_of(q, joint))
+
+
+def inertia_columns(rig: Rig, q: Array, joint: int) -> Array:
+    """Columns of `inertia`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`."""
+    return regressor(rig.weightless, q, np.zeros_like(q), unit_of(q, joint))
+
+
+def unit_of(q: Array, joint: int) -> Array:
+    """One in a joint's column, zero elsewhere, of the shape of q, (N, n)."""
+    unit = np.zeros_like(q)
+    unit[:, joint] = 1.0
+    return unit
+
+
+def across(mass: Array, joint: int, rotor: float = 0.0) -> Array:
+    """``M_j / (M_jj + rotor)``: what 1 N m that speeds a joint up asks of every joint, (..., n), of its M_j, (..., n).
+
+    Nothing where M_jj is of no body's; `rotor`: armature beside it, kg m².
+    """
+    own = mass[..., [joint]] + rotor
+    return np.asarray(mass / own) if np.all(own > 0) else np.zeros_like(mass)
+
+
+def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
+    """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n).
+
+    On a platform that moves, G and C v hold what its specific force and its turning ask of the joints.
+    """
+    model, states = posed(rig, q, v, a, platform)
+    torque = np.empty((len(q), model.nv))
+    # Pinocchio's own loop takes a third of the time of one in Python; it wants a sample a column.
+    samples = (np.ascontiguousarray(x, dtype=float).T for x in states)
+    pin.rneaInParallel(1, pin.ModelPool(model, 1), *samples, torque.T)
+    return torque[:, model.nv - rig.n :]
+
+
+def posed(
+    rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None
+) -> tuple[pin.Model, tuple[Array, Array, Array]]:
+    """Return the Pinocchio model for a base that stands or moves, and its configurations, rates and accelerations."""
+    if platform is None:
+        return rig.model, (q, v, a)
+    still = np.zeros((len(q), 3))
+    upright = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(q), 1))
+    parts = ((upright, q), (still, platform.w, v), (platform.f, platform.dw, a))
+    configurations, rates, accelerations = (np.concatenate(part, axis=1) for part in parts)
+    return rig.floating, (configurations, rates, accelerations)

@@ -1,0 +1,186 @@
+"""Closed loop of plant, sensors, delay and controller; what it returns is a `Log`, like a measured one."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from tqdm import tqdm
+
+from gimbal_pin.dynamics.apply import plant_with as plant_with
+from gimbal_pin.dynamics.drive import Drive
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.plant import Plant, State
+from gimbal_pin.dynamics.sensors import Sensors, imus
+from gimbal_pin.effects import Signal
+from gimbal_pin.errors import UsageError, visible
+from gimbal_pin.log.limited import THROUGH, at_limit, limited, past_stops
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.platform import Platform
+
+
+class Reference(NamedTuple):
+    """Where the joints should be: angle rad, rate rad/s, acceleration rad/s², (n,) each."""
+
+    q: Array
+    v: Array
+    a: Array
+
+
+class Controller(Protocol):
+    """A control law with explicit memory: pure, so that one controller can run many loops."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+
+    def start(self) -> Any:
+        """Return the memory before the first sample."""
+
+    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Any) -> tuple[Array, Any]:
+        """Return the torque for the sample measured at `t`, N m, (n,), within the limits, and the next memory."""
+
+
+def simulate(
+    plant: Model,
+    controller: Controller,
+    reference: Motion,
+    *,
+    rng: np.random.Generator,
+    sensors: Sensors | None = None,
+    delay: int = 1,
+    drive: Sequence[Signal] = (),
+    start: State | None = None,
+    platform: Platform | None = None,
+    name: str = "simulated",
+) -> Log:
+    """Run the closed loop along a reference sampled at the controller's interval.
+
+    At sample k the controller sees the sensors at `t[k]`; its torque reaches the motors `delay` samples later, is
+    clipped at their limits, and is held for one sample. The plant is integrated by RK4, one step per sample.
+
+        plant, drive = plant_with(model, [parse_effect("cogging:yaw:amplitude=0.03,harmonic=42", rig)])
+        log = simulate(plant, controller, reference, rng=rng, drive=drive)
+
+    Args:
+        plant: The plant: a model whose terms need not be the controller's.
+        controller: The control law.
+        reference: Reference, one sample per control interval.
+        rng: Source of the sensors' noise.
+        sensors: The sensors; None: the rig's encoders and gyros.
+        delay: Samples between measurement and torque.
+        drive: What stands between the command, which the log keeps, and the torque that acts, after the plant's own.
+        start: State at the first sample; None: at rest on the reference.
+        platform: Motion of the base, best sampled at half the control interval; None: it stands, which is faster.
+        name: Name of the log.
+
+    Returns:
+        A log of the measured angles and rates, of the torque commanded for each interval, as the drive reports it, and
+        of the IMUs; its events say which joints were long at their torque limits, or went past their stops.
+
+    Raises:
+        UsageError: The reference is not sampled at the controller's interval, the platform's motion does not last as
+            long, or the state left the finite numbers.
+    """
+    dt, t = controller.dt, reference.t
+    if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
+        raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
+    sense = sensors if sensors is not None else Sensors.of(plant.rig, dt)
+    rate_noise = sense.rate_std * rng.standard_normal(reference.q.shape)
+    torque_noise = sense.torque_std * rng.standard_normal(reference.q.shape)
+    carried = None if platform is None else halved(platform, t)
+    motors = Drive((*plant.drive, *drive), plant.rig, dt, plant)
+    sinking = plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried)
+    loop = Loop(Plant(plant, sinking), motors, controller, sense, rate_noise, delay, name)
+    seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
+    base = None if carried is None else carried.part(slice(0, None, 2))
+    weak = limited(at_limit(plant.rig.joints, seen.tau, plant.rig.tau_max))
+    lost = past_stops(plant.rig.joints, seen.exact[0], *plant.rig.stops)
+    told = [f"at the torque limit, where a joint follows no reference: {weak} of the time"] if weak else []
+    return Log(
+        name=name,
+        joints=plant.rig.joints,
+        t=t,
+        q=seen.q,
+        v=seen.v,
+        tau=seen.tau + torque_noise,
+        q_ref=reference.q,
+        imus=imus(plant.rig, sense, t, seen.exact, base, rng),
+        payload=plant.rig.payload,
+        events=(*told, *((THROUGH.format(lost),) if lost else ())),
+    )
+
+
+class Run(NamedTuple):
+    """What a loop left.
+
+    Attributes:
+        q: Measured angles, rad, (N, n).
+        v: Measured rates, rad/s, (N, n).
+        tau: Commanded torques, N m, (N, n).
+        exact: True angles and rates, (2, N, n).
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    exact: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Plant, drives, controller and sensors, ready to run.
+
+    Attributes:
+        system: The plant, on its platform.
+        motors: The drives.
+        controller: The control law.
+        sense: The sensors.
+        rate_noise: What is added to every rate, rad/s, (N, n).
+        delay: Samples between measurement and torque.
+        name: What a bar and an error speak of.
+    """
+
+    system: Plant
+    motors: Drive
+    controller: Controller
+    sense: Sensors
+    rate_noise: Array
+    delay: int
+    name: str
+
+    def run(self, reference: Motion, state: State) -> Run:
+        """Follow a reference from a state."""
+        q, v, tau, states = *(np.empty(reference.q.shape) for _ in range(3)), list[State]()
+        dt, limit, memory = self.controller.dt, self.system.model.rig.tau_max, self.controller.start()
+        pending: deque[Array] = deque([np.zeros(len(limit))] * self.delay)
+        t, rows = reference.t.tolist(), zip(reference.q, reference.v, reference.a)
+        for k, wished in enumerate(
+            tqdm(rows, visible(self.name), len(t), unit="sample", disable=None, leave=False, delay=2)
+        ):
+            if state.lost:
+                what = f"the closed loop diverged {t[k] - t[0]:.3g} s after its start"
+                raise UsageError(self.name, what, "lower the controller's bandwidth or its delay")
+            states.append(state)
+            q[k], v[k] = self.sense.angle(state.q), state.v + self.rate_noise[k]
+            wanted, memory = self.controller.torque(t[k], q[k], v[k], Reference(*wished), memory)
+            pending.append(wanted)
+            tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
+            state = self.system.step(t[k], state, self.motors.acting(tau[k], state), dt)
+        return Run(q, v, tau, np.array([[state.q for state in states], [state.v for state in states]]))
+
+
+def halved(platform: Platform, t: Array) -> Platform:
+    """Return a platform's motion at the times `t` and halfway between: where Runge-Kutta's stages look.
+
+    Raises:
+        UsageError: It does not last from the first to the last of them.
+    """
+    step = float(t[1] - t[0])
+    if platform.t[0] > t[0] + step / 2 or platform.t[-1] < t[-1] - step / 2:
+        what = f"lasts from {platform.t[0]:g} to {platform.t[-1]:g} s, the reference from {t[0]:g} to {t[-1]:g} s"
+        raise UsageError("platform", what, "give a longer motion of the platform, or a shorter reference")
+    return platform.at(t[0] + step / 2 * np.arange(2 * len(t) - 1))

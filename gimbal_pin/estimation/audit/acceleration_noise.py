@@ -1,0 +1,140 @@
+"""Noise in the regressor: accelerations drowned in the sensors' noise, and parameters in spite of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
+from gimbal_pin.estimation.audit.base import Examined, Fault
+from gimbal_pin.estimation.audit.probe import MATERIAL, Probe, probe, rows_at
+from gimbal_pin.estimation.audit.quantisation import angle_noise, bits, quantum
+from gimbal_pin.estimation.audit.samples import local_noise
+from gimbal_pin.estimation.estimators.base import Estimate
+from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
+from gimbal_pin.estimation.estimators.weighted import weighted
+from gimbal_pin.estimation.rows import Block, Filtering, smoothed, stretches
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
+
+NAME = "acceleration-noise"
+DROWNED = 0.6
+"""Noise of the smoothed acceleration, as a multiple of the motion's rms below the cutoff, that is worth telling."""
+PARTS = 24
+"""Parts of the log, the worst of which is judged."""
+NEAR, FAR = 2.0, 4.0
+"""Cutoffs of the sweep, in multiples of the given one."""
+SAFE, WALKED = 0.02, 0.1
+"""Change of the torque at NEAR and at FAR, as a share of its rms, from which the given cutoff is not safe either."""
+FOLLOWS = 0.2
+"""A joint follows its reference if the difference is under this share of the reference's spread."""
+
+
+def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+    """``A = A(true motion) + noise``: least squares then shrinks towards zero what multiplies the acceleration.
+
+    The sensors' noise says whether the acceleration drowns. Whether that harms the fit, two tests say. At the given
+    cutoff: do even and odd samples as each other's instruments (`repeated`) say something else than least squares
+    (Durbin, Wu and Hausman)? Both halves saw the same motion, so a wrong model changes both alike, and only noise makes
+    the difference. And at twice the cutoff, which lets more of the noise in: do the parameters walk?
+    """
+    drowned = noise_share(log, filtering)
+    if drowned is None or drowned.max() < DROWNED:
+        return None
+    made = probe(rig, log, filtering)
+    rows = rows_at(made, filtering.cutoff)
+    if not rows or sum(block.b.size for block in rows) < 3 * len(made.names):
+        return None
+    halves = tuple(rows_at(probe(rig, log, filtering, made, twin), filtering.cutoff) for twin in (0, 1))
+    crossed = repeated(*halves)
+    middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
+    bias = change(rows, crossed, weighted(middle))
+    first = weighted(rows)
+    near, far = (change(rows, first, weighted(rows_at(made, factor * filtering.cutoff))) for factor in (NEAR, FAR))
+    figures = (
+        Parameter("noise_share", float(drowned.max()), "1"),
+        Parameter("bias", bias, "1"),
+        Parameter("walk_near", near, "1"),
+        Parameter("walk_far", far, "1"),
+        Parameter("cutoff", filtering.cutoff, "Hz"),
+    )
+    found = answer(rig, log, filtering, made, crossed)
+    return Examined(told(rig, log, int(np.argmax(drowned)), figures, found), log)
+
+
+def corrupt(log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0) -> Log:
+    """Add white noise to the angles, rad, and to the rates, rad/s."""
+    q = log.q + angle * rng.standard_normal(log.q.shape)
+    v = None if log.v is None else log.v + rate * rng.standard_normal(log.q.shape)
+    return replace(log, q=q, v=v)
+
+
+def noise_share(log: Log, filtering: Filtering) -> Array | None:
+    """Noise of the smoothed acceleration in the worst part, over the motion's acceleration, (n,); None without any.
+
+    From the angle's noise or, where there is one, the rate's, by whichever says less.
+    """
+    long = [part for part in stretches(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
+    if not long or len(log) < 8 * PARTS:
+        return None
+    rate, smoothing = 1.0 / log.dt, filtering.cutoff * filtering.smoothing
+    slow = signals.lowpass(filtering.cutoff, rate)
+    a = [signals.zero_phase(smoothed(part, filtering, 0, part.length).a, slow) for part in long]
+    size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
+    sections = signals.lowpass(smoothing, rate)
+    angle = angle_noise(log, local_noise(log.t, log.q, PARTS)) * signals.noise_gain(sections, rate, 2)
+    if log.v is not None:
+        angle = np.minimum(angle, local_noise(log.t, log.v, PARTS) * signals.noise_gain(sections, rate, 1))
+    return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
+
+
+def change(rows: Sequence[Block], first: Estimate, second: Estimate) -> float:
+    """Return what the second parameters change in these rows' torque, as a share of its rms, in the worst joint."""
+    A, b = np.concatenate([block.A for block in rows]), np.concatenate([block.b for block in rows])
+    moved, power = np.mean((A @ (second.theta - first.theta)) ** 2, axis=0), np.mean(b**2, axis=0)
+    return float(np.sqrt(moved / np.where(power > 1e-6 * power.max(), power, np.inf)).max())
+
+
+def answer(rig: Rig, log: Log, filtering: Filtering, made: Probe, crossed: Estimate) -> tuple[Parameter, ...]:
+    """Return base parameters and friction by instrumental variables, at the given cutoff.
+
+    The reference's own columns are the instruments where the log holds a reference and the joints follow it: it knows
+    nothing of the sensors' noise, coloured or not. Else each half of the samples is the other's: `crossed`.
+    """
+    found = crossed
+    if log.q_ref is not None and follows(log.q, log.q_ref):
+        wished = probe(rig, replace(log, q=log.q_ref, v=None), filtering, made)
+        rows, instruments = (rows_at(each, filtering.cutoff) for each in (made, wished))
+        found = instrumental(rows, [block.A for block in instruments])
+    values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
+    return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
+
+
+def follows(q: Array, reference: Array) -> bool:
+    """Whether every joint follows its reference."""
+    return bool(np.all(np.std(q - reference, axis=0) <= FOLLOWS * np.std(reference, axis=0)))
+
+
+def told(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]) -> Fault:
+    """Return the fault, described."""
+    share, bias, near, far, cutoff = (figure.value for figure in figures)
+    joint, step = rig.joints[worst], quantum(log.q[:, worst])
+    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits(step):.0f} bits per turn)" if step else ""
+    unreliable = bias > MATERIAL or near > SAFE or far > WALKED
+    end = (
+        f"parameters walk with the filter: {digits(100 * near, 2)} % of the torque from {cutoff:g} to "
+        f"{NEAR * cutoff:g} Hz, {digits(100 * far, 2)} % to {FAR * cutoff:g} Hz; this is noise in the "
+        f"motion, no physics"
+        if unreliable
+        else f"at {cutoff:g} Hz it does no harm"
+    )
+    sentence = f"{joint}: noise is {digits(share, 2)} times the motion's own acceleration{coarse}; {end}"
+    mend = (
+        "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
+        "variables until then"
+    )
+    return Fault(NAME, joint, sentence, figures, share / DROWNED, unreliable, mend, answer, slight=not unreliable)

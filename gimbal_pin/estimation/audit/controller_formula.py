@@ -1,0 +1,124 @@
+"""A torque that is the controller's answer to the motion: it tells the controller's gain, and nothing of the plant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.dynamics.regressor import columns, regressor
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
+from gimbal_pin.estimation.audit.base import Examined, Fault
+from gimbal_pin.estimation.audit.samples import Indices
+from gimbal_pin.estimation.rows import Filtering, base_motion
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
+
+NAME = "controller-formula"
+LEFT, WORSE = 0.01, 4.0
+"""The formula leaves less than this share of the torque's power, and a passive plant so many times as much.
+
+Of 126 bench logs (three rigs; excitation, staircases of speed, both ways and slow ones one way, sines; with and without
+Stribeck friction and a spring, a bias and cogging) one joint is left less than the first by a formula of that sign, and
+the plant leaves it 1.3 times as much, the most of all. Of a public log of a speed loop the formula leaves 0.0003, and
+the plant 1700 times as much.
+"""
+BAND = 0.1
+"""Low-pass on all channels, as a share of the sampling rate: a loop acts below it, most of the noise is above."""
+LATEST = 6
+"""Samples by which the torque may answer late: measuring, computing and sending take one or two each."""
+SHORTEST, LEAST, MOST = 3.0, 100, 5000
+"""A shorter log, s, or one of fewer samples, is not judged; of a longer one so many, spread evenly, are."""
+
+
+class Formula(NamedTuple):
+    """``τ(t) = a + c t + k q(t - d) - b v(t - d)`` of one joint: b, N m s/rad, d in samples, the share left, (t: s)."""
+
+    gain: float
+    delay: int
+    left: float
+
+
+def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+    """``τ(t) = a + c t + k q(t - d) - b v(t - d)``, b > 0: a linear controller with a reference of constant speed.
+
+    Without a reference that moves otherwise, closed-loop data show the inverse of the controller (Ljung 1999, ch. 13),
+    and least squares reads -b as viscous friction. No plant gives such a torque: friction takes power, so that its
+    part along the rate has the other sign. The formula is found where it leaves next to nothing, and where the rigid
+    bodies with a free constant, slope and spring, and with friction that takes power, leave several times as much.
+    What passive plants give is in both, and leaves their ratio at one. The samples are counted, as controllers do.
+    A base that moves excites the plant whatever the reference does: such a log is not judged.
+    """
+    if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or base_motion(rig, log) != "fixed":
+        return None
+    sections = signals.lowpass(BAND, 1.0)
+    edge = int(signals.settling(BAND)) + LATEST
+    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST))
+    if len(kept) < LEAST:
+        return None
+    q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
+    v = signals.differentiate(q, log.dt) if log.v is None else signals.zero_phase(log.v, sections)
+    power = np.maximum(np.var(tau[kept], axis=0), 1e-300)
+    found = [formula(log.t, q[:, j], v[:, j], tau[:, j], kept) for j in range(rig.n)]
+    like = [j for j, one in enumerate(found) if one.gain > 0 and one.left < LEFT * power[j]]
+    if not like:
+        return None
+    a = signals.differentiate(v, log.dt)
+    A = regressor(rig, q[kept], v[kept], a[kept], places=columns(rig)[1])
+    plant = {j: passive(log.t[kept], q[kept, j], v[kept, j], A[:, j], tau[kept, j]) for j in like}
+    worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
+    if plant[worst] < WORSE * found[worst].left:
+        return None
+    return Examined(told(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt), log)
+
+
+def corrupt(log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01) -> Log:
+    """Replace the torque by a speed loop's answer to the rate, with so large a share of a current sensor's noise."""
+    assert log.tau is not None
+    v = np.gradient(log.q, log.t, axis=0) if log.v is None else log.v
+    size = np.std(log.tau, axis=0)
+    late = np.concatenate([v[:1].repeat(delay, axis=0), v[: len(v) - delay]])
+    answer = np.mean(log.tau, axis=0) - size / np.maximum(np.std(v, axis=0), 1e-300) * late
+    return replace(log, tau=answer + noise * size * rng.standard_normal(v.shape))
+
+
+def formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices) -> Formula:
+    """Return the formula of one joint that fits the samples `kept` best; `left` in N² m²."""
+    fits = []
+    for delay in range(LATEST + 1):
+        A = np.column_stack([np.ones(len(kept)), t[kept] - t[0], q[kept - delay], v[kept - delay]])
+        x = np.linalg.lstsq(A, tau[kept], rcond=None)[0]
+        fits.append(Formula(-float(x[3]), delay, float(np.mean((tau[kept] - A @ x) ** 2))))
+    return min(fits, key=lambda fit: fit.left)
+
+
+def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
+    """Mean square that bodies, a constant, a slope, a spring, and dry and viscous friction over zero leave, N² m²."""
+    from scipy.optimize import nnls
+
+    free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid[:, rigid.any(axis=0)]])
+    left, size, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300), full_matrices=False)
+    left = left[:, size > 1e-9 * size[0]]
+    friction, rest = (x - left @ (left.T @ x) for x in (np.column_stack([np.sign(v), v]), tau))
+    return float(nnls(friction, rest)[1] ** 2 / len(t))
+
+
+def told(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
+    """Return the fault, described."""
+    figures = (
+        Parameter("gain", found.gain, "N m s/rad"),
+        Parameter("delay", found.delay * dt, "s"),
+        Parameter("left", found.left / power, "1"),
+        Parameter("left_by_a_plant", plant / power, "1"),
+    )
+    late = f"(t - {digits(1e3 * found.delay * dt, 2)} ms)" if found.delay else ""
+    sentence = (
+        f"{joint}: the torque is the controller's formula of the motion, a - {digits(found.gain, 2)} N m s/rad · rate"
+        f"{late}, which leaves {digits(100 * found.left / power, 1)} % of its power, where bodies with friction "
+        f"leave {digits(100 * plant / power, 2)} %: what is identified as friction and inertia is the controller"
+    )
+    mend = "move the reference (gimbal-pin excite), at speeds that change, and record again"
+    return Fault(NAME, joint, sentence, figures, plant / max(WORSE * found.left, 1e-300), False, mend)

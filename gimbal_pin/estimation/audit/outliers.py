@@ -1,0 +1,165 @@
+"""Lone wild samples, and stretches of garbage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
+from gimbal_pin.estimation.audit.base import Examined, Fault
+from gimbal_pin.estimation.audit.harm import harm
+from gimbal_pin.estimation.audit.samples import WORDS, changed, channels, edges, left_out, level, medians, noted, taken
+from gimbal_pin.estimation.rows import Filtering, Flags, dilated
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
+
+NAME = "outliers"
+WINDOW = 0.5
+"""Length of the windows whose own noise a sample is judged by, s."""
+NEAR, WIDE = 12.0, 6.0
+"""A spike exceeds its window's median by the first factor, and the log's noise by the second."""
+HEIGHT = float(np.sqrt(1.0 + 34.0 / 36.0))
+"""Height of a spike per unit of what `left_out` leaves of it on an even grid."""
+LONE = 0.5
+"""Its neighbours differ by less than this share of it."""
+RARE = 0.02
+"""More spikes than this share of the samples are the channel's nature."""
+GROSS = 1.0
+"""Spikes of so many standard deviations of their channel are told even where they do no harm."""
+SHORT = 0.1
+"""Length of the windows whose roughness is compared, s: the median's, for a knock is rough for a few samples only."""
+ROUGH, WILD = 12.0, 0.7
+"""Garbage is rougher than the median window by the first factor, and than its signal's spread by the second."""
+OWN = 3.0
+"""A rate is as rough as so many times its angle's differences through no fault of its own."""
+PART = 0.25
+"""More than this share of the log is no stretch."""
+
+
+class Wild(NamedTuple):
+    """Wild rows of one joint's channel, (N,), and their largest size in standard deviations of it."""
+
+    channel: str
+    joint: int
+    rows: Flags
+    size: float
+
+
+def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+    """``|x_k - cubic through its four neighbours|`` far above its window's: a bit error, a lost message, a knock.
+
+    Also stretches in which this roughness is far above the rest of the log. The harm is the torque error that goes
+    away with the samples.
+    """
+    if len(log) < 8 * WINDOW / log.dt:
+        return None
+    found = spikes(log)
+    smooth = bridged(log, found)
+    bad = garbage(smooth)
+    if not found and not bad:
+        return None
+    rows = np.any([wild.rows for wild in bad], axis=0) if bad else np.zeros(len(log), bool)
+    mended = noted(taken(smooth, np.flatnonzero(~rows)), "outliers were interpolated or cut out")
+    cost = harm(rig, log, mended, filtering)
+    if not bad and not cost.serious and max(wild.size for wild in found) < GROSS:
+        return None
+    return Examined(told(log, found, bad, cost.serious or bool(bad)), mended)
+
+
+def corrupt(
+    log: Log,
+    rng: np.random.Generator,
+    *,
+    channel: str = "tau",
+    size: float = 8.0,
+    share: float = 0.002,
+    seconds: float | None = None,
+) -> Log:
+    """Add spikes of `size` standard deviations to a share of one channel's samples, or noise over some seconds."""
+    values = np.array(getattr(log, channel))
+    j, n = int(rng.integers(len(log.joints))), len(log)
+    spread = size * float(np.std(values[:, j]))
+    if seconds is not None:
+        length = min(round(seconds / log.dt), n // 8)
+        begin = int(rng.integers(n // 8, 7 * n // 8 - length))
+        values[begin : begin + length, j] += 0.25 * spread * rng.standard_normal(length)
+    else:
+        hit = rng.choice(n, max(1, round(share * n)), replace=False)
+        values[hit, j] += spread * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
+    return changed(log, {channel: values})
+
+
+def spikes(log: Log) -> list[Wild]:
+    """Return the channels that have lone wild samples."""
+    out = []
+    for name, values in channels(log).items():
+        left = np.abs(left_out(log.t, values))
+        for j, column in enumerate(values.T):
+            hit = np.zeros(len(log), bool)
+            hit[2:-2] = lone(column, left[:, j], log.dt)
+            if hit.any() and np.mean(hit) < RARE:
+                size = HEIGHT * left[hit[2:-2], j].max() / max(float(np.std(column)), 1e-300)
+                out.append(Wild(name, j, hit, float(size)))
+    return out
+
+
+def lone(column: Array, left: Array, dt: float) -> Flags:
+    """Samples far from the cubic through their neighbours, which agree with each other, (N - 4,)."""
+    length = max(8, min(round(WINDOW / dt), len(left)))
+    window = np.repeat(medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
+    # A step has one of these on either side of it, a spike none.
+    near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
+    wild = left > np.maximum(NEAR * window, WIDE * level(left))
+    return np.asarray(wild & (np.maximum(near, far) < LONE * HEIGHT * left))
+
+
+def bridged(log: Log, found: Sequence[Wild]) -> Log:
+    """Return the log with lone samples interpolated from their neighbours."""
+    values = {wild.channel: np.array(getattr(log, wild.channel)) for wild in found}
+    for name, j, hit, _ in found:
+        values[name][hit, j] = np.interp(log.t[hit], log.t[~hit], values[name][~hit, j])
+    return changed(log, values)
+
+
+def garbage(log: Log) -> list[Wild]:
+    """Return stretches in which a channel is far rougher than it is in the median window."""
+    length = max(8, round(SHORT / log.dt))
+    out = []
+    rough: dict[str, Array] = {}
+    for name, values in channels(log).items():
+        left = np.zeros(values.shape)
+        left[2:-2] = left_out(log.t, values)
+        rough[name] = medians(np.abs(left), length) / 0.6745
+        for j, window in enumerate(rough[name].T):
+            spread = max(float(np.std(values[:, j])), 1e-300)
+            wild = (window > ROUGH * np.median(window)) & (window > WILD * spread)
+            if name == "v":
+                wild &= window > OWN * rough["q"][:, j] / log.dt
+            rows = np.repeat(wild, length)[: len(log)]
+            if wild.any() and np.mean(rows) < PART:
+                rows = dilated(rows[:, None], length // 2)[:, 0]
+                out.append(Wild(name, j, rows, float(window.max()) / spread))
+    return out
+
+
+def told(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool) -> Fault:
+    """Return the fault, described."""
+    worst = max(bad or found, key=lambda wild: wild.size * int(wild.rows.sum()))
+    count = sum(int(wild.rows.sum()) for wild in found)
+    seconds = sum(end - begin for wild in bad for begin, end in edges(wild.rows)) * log.dt
+    figures = (
+        Parameter("spikes", float(count), "samples"),
+        Parameter("garbage", float(seconds), "s"),
+        Parameter("size", worst.size, "standard deviations"),
+    )
+    parts = ([f"{count} lone wild sample{'s' * (count > 1)}"] if count else []) + (
+        [f"{digits(seconds, 2)} s of garbage"] if bad else []
+    )
+    end = "they spoil the torque" if unreliable else "the filter takes care of them"
+    joint = log.joints[worst.joint]
+    sentence = f"{joint}: {' and '.join(parts)}, worst in the {WORDS[worst.channel]}; {end}"
+    mend = "look for bit errors, loose plugs and knocks at those times; record again, or go on without the samples"
+    return Fault(NAME, joint, sentence, figures, worst.size / GROSS, unreliable, mend)

@@ -1,0 +1,160 @@
+"""A quick regression for the audit: columns built once at a low rate, then filtered at any cutoff.
+
+The rows of `gimbal_pin.estimation.rows` fit a model; these only ask what a fit would say. Their low-pass is a Gaussian
+of compact support with the same -6 dB point, so that a log of four seconds keeps rows at 4 Hz.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from gimbal_pin.dynamics.model import friction_effects
+from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.estimation.rows import (
+    STANDSTILL,
+    Block,
+    Channels,
+    Filtering,
+    Flags,
+    Rows,
+    Stretch,
+    base_motion,
+    carrying,
+    dilated,
+    mask,
+    smoothed,
+    stretches,
+)
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.rig.rig import Rig
+
+MATERIAL = 0.01
+"""What moves the torque by less than this share of its rms does not matter."""
+SIGN_BAND = 2.5
+"""Low-pass on the rate whose sign dry friction takes, in multiples of the cutoff."""
+TRUNCATE = 3.0
+"""Reach of the Gaussian, in its deviations."""
+REST = 1e-3
+"""A rate under this share of its rms is none, even in a log without noise."""
+REACH, TAPER = 0.02, 0.03
+"""Width that is masked out around a standstill, and over which the mask opens, s."""
+
+
+class Piece(NamedTuple):
+    """A stretch of a log, thinned, with the mask on every column and on the torque.
+
+    Attributes:
+        t: Time, s, (m,).
+        A: Torque per base parameter and friction coefficient, (m, n, k).
+        b: Torque, N m, (m, n).
+        q: Angle, rad, (m, n).
+        v: Rate, rad/s, (m, n).
+        open: The mask, in [0, 1], (m, n).
+        dt: Interval, s.
+    """
+
+    t: Array
+    A: Array
+    b: Array
+    q: Array
+    v: Array
+    open: Array
+    dt: float
+
+
+class Probe(NamedTuple):
+    """The pieces of a log, and the names and units of their columns."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    pieces: tuple[Piece, ...]
+
+
+def probe(
+    rig: Rig,
+    log: Log,
+    filtering: Filtering,
+    like: Probe | None = None,
+    twin: int | None = None,
+    base: BaseMotion | None = None,
+) -> Probe:
+    """Build the columns of a log.
+
+    Args:
+        rig: The rig.
+        log: The log.
+        filtering: Bandwidth of the smoother, alignment of the torque.
+        like: Take times, masks and torques from this probe of the same log.
+        twin: 0 or 1: from the even or the odd samples of angle and rate only; two readings of one motion whose white
+            noise is independent.
+        base: How the base moves; None: what this log says, of which a part may say less than the whole.
+    """
+    rows = Rows(rig, reduce(rig, base=base or base_motion(rig, log)), friction_effects(rig.joints), (log,), filtering)
+    pieces: list[Piece] = []
+    for stretch in stretches(log, filtering.cutoff):
+        pad = int(np.ceil(signals.settling(filtering.cutoff * filtering.smoothing) / stretch.dt))
+        if stretch.length > 4 * pad:
+            model = like.pieces[len(pieces)] if like is not None else None
+            pieces.append(piece(rows, stretch if twin is None else halved(stretch, twin), pad, model))
+    return Probe(rows.names, rows.units, tuple(pieces))
+
+
+def halved(stretch: Stretch, first: int) -> Stretch:
+    """Return a stretch's grid over every second sample of its log."""
+    log = stretch.log.part(slice(stretch.rows.start + first, stretch.rows.stop, 2))
+    return stretch._replace(log=log, rows=slice(0, len(log)))
+
+
+def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
+    """Return one stretch's columns at four times the smoother's bandwidth, without its `pad` samples at the ends."""
+    full = smoothed(stretch, rows.filtering, 0, stretch.length, carrying(rows.rig, stretch.log))
+    band = rows.filtering.cutoff * rows.filtering.smoothing
+    keep = slice(pad, stretch.length - pad, max(1, int(1.0 / (4.0 * band * stretch.dt))))
+    slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
+    ch = full.every(keep)
+    moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
+    torque = like.b if like is not None else ch.tau * moving
+    A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
+    return Piece(ch.t, A * moving[:, :, None], torque, ch.q, ch.v, moving, stretch.dt * keep.step)
+
+
+def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, Flags]:
+    """Return the rate at a low bandwidth, (m, n), and where it does not tell its sign, (m, n).
+
+    The sign that dry friction takes is that of the slow motion: a rate full of vibration would leave no sample.
+    """
+    sections = signals.lowpass(band, 1.0 / stretch.dt)
+    slow = signals.zero_phase(channels.v, sections)
+    noise = signals.noise_std(stretch.log.q[stretch.rows]) * signals.noise_gain(sections, 1.0 / stretch.dt, 1)
+    still = np.abs(slow) < np.maximum(STANDSTILL * noise, REST * np.sqrt(np.mean(slow**2, axis=0)))
+    still[1:] |= slow[1:] * slow[:-1] < 0
+    if channels.lost is not None:
+        still |= channels.lost[:, None]
+    return slow, dilated(still, max(1, round(REACH / stretch.dt)))
+
+
+def rows_at(made: Probe, cutoff: float) -> tuple[Block, ...]:
+    """Return the rows at a cutoff, Hz, one every half period; a piece shorter than the filter gives none."""
+    blocks = []
+    deviation = np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff)  # of the Gaussian whose response is one half there, s
+    for part in made.pieces:
+        edge = int(np.ceil(TRUNCATE * deviation / part.dt))
+        keep = slice(edge, len(part.t) - edge, max(1, round(1.0 / (2.0 * cutoff * part.dt))))
+        if keep.start < keep.stop:
+            wide = deviation / part.dt
+            A = np.zeros((len(range(*keep.indices(len(part.t)))), *part.A.shape[1:]))
+            present = np.any(part.A != 0.0, axis=0)
+            A[:, present] = blurred(part.A[:, present], wide)[keep]
+            b, share = (blurred(x, wide)[keep] for x in (part.b, part.open))
+            blocks.append(Block(part.t[keep], A, b, part.q[keep], part.v[keep], share))
+    return tuple(blocks)
+
+
+def blurred(signal: Array, deviation: float) -> Array:
+    """Gaussian low-pass along the first axis, of so many samples' deviation, reaching `TRUNCATE` of them."""
+    return np.asarray(gaussian_filter1d(signal, deviation, axis=0, mode="nearest", truncate=TRUNCATE))

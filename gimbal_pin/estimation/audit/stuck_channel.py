@@ -1,0 +1,211 @@
+"""A channel that repeats its value, or ends at a rail, while the joint goes on moving."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
+from gimbal_pin.estimation.audit.base import Examined, Fault
+from gimbal_pin.estimation.audit.probe import probe, rows_at
+from gimbal_pin.estimation.audit.quantisation import quantum
+from gimbal_pin.estimation.audit.samples import CHANNELS, WORDS, changed, channels, edges, level, noted, taken
+from gimbal_pin.estimation.estimators.base import residuals
+from gimbal_pin.estimation.estimators.weighted import weighted
+from gimbal_pin.estimation.rows import Filtering, Flags, base_motion, dilated
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
+
+NAME = "stuck-channel"
+SAMPLES, SECONDS = 8, 0.02
+"""A run of equal values is long from so many samples, and from so long, on."""
+SHORTEST = 1.0
+"""A log of fewer seconds is not judged."""
+RAIL, RUN = 0.003, 3.0
+"""A rail holds this share of the samples, in runs of so many on average."""
+LOUD = 4.0
+"""What the other channels deny must be so many times what they differ by elsewhere."""
+SHARE = 0.05
+"""And this share of the channel's own spread."""
+STEPS = 4.0
+"""Steps of its encoder by which an angle must have moved on unseen."""
+FEW = 200
+"""Windows, at most, that show how far angle and rate differ elsewhere."""
+FREE = 0.8
+"""Share of such a window in which the channel must not be held."""
+
+
+class Held(NamedTuple):
+    """Rows in which one channel of one joint does not change, (N,), and how far the other channels deny it."""
+
+    channel: str
+    joint: int
+    rows: Flags
+    loudness: float
+
+
+def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+    """``x_k = x_{k-1}`` over a stretch in which the other channels say that x must change.
+
+    Angle and rate deny each other: over the run, ``q - ∫ v dt`` travels further than over other windows of its length.
+    A torque is denied by the model that the other samples give: a motor that is switched off, or a drive at its limit,
+    holds its torque too, and the model agrees. Without a rate, an angle is stuck if it jumps when it is released.
+    """
+    if log.t[-1] - log.t[0] < SHORTEST:
+        return None
+    found = [held for held in candidates(rig, log, filtering) if held.loudness > LOUD]
+    if not found:
+        return None
+    worst = max(found, key=lambda held: int(held.rows.sum()))
+    bad = dilated(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
+    fault = told(rig, log, worst, len(found))
+    if bad.mean() > 0.5:
+        return Examined(fault, log)
+    return Examined(fault, noted(taken(log, np.flatnonzero(~bad)), "rows of a stuck channel were cut out"))
+
+
+def corrupt(
+    log: Log, rng: np.random.Generator, *, channel: str = "tau", seconds: float = 1.5, rail: float | None = None
+) -> Log:
+    """Hold one channel of one joint for some seconds while it is lively, or clip it at a quantile of its size."""
+    values = np.array(getattr(log, channel))
+    j = int(rng.integers(len(log.joints)))
+    if rail is not None:
+        end = np.quantile(np.abs(values[:, j]), rail)
+        values[:, j] = np.clip(values[:, j], -end, end)
+    else:
+        length = min(round(seconds / log.dt), len(log) // 2)
+        starts = np.arange(0, len(log) - length, max(length // 4, 1))
+        spread = np.array([np.std(values[k : k + length, j]) for k in starts])
+        begin = int(rng.choice(starts[spread >= np.median(spread)]))
+        values[begin : begin + length, j] = values[begin, j]
+    return changed(log, {channel: values})
+
+
+def candidates(rig: Rig, log: Log, filtering: Filtering) -> Iterator[Held]:
+    """Yield every channel that is constant somewhere, with what the others say to it."""
+    for j in range(rig.n):
+        constants = {name: constant(x[:, j], log.dt) for name, x in channels(log).items()}
+        for name in ("q", "v"):
+            if log.v is not None and constants[name].any():
+                yield Held(name, j, *contradicted(log, j, channels(log)[name][:, j], constants[name]))
+        if log.v is None and constants["q"].any():
+            yield Held("q", j, *released(log.q[:, j], constants["q"]))
+        if "tau" in constants and constants["tau"].any():
+            yield Held("tau", j, constants["tau"], denied_torque(rig, log, j, constants["tau"], filtering))
+
+
+def constant(column: Array, dt: float) -> Flags:
+    """Rows in long runs of one value, or at a rail, (N,)."""
+    same = np.append(False, np.diff(column) == 0.0)
+    out = np.zeros(len(column), bool)
+    for begin, end in edges(same):
+        if end - begin + 1 >= max(SAMPLES, SECONDS / dt):
+            out[begin - 1 : end] = True
+    step = quantum(column)
+    for rail in (column.min(), column.max()):
+        there = np.abs(column - rail) <= 0.5 * step
+        if np.mean(there) > RAIL and there.sum() > RUN * len(edges(there)):
+            out |= there
+    return out
+
+
+def held(column: Array, rows: Flags) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of every run of one value among these rows."""
+    for begin, end in edges(rows):
+        cuts = begin + 1 + np.flatnonzero(np.diff(column[begin:end]))
+        yield from itertools.pairwise([begin, *cuts.tolist(), end])
+
+
+def contradicted(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, float]:
+    """Those runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel."""
+    assert log.v is not None
+    q, v, steps = log.q[:, j], log.v[:, j], np.diff(log.t)
+    # A hole in the log tells nothing of what the rate was in it.
+    whole = steps < 4.5 * log.dt
+    apart = np.append(0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0)))
+    step, spread = quantum(q), SHARE * float(np.std(v)) * log.dt
+    out, loudness = np.zeros(len(rows), bool), 0.0
+    for begin, end in held(column, rows):
+        travel = float(np.ptp(apart[begin:end]))
+        # An angle that came there by a step rests on it until the next.
+        least = STEPS * max(step, abs(float(q[begin] - q[max(begin - 1, 0)])))
+        if travel > max(least, spread * (end - begin)):
+            usual = usual_travel(apart, ~rows, begin, end)
+            if travel > LOUD * usual:
+                out[begin:end] = True
+                loudness = max(loudness, travel / max(usual, 1e-300))
+    return out, loudness
+
+
+def usual_travel(apart: Array, free: Flags, begin: int, end: int) -> float:
+    """Travel over free windows as long as this one: the median of all, or the most of those nearby if that is more."""
+    length = end - begin
+    everywhere = range(0, max(len(apart) - length, 1), max(length, len(apart) // FEW))
+    nearby = (begin + k * length for k in (-3, -2, -1, 1, 2, 3) if 0 <= begin + k * length <= len(apart) - length)
+    far, near = (
+        [float(np.ptp(apart[k : k + length])) for k in starts if free[k : k + length].mean() > FREE]
+        for starts in (everywhere, nearby)
+    )
+    return max(float(np.median(far)) if far else 0.0, max(near, default=0.0))
+
+
+def released(column: Array, rows: Flags) -> tuple[Flags, float]:
+    """Runs that an angle leaves with a jump, (N,), and the largest jump over its ordinary change between samples."""
+    changes = np.abs(np.diff(column))
+    ordinary = max(float(np.quantile(changes, 0.99)), 1e-300)
+    out, loudness = np.zeros(len(rows), bool), 0.0
+    for begin, end in held(column, rows):
+        jump, arrival = (changes[k] if 0 <= k < len(changes) else 0.0 for k in (end - 1, begin - 1))
+        if jump > max(LOUD * ordinary, LOUD * arrival, SHARE * float(np.std(column))):
+            out[begin:end] = True
+            loudness = max(loudness, float(jump / ordinary))
+    return out, loudness
+
+
+def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering) -> float:
+    """Residual over the held rows under the model that the others give, over what it should be; 0 where that is little.
+
+    What it should be is the residual elsewhere and the model's own uncertainty there: a motor that was off while the
+    pendulum swung, and on only in slow motion, denies nothing.
+    """
+    if rows.all():
+        return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
+    logs, base = (log, taken(log, np.flatnonzero(~rows))), base_motion(rig, log)
+    every, fitted = (rows_at(probe(rig, one, filtering, base=base), filtering.cutoff) for one in logs)
+    if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
+        return 0.0
+    found = weighted(fitted)
+    parts = [(b.t, residuals(b, found.theta)[:, j], b.b[:, j], b.A[:, j]) for b in every]
+    t, error, torque, A = (np.concatenate(x) for x in zip(*parts))
+    held = np.interp(t, log.t, rows.astype(float)) > 0.5
+    if not held.any() or held.all() or not np.isfinite(found.covariance).all():
+        return 0.0
+    unsure = np.einsum("tk,kl,tl->t", A[held], found.covariance, A[held])
+    inside, expected = np.sqrt(np.mean(error[held] ** 2)), np.sqrt(level(error[~held]) ** 2 + np.mean(unsure))
+    return float(inside / max(expected, 1e-300)) if inside > SHARE * np.std(torque) else 0.0
+
+
+def told(rig: Rig, log: Log, worst: Held, count: int) -> Fault:
+    """Return the fault, described."""
+    joint, what = rig.joints[worst.joint], WORDS[worst.channel]
+    longest = max(end - begin for begin, end in edges(worst.rows)) * log.dt
+    share = float(np.mean(worst.rows))
+    figures = (
+        Parameter("channel", float(CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
+        Parameter("longest", longest, "s"),
+        Parameter("share", share, "1"),
+    )
+    column = channels(log)[worst.channel][:, worst.joint]
+    railed = np.all(np.isin(column[worst.rows], (column.min(), column.max())))
+    does = "ends at a rail" if railed else "stands still"
+    sentence = (
+        f"{joint}: the {what} {does} for up to {digits(longest, 2)} s ({digits(100 * share, 2)} % of the log) while "
+        f"the joint moves on" + (f" ({count} channels in all)" if count > 1 else "")
+    )
+    mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
+    return Fault(NAME, joint, sentence, figures, worst.loudness / LOUD, True, mend)

@@ -1,0 +1,162 @@
+"""Balance: how far to slide the camera, what gravity torque that saves, and whether the motors hold it as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.dynamics.checking import poses
+from gimbal_pin.dynamics.regressor import regressor
+from gimbal_pin.effects.rig_effect import facing, payload, slide
+from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.estimation.rows import columns_of
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import PHI
+
+COUNT = 400
+"""Poses over which gravity is balanced."""
+RANK = 1e-6
+"""A direction that moves less gravity torque than this share of the most cannot be balanced by."""
+MINIMISED = (
+    f"that way gravity's torque over the motors' limits is least, mean square over all joints and {COUNT} poses that "
+    "fill the rig's limits: one joint may take more than before, for another's sake"
+)
+"""What the way is the best for."""
+WORTH = 1e-4
+"""A way shorter than this, m, is nothing that a hand can slide."""
+TIGHT = 0.5
+"""Share of a motor's torque from which gravity leaves it too little to move with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The result of `balance`.
+
+    Attributes:
+        way: How far to slide the payload forward, left and up, m, (3,); zero along what gravity does not show.
+        std: Standard deviations, m, (3,).
+        mass: Mass of the payload that the way stands on, kg: the identified one, or else its URDF's.
+        named: Whether that payload is still the mounted one: if not, only mass times way is known.
+        before: Joint → largest gravity torque over its poses as it is, N m.
+        after: The same once the payload has been slid.
+        available: Joint → torque of its motor, N m.
+    """
+
+    way: Array
+    std: Array
+    mass: float
+    named: bool
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    available: Mapping[str, float]
+
+    @property
+    def held(self) -> Mapping[str, float]:
+        """Joint → share of the motor's torque that gravity takes as it is, at most."""
+        return {joint: self.before[joint] / self.available[joint] for joint in self.before}
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """How to balance it, what that saves, and whether the motors hold it unbalanced."""
+        return self.how(), MINIMISED, self.holding()
+
+    def how(self) -> str:
+        """Say how far to slide it, and what that saves."""
+        clear = np.where(np.abs(self.way) > np.maximum(2 * self.std, WORTH), self.way, 0.0)
+        who, unit, factor = ("payload", "mm", 1.0) if self.named else ("payload that was put on", "mm kg", self.mass)
+        if not clear.any():
+            most = 1e3 * factor * float(np.max(np.abs(self.way) + 2 * self.std))
+            return f"the {who} is balanced, to {digits(most, 2)} {unit}"
+        joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
+        std = 1e3 * max(float(self.std.max()), 1e-5)
+        after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
+        saved = f"gravity then takes {after} instead of {before} N m at {joint}"
+        forward, left, up = (-clear * factor).tolist()
+        way = f"{slide(forward, left, up, unit=unit)} (± {digits(std * factor, 1)} {unit}"
+        stands = (
+            f" at its {digits(1e3 * self.mass, 4)} g)"
+            if self.named
+            else "), each divided by its mass in kg, which nobody told"
+        )
+        return f"to balance the {who}, slide it {way}{stands}: {saved}"
+
+    def holding(self) -> str:
+        """Say whether the motors hold it as it is."""
+        joint = max(self.held, key=lambda name: self.held[name])
+        share = self.held[joint]
+        if not np.isfinite(self.available[joint]) or share == 0:
+            return f"unbalanced, gravity takes up to {digits(self.before[joint], 2)} N m at {joint}"
+        taken = f"gravity takes up to {digits(100 * share, 2)} % of {joint}'s torque"
+        if share >= 1:
+            return f"unbalanced, the motors cannot hold it: {taken}"
+        return f"unbalanced, the motors hold it{', with little left to move it' if share > TIGHT else ''}: {taken}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds: millimetres forward, left and up."""
+        return {
+            "slide_mm": (1e3 * self.way).tolist() if self.named else None,
+            "std_mm": (1e3 * self.std).tolist() if self.named else None,
+            "stated_mass": 1e3 * self.mass if self.named else None,
+            "moment_kg_mm": (1e3 * self.mass * self.way).tolist(),
+            "gravity_torque_before": dict(self.before),
+            "gravity_torque_after": dict(self.after),
+            "share_of_motor": dict(self.held),
+            "holds_unbalanced": all(share < 1 for share in self.held.values()),
+            "sentence": "; ".join(self.sentences),
+        }
+
+
+def balance(found: Identified, mass: float | None = None) -> Balance | None:
+    """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
+
+    G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, W one over the
+    motors' torque. The payload's mass is the one that was found, or the stated one where the log does not show it.
+
+    Args:
+        found: The gimbal with the payload.
+        mass: The payload's mass where it was identified, kg, as that of one camera beside others is.
+    """
+    rig = found.model.rig
+    try:
+        body, inertia, _ = payload(rig)
+    except UsageError:
+        return None
+    q = poses(rig, COUNT)
+    still = np.zeros_like(q)
+    full = regressor(rig, q, still, still)
+    gravity = full[:, :, columns_of(rig, found.reduction)]
+    moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
+    weighs, loose = identified_mass(found, body, float(inertia.mass)) if mass is None else (mass, 0.0)
+    per_way = weighs * full[:, :, moments] @ facing(rig)
+    limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
+    inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
+    width = gravity.shape[2]
+    gain = -inverse @ (gravity / limit).reshape(-1, width)
+    beta, spread = found.estimate.theta[:width], found.estimate.covariance[:width, :width]
+    way = gain @ beta
+    loads = gravity @ beta, gravity @ beta + per_way @ way
+    before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
+    std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0) + (way * loose / weighs) ** 2)
+    return Balance(way, std, weighs, not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist())))
+
+
+def identified_mass(found: Identified, body: int, stated: float) -> tuple[float, float]:
+    """Return the payload's mass and its deviation, kg: with all that its body is heavier by, where the log shows that.
+
+    Else the stated one, without a deviation.
+
+    Added mass is the payload's: it is what is changed on a gimbal.
+    """
+    figure, given = found.bodies[body].mass, float(found.given[10 * body])
+    heavier = stated + figure.value - given
+    return (heavier, figure.std) if figure.shown and not found.swapped and heavier > 0 else (stated, 0.0)
+
+
+def reported(found: Identified, mass: float | None = None) -> dict[str, Any]:
+    """Return what JSON holds of an identification, the balance with it; `mass`: see `balance`."""
+    balanced = balance(found, mass)
+    return {**found.to_dict(), "balance": None if balanced is None else balanced.to_dict()}

@@ -1,0 +1,123 @@
+"""What identified base parameters mean for bodies: mass, centre of mass and inertia, each with its deviation.
+
+Joint torques show combinations of these alone. What they show, the log says; the rest is the URDF's, with the
+deviation that the trust in it leaves: every body may be the URDF's, stretched and sheared at random by that much
+(`consistency.spread`). The bodies are the most likely ones (`consistency.likeliest`), their covariance is that of β
+and G together, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.consistency import spread
+
+TRUST = 0.3
+"""Relative standard deviation of the URDF's masses that is assumed where nobody states one."""
+SHOWN = 0.5
+"""A figure is shown by the log if that leaves less than this share of the deviation that the trust gives it."""
+COMPLEX = 1e-30
+"""Step into the complex plane: derivatives without rounding."""
+NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a body.
+
+    Attributes:
+        value: Value, SI units.
+        std: Standard deviation.
+        shown: Whether the log says so, or the URDF.
+        unit: Its unit.
+    """
+
+    value: float
+    std: float
+    shown: bool
+    unit: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds, with the 95 % interval."""
+        half = 1.96 * self.std
+        interval = [self.value - half, self.value + half]
+        return {"value": self.value, "std": self.std, "interval": interval, "unit": self.unit, "shown": self.shown}
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body: everything that moves with one joint, in the frame of its link.
+
+    Attributes:
+        link: The link that the joint moves.
+        mass: Mass.
+        com: Centre of mass: x, y, z.
+        inertia: About the centre of mass: Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    """
+
+    link: str
+    mass: Figure
+    com: tuple[Figure, ...]
+    inertia: tuple[Figure, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        com = {name: figure.to_dict() for name, figure in zip(NAMES[1:4], self.com)}
+        inertia = {name: figure.to_dict() for name, figure in zip(NAMES[4:], self.inertia)}
+        return {"link": self.link, "mass": self.mass.to_dict(), "com": com, "inertia": inertia}
+
+
+def bodies(
+    links: Sequence[str], given: Array, phi: Array, mixing: Array, covariance: Array, trust: float = TRUST
+) -> tuple[Body, ...]:
+    """Return the figures of a rig's bodies with their deviations.
+
+    Args:
+        links: Names of the links that the joints move (n).
+        given: The URDF's bodies: what the trust is in, (10 n,).
+        phi: The bodies, physical, (10 n,).
+        mixing: K: base parameters per entry of phi, (b, 10 n).
+        covariance: Covariance of the base parameters, (b, b).
+        trust: Relative standard deviation of the URDF's masses; lengths to half of that.
+    """
+    before, after = trust * spread(given), deviations(given, mixing, covariance, trust)
+    found = []
+    for k, own in enumerate(np.reshape(phi, (-1, 10))):
+        at, slope = slice(10 * k, 10 * k + 10), slopes(own)
+        std, prior = (np.linalg.norm(slope @ root[at], axis=1) for root in (after, before))
+        shown = std < SHOWN * prior
+        values = zip(figures(own).tolist(), std.tolist(), shown.tolist(), UNITS)
+        mass, *rest = (Figure(*each) for each in values)
+        found.append(Body(links[k], mass, tuple(rest[:3]), tuple(rest[3:])))
+    return tuple(found)
+
+
+def deviations(given: Array, mixing: Array, covariance: Array, trust: float) -> Array:
+    """A root of the covariance of bodies' parameters, (10 n, 10 n): ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``, G = B Bᵀ the trust's.
+
+    That is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of magnitude.
+    """
+    root, size = trust * spread(given), np.sqrt(np.diag(covariance))
+    lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
+    shown = np.linalg.solve(lower, mixing @ root / size[:, None])
+    R = np.asarray(np.linalg.qr(np.vstack([shown, np.eye(len(given))]), mode="r"))
+    return np.asarray(np.linalg.solve(R.T, root.T).T)
+
+
+def figures(phi: Array) -> Array:
+    """Mass, centre of mass, and inertia about it, of one body's ten parameters, (10,); complex ones, too."""
+    m, h = phi[0], phi[1:4]
+    turned = (h @ h * np.eye(3) - np.outer(h, h)) / m
+    return np.array([m, *(h / m), *(phi[4:] - turned[np.tril_indices(3)])])
+
+
+def slopes(phi: Array) -> Array:
+    """Change of `figures` per parameter, (10, 10)."""
+    steps = phi + COMPLEX * 1j * np.eye(10)
+    return np.stack([figures(step).imag / COMPLEX for step in steps], axis=1)

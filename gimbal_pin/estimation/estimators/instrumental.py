@@ -1,0 +1,120 @@
+"""Instrumental variables: consistent where the regressor itself is noisy, and least squares is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.estimation.estimators.base import RANK, Estimate, effective_rows, residuals
+from gimbal_pin.estimation.estimators.colour import coloured
+from gimbal_pin.estimation.rows import Block
+from gimbal_pin.log.log import Array
+
+PASSES = 3
+"""Solutions in turn, each weighted by the residuals of the one before."""
+
+MEMORY = 4
+"""Rows over which products of noises are taken to be correlated: two periods of the cutoff."""
+PRODUCTS = 1.5
+"""Variance of all products that a residual's colour does not count, over that of those of half the differences."""
+
+
+def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estimate:
+    """``theta = (Σ ZᵀWA)⁻¹ Σ ZᵀWb``: consistent if Z moves with A and its noise has nothing to do with A's or b's.
+
+    Least squares with a noisy A shrinks: AᵀA holds the noise's own power. ZᵀA does not. Valid instruments are columns
+    of the same regressor from another source: the reference trajectory, a second sensor, other samples (Reiersøl 1941;
+    Janot, Vandanjon and Gautier 2014 for robots).
+
+    `instruments`: per block its Z, (m, n, k), filtered and masked like A.
+
+    Raises:
+        UsageError: There is not one Z of A's shape for every block.
+    """
+    if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
+        raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
+    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
+
+
+def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
+    """Instrumental variables from two regressors of one motion with independent noise: each is the other's instrument.
+
+    ``theta = (Σ AᵀWB + BᵀWA)⁻¹ Σ (A + B)ᵀWb``: the same whichever comes first.
+
+    `twins` are the same rows with the regressor B in the place of A.
+
+    Raises:
+        UsageError: The two do not have the same shapes.
+    """
+    if [twin.A.shape for twin in twins] != [block.A.shape for block in blocks]:
+        raise UsageError("twins", "do not have the shape of the regressors", "build them with the same rows")
+    middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
+    half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
+    # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
+    return iterated(middle, [(block.A, block.A) for block in middle], half)
+
+
+Pairs = Sequence[tuple[Array, Array]]
+
+
+def iterated(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
+    """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
+
+    `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
+    """
+    rows, width = effective_rows(blocks), blocks[0].A.shape[2]
+    weight = np.ones(blocks[0].b.shape[1])
+    for _ in range(PASSES):
+        moment = moments(pairs, weight) - moments([(D, D) for D in noise], weight, width)
+        target = sum((np.einsum("tjk,j,tj->k", Z, weight, block.b) for (Z, _), block in zip(pairs, blocks)), 0.0)
+        theta, inverse, condition = solved(moment, np.asarray(target))
+        squares = sum(np.sum(residuals(block, theta) ** 2, axis=0) for block in blocks)
+        power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
+        weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-30)
+    spread = coloured(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
+    spread = spread + inverse @ products(noise, theta, weight) @ inverse.T
+    blind = ~np.any(inverse != 0.0, axis=1)
+    spread[blind, blind] = np.inf
+    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "instrumental")
+
+
+def products(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
+    """Covariance that ``Σ DᵀWD theta`` and its like in ``Σ MᵀWM theta`` have by chance, (k, k).
+
+    Noise times noise: the mean of two readings and half their difference hold as much of it, independent of each other.
+    A residual's colour knows that D scatters, with ``D theta`` as it is, and so half of what the mean's products do.
+
+    Args:
+        noise: Per block D, (m, n, k).
+        theta: Estimate, (k,).
+        weight: W, (n,).
+    """
+    out = np.zeros((len(theta),) * 2)
+    each = [np.einsum("tjk,j,tj->tk", D, weight, D @ theta) for D in noise]
+    middle = sum((h.sum(axis=0) for h in each), 0.0) / max(sum(map(len, each)), 1)
+    for h in (h - middle for h in each):
+        for lag in range(min(MEMORY + 1, len(h))):
+            lagged = h[: len(h) - lag].T @ h[lag:] * (1 - lag / (MEMORY + 1))
+            out += lagged + lagged.T if lag else lagged
+    return PRODUCTS * out
+
+
+def moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:
+    """``Σ ZᵀWA``, (k, k); zeros of `width` where there is no pair."""
+    parts = [np.einsum("tjk,j,tjl->kl", Z, weight, A, optimize=True) for Z, A in pairs]
+    return np.sum(parts, axis=0) if parts else np.zeros((width, width))
+
+
+def solved(moment: Array, target: Array) -> tuple[Array, Array, float]:
+    """Return ``moment⁻¹ target``, the inverse, zero where a direction is not seen, and the condition number.
+
+    The columns are scaled to unit size first.
+    """
+    size = np.sqrt(np.abs(np.diag(moment)))
+    unit = np.where(size > 0, size, 1.0)
+    left, values, right = np.linalg.svd(moment / np.outer(unit, unit))
+    seen = values > RANK * values[0]
+    inverse = (right.T * np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)) @ left.T / np.outer(unit, unit)
+    return inverse @ target, inverse, float(values[0] / values[-1]) if seen.all() else float("inf")

@@ -1,0 +1,131 @@
+"""What a joint's torque holds beyond the model, as a flexible function of its motion, and what that does to deviations.
+
+``b_j = A_j θ + Φ_j γ_j + e``, γ with variances S_j: columns Φ over the joint's angle and rate, smooth and jumping with
+the direction (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001). S is the most likely one, nothing where the
+residual is noise. The parameters stay those of the estimator; with ``θ = G Σ AᵀWb`` its covariance grows by
+``Σ_j G w_j AᵀΦ S ΦᵀA w_j Gᵀ``: a residual that is a function of the state comes back whenever the state does, so more
+periods of a motion do not average it away as the residual's colour in time says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.estimation.estimators import Estimate
+from gimbal_pin.estimation.estimators.base import effective_rows, factor, solve, triangle
+from gimbal_pin.estimation.estimators.weighted import joint_weights
+from gimbal_pin.estimation.rows import Block
+from gimbal_pin.log.log import Array
+
+ANGLES, RATES, SIGNED = 24, 12, 6
+"""Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
+times the direction of motion."""
+SLOW = 4
+"""Of the angle's and of the rate's, the slowest have a variance of their own: a spring is no ripple."""
+GROUPS = np.repeat(np.arange(5), (SLOW, ANGLES - SLOW, SLOW, RATES - SLOW, SIGNED))
+"""Which variance each column has."""
+SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
+"""Variances that are tried, in units of the noise's: a decade apart."""
+SWEEPS = 3
+"""Passes over the groups; the likelihood has settled then."""
+FIELDS = ("A", "b", "q", "v", "share")
+"""Of a block, what is read here."""
+
+
+class Misfit(NamedTuple):
+    """What a model misses at one joint.
+
+    Attributes:
+        size: Root mean square of what is a function of the motion, N m.
+        noise: The same of the rest.
+        variance: Of each of δ's coefficients, (N m)², (f,).
+    """
+
+    size: float
+    noise: float
+    variance: Array
+
+
+def misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
+    """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
+    A, b, q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in FIELDS)
+    used, found, columns = effective_rows(blocks), [], []
+    for j in range(b.shape[1]):
+        X = discrepancy(q[:, j], v[:, j]) * share[:, j, None]
+        columns.append(X)
+        found.append(misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])))
+    return found, columns
+
+
+def discrepancy(q: Array, v: Array) -> Array:
+    """Return δ's columns over a joint's angle, its rate, and its angle times the direction of motion, (m, f).
+
+    Cosines over the range of each; of an angle that goes beyond a turn the harmonics of the turn. They vary slowly
+    beside the rows' low-pass, which is left out.
+    """
+    turn = np.outer(q, np.arange(1, ANGLES // 2 + 1))
+    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else cosines(q, ANGLES)
+    return np.hstack([whole, cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
+
+
+def cosines(x: Array, count: int) -> Array:
+    """``cos(π k (x - min)/(max - min))``, k from 1, (m, count)."""
+    along = (x - x.min()) / max(float(np.ptp(x)), 1e-9)
+    return np.asarray(np.cos(np.pi * np.outer(along, np.arange(1, count + 1))))
+
+
+def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
+    """Fit δ's variances by the likelihood of what A cannot take, the noise's power profiled, by Akaike's rule.
+
+    Args:
+        A: Columns that the joint feels, (m, k).
+        X: δ's, (m, f).
+        b: Torque, (m,).
+        count: Rows that were not masked out.
+    """
+    size = A.shape[1]
+    R = triangle(np.column_stack([A, X, b]))
+    end = min(len(R), size + X.shape[1])
+    left, z, rest = R[size:end, size:-1], R[size:end, -1], float(np.sum(R[end:, -1] ** 2))
+    free = max(count - size, 1.0)
+    power = (float(z @ z) + rest) / free
+    if not len(z) or power <= 0:
+        return Misfit(0.0, float(np.sqrt(power)), np.zeros(X.shape[1]))
+    each = [left[:, group == GROUPS] @ left[:, group == GROUPS].T for group in range(GROUPS.max() + 1)]
+
+    def cost(sizes: Array) -> tuple[float, float]:
+        root = np.linalg.cholesky(np.eye(len(z)) + np.tensordot(sizes, each, 1))
+        white = np.linalg.solve(root, z)
+        noise = (float(white @ white) + rest) / free
+        unlikely = free * float(np.log(max(noise, 1e-300))) + 2 * float(np.sum(np.log(np.diag(root))))
+        return unlikely + 2 * int(np.sum(sizes > 0)), noise
+
+    sizes: Array = np.zeros(len(each))
+    for _ in range(SWEEPS):
+        for group in range(len(each)):
+            tried = [np.where(np.arange(len(sizes)) == group, x, sizes) for x in SIZES]
+            sizes = min(tried, key=lambda one: cost(one)[0])
+    noise = cost(sizes)[1]
+    return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
+
+
+def honest(blocks: Sequence[Block], estimate: Estimate) -> tuple[Estimate, tuple[Misfit, ...]]:
+    """Return the estimate with deviations that hold what the model misses, and that at each joint.
+
+    The rows weigh as they do in `weighted`, or alike where the estimator is `ols`.
+    """
+    found, columns = misfits(blocks)
+    weight = np.ones(len(found)) if estimate.method == "ols" else joint_weights(estimate.residual_std**2)
+    gain = solve(factor(blocks), weight)[1]
+    gain = np.where(np.isfinite(gain), gain, 0.0)
+    covariance = estimate.covariance.copy()
+    for j, one in enumerate(found):
+        if one.size > 0:
+            through = np.concatenate([block.A[:, j] for block in blocks]).T @ columns[j]
+            moved = weight[j] ** 2 * gain @ (through * np.sqrt(one.variance))
+            covariance += moved @ moved.T
+    return replace(estimate, covariance=covariance), tuple(found)

@@ -1,0 +1,121 @@
+"""Identified models as YAML: what `identify -o` writes and `tune` reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.dynamics.model import Estimated, Model, model_from, plain_model
+from gimbal_pin.errors import ModelError
+from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.log.io.files import write_yaml
+from gimbal_pin.rig.reading import read_yaml
+from gimbal_pin.rig.records import record, value
+from gimbal_pin.rig.rig import Rig
+
+KIND = "gimbal_pin model"
+
+
+def write_model(identified: Identified, path: str | Path, payloads: Mapping[str, Identified] | None = None) -> None:
+    """Write a model with its parameters' covariance, whole or not at all.
+
+    `payloads`: the same gimbal with other payloads, by their names; `read_model` takes the one that is mounted.
+    """
+    content = {"kind": KIND, "schema": 1, "joints": list(identified.model.rig.joints), **body(identified, path)}
+    if payloads is not None:
+        content["payloads"] = {name: body(one, path) for name, one in payloads.items()}
+    write_yaml(content, path)
+
+
+def body(identified: Identified, path: str | Path) -> dict[str, Any]:
+    """Return the part of a file that speaks of one payload."""
+    model, known = identified.model, identified.model.estimated
+    if known is None:
+        raise ModelError(str(path), "would hold a model that was not identified", "identify one first")
+    report = identified.to_dict()
+    report.pop("schema")
+    return {
+        **report,
+        "phi": model.rig.phi.tolist(),
+        "terms": [term.to_dict() for term in model.terms],
+        "covariance": known.covariance.tolist(),
+    }
+
+
+def write_extended(model: Model, path: str | Path) -> None:
+    """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
+    rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
+    write_yaml({"kind": KIND, "schema": 1, **rows, **plain_model(model), **uncertainty(model.estimated)}, path)
+
+
+def uncertainty(estimated: Estimated | None) -> dict[str, Any]:
+    """Return the parameters' values and covariance as `known` reads them."""
+    if estimated is None:
+        return {}
+    columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
+    rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
+    return {"base_parameters": rows, "covariance": estimated.covariance.tolist()}
+
+
+def read_model(path: str | Path, rig: Rig) -> Model:
+    """Read a model that `write_model` or `write_extended` wrote for a rig with its joints; of several payloads its own.
+
+    Raises:
+        ModelError: The file is of another kind, for other joints, or lacks something.
+    """
+    data = read_yaml(path, ModelError)
+    if not isinstance(data, dict) or data.get("kind") != KIND:
+        raise ModelError(str(path), "is not a model", "give a file that 'gimbal-pin identify -o' wrote")
+    if data.get("joints") != list(rig.joints):
+        mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
+        raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
+    own = value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError).get(rig.payload, data)
+    model = model_from(own, rig, str(path))
+    return model if "covariance" not in own else replace(model, estimated=known(own, str(path)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A parameter of a model file."""
+
+    name: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Known:
+    """The part of a model file that says how sure its parameters are."""
+
+    base_parameters: tuple[Any, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+
+def known(data: Any, place: str) -> Estimated:
+    """Return the parameters' uncertainty from a model file; `ModelError` if that is none.
+
+    The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.
+    """
+    filed = record(Known, data, place, ModelError, others=True)
+    places = [f"{place}: base_parameters[{k}]" for k in range(len(filed.base_parameters))]
+    rows = [record(Row, row, where, ModelError, others=True) for row, where in zip(filed.base_parameters, places)]
+    count = len(rows)
+    if len(filed.covariance) != count or any(len(row) != count for row in filed.covariance):
+        mend = f"give {count} by {count} numbers, one row for each of base_parameters"
+        raise ModelError(f"{place}: covariance", "has another shape than its parameters", mend)
+    covariance = np.array(filed.covariance).reshape(count, count)
+    std = np.sqrt(np.abs(np.diag(covariance)))
+    correlation = covariance / np.outer(*[np.maximum(std, 1e-150)] * 2)  # what has no variance has no covariance
+    if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
+        raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
+    names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
+    return Estimated(names, units, np.array([row.value for row in rows]), covariance)
+
+
+def is_model(path: str | Path) -> bool:
+    """Whether a path is named like a model file rather than a log."""
+    return Path(path).suffix in (".yaml", ".yml")

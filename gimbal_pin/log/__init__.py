@@ -1,0 +1,1 @@
+"""What was measured or simulated: trajectories, the sensors behind them, and their files."""

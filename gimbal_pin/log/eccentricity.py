@@ -1,0 +1,126 @@
+"""Encoders mounted off their joint's centre, found where a log holds rates of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.special import fdtrc
+
+from gimbal_pin.log.log import Array, Log
+
+WINDOW = 0.1
+"""Time between the angles that are compared, s: long enough for a turn that shows over the noise of either."""
+BLOCKS = 40
+"""Blocks of windows by whose scatter errors are counted."""
+CHANCE = 1e-6
+"""Chance from which an encoder is taken to be centred."""
+CLEAR = 10.0
+"""Standard deviations of its size by which an eccentricity must be known before angles are mended by it."""
+LEAST = 5e-4
+"""Size, rad, under which it does not matter."""
+PASSES = 8
+"""Rounds in which the angles that its sine is taken of are mended themselves."""
+
+
+@dataclass(frozen=True)
+class Eccentricity:
+    """``q_read = q + a cos q + b sin q``, beside the encoder's offset, which is its error's mean over a turn.
+
+    Attributes:
+        cosine: a, rad.
+        sine: b, rad.
+        std: Standard deviation of its size √(a² + b²), rad.
+    """
+
+    cosine: float
+    sine: float
+    std: float
+
+    @property
+    def size(self) -> float:
+        """√(a² + b²), rad."""
+        return float(np.hypot(self.cosine, self.sine))
+
+    @property
+    def phase(self) -> float:
+        """φ of ``size sin(q + φ)``, rad."""
+        return float(np.arctan2(self.cosine, self.sine))
+
+    def error(self, q: Array) -> Array:
+        """What the encoder adds at the true angles q, rad, (N,)."""
+        return np.asarray(self.cosine * np.cos(q) + self.sine * np.sin(q))
+
+    def mended(self, read: Array) -> Array:
+        """True angles, rad, (N,), but for the offset, of those that were read."""
+        q = read
+        for _ in range(PASSES):
+            q = read - self.error(q)
+        return q
+
+
+def eccentricities(log: Log) -> Mapping[str, Eccentricity]:
+    """Joint → eccentricity of its encoder, where the log's rates show one."""
+    if log.v is None:
+        return {}
+    each = {joint: eccentricity(log.t, log.q[:, j], log.v[:, j]) for j, joint in enumerate(log.joints)}
+    return {joint: one for joint, one in each.items() if one is not None}
+
+
+def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
+    """Fit ``Δq_read - ∫v dt = a Δcos q + b Δsin q + c Δt + d Δq + e Δv`` over windows; None where it is none.
+
+    The last three take up a rate's bias, its scale, and time between the two sensors. The scale is that of the angles,
+    which hardly have noise: of the rates' integral, whose noise is in what is explained, it would take a part for it.
+
+    Args:
+        t: Time, s, (N,).
+        q: Angles as they were read, rad, (N,).
+        v: Rates of a sensor of their own, rad/s, (N,); such as were made from the angles agree with them.
+    """
+    at = np.flatnonzero(np.diff(np.floor((t - t[0]) / WINDOW), prepend=-1.0))
+    turned = cumulative_trapezoid(v, t, initial=0.0)[at]
+    t, q, v = t[at], q[at], v[at]
+    whole = np.diff(t) < 2 * WINDOW
+    found = Eccentricity(0.0, 0.0, 0.0)
+    if np.sum(whole) < 2 * BLOCKS:
+        return None
+    for _ in range(PASSES):
+        x = found.mended(q)
+        columns = np.stack([np.cos(x), np.sin(x), t - t[0], x, v], axis=1)
+        rows, target = np.diff(columns, axis=0)[whole], np.diff(q - turned)[whole]
+        unit = np.linalg.norm(rows, axis=0)
+        if np.any(unit == 0) or np.linalg.cond(rows / unit) > 1e6:
+            return None
+        beta, covariance = fitted(rows / unit, target)
+        beta, covariance = beta / unit, covariance / np.outer(unit, unit)
+        a, b = beta[:2].tolist()
+        along = np.array([a, b]) / max(float(np.hypot(a, b)), 1e-300)
+        found = Eccentricity(a, b, float(np.sqrt(along @ covariance[:2, :2] @ along)))
+    wald = float(beta[:2] @ np.linalg.solve(covariance[:2, :2], beta[:2]))
+    chance = fdtrc(2, BLOCKS - 2, wald / 2)
+    return found if chance < CHANCE and found.size > max(LEAST, CLEAR * found.std) else None
+
+
+def fitted(A: Array, b: Array) -> tuple[Array, Array]:
+    """``min |A x - b|`` and the covariance of x by blocks of rows: neighbours share an angle's noise."""
+    inverse = np.linalg.inv(A.T @ A)
+    x = inverse @ (A.T @ b)
+    starts = np.linspace(0, len(b), BLOCKS, endpoint=False).astype(int)
+    scores = np.add.reduceat(A * (b - A @ x)[:, None], starts, axis=0)
+    return x, inverse @ (scores.T @ scores) @ inverse
+
+
+def centred(log: Log, found: Mapping[str, Eccentricity]) -> Log:
+    """Return the log with the angles of these joints mended; an event says so."""
+    if not found:
+        return log
+    q = np.array(log.q)
+    for joint, one in found.items():
+        j = log.joints.index(joint)
+        q[:, j] = one.mended(q[:, j])
+    said = ", ".join(f"{joint}'s by {np.degrees(one.size):.3g}°" for joint, one in found.items())
+    event = f"{log.name}: encoders mounted off their centre read wrong once per turn, {said}: mended by the rates"
+    return replace(log, q=q, events=(*log.events, event))

@@ -1,0 +1,178 @@
+"""Logs and trajectories in files. A format is one file here and one line in `formats`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log.io.base import (
+    IMU_COLUMNS,
+    Group,
+    Table,
+    columns_of,
+    imu_groups,
+    joint_group,
+    log_columns,
+    log_groups,
+    read_groups,
+)
+from gimbal_pin.log.io.formats import format_of, is_log, open_table
+from gimbal_pin.log.io.mapping import check_targets, read_mapping
+from gimbal_pin.log.io.units import check_units, pushed, strong
+from gimbal_pin.log.log import Array, Imu, Log, Motion
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.rig import Rig
+
+
+def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, need_tau: bool = True) -> Log:
+    """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
+
+    Args:
+        path: File, or several joined by + (`formats.open_table`), with the mounted payload behind an @ if there is one
+            (``log.csv@cinema``).
+        rig: Whose joints and links the columns are named after; other columns are ignored.
+        mapping: ``target=column[*factor]``, or paths of YAML files that hold such a table (`mapping`).
+        need_tau: Refuse a file without torques.
+
+    Returns:
+        The log in SI units; `q` (N, n) in the rig's order of joints, what the file lacks None.
+
+    Raises:
+        LogError: The file, a column, a line or a value cannot be used.
+        UsageError: A mapping cannot be used, or no reader is known for the suffix.
+    """
+    file, payload = split_payload(path)
+    links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    table = open_table(file)
+    notes: list[str] = []
+    data = read_channels(table, rig, log_groups(rig.joints, links, need_tau), mapping, notes)
+    return to_log(data, str(file), rig, links, payload, (*table.notes, *notes))
+
+
+def to_log(
+    data: Mapping[str, Array],
+    name: str,
+    rig: Rig,
+    links: Sequence[str],
+    payload: str | None,
+    notes: Sequence[str] = (),
+) -> Log:
+    """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
+    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"))
+    return Log(
+        name=name,
+        joints=rig.joints,
+        t=data["t"][:, 0],
+        q=data["q"],
+        v=data.get("v"),
+        tau=data.get("tau"),
+        q_ref=data.get("q_ref"),
+        temperature=data.get("temperature"),
+        imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
+        payload=payload,
+        events=(*notes, *strong(rig, data.get("tau")), *pushed(rig, data.get("tau"))),
+    )
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Write a log so that `read_log` returns the same numbers, in the format of the suffix; whole or not at all.
+
+    Name, payload and events have no column and are not written.
+
+    Raises:
+        UsageError: The suffix is of no format that is written, or the file cannot be.
+    """
+    write_columns(log_columns(log), path)
+
+
+def read_motion(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = ()) -> Motion:
+    """Read a trajectory ``t, q_<joint>, dq_<joint>, ddq_<joint>``.
+
+    Where rates or accelerations are missing they are the derivatives of the cubic spline (not-a-knot) through the next
+    lower order that is there.
+
+    Raises:
+        LogError, UsageError: As `read_log`.
+    """
+    groups = {"t": Group(("t",), True), "q": joint_group("q", rig.joints, True)}
+    groups |= {"v": joint_group("dq", rig.joints), "a": joint_group("ddq", rig.joints)}
+    data = read_channels(open_table(Path(path)), rig, groups, mapping)
+    t, q = data["t"][:, 0], data["q"]
+    if len(t) < 2 and not {"v", "a"} <= data.keys():
+        raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")
+    v = data["v"] if "v" in data else spline_derivative(t, q, 1)
+    if "a" in data:
+        return Motion(t, q, v, data["a"])
+    return Motion(t, q, v, spline_derivative(t, v, 1) if "v" in data else spline_derivative(t, q, 2))
+
+
+def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> None:
+    """Write a trajectory so that `read_motion` returns the same numbers; `UsageError` as `write_log`."""
+    columns = {"t": motion.t}
+    for prefix, values in (("q", motion.q), ("dq", motion.v), ("ddq", motion.a)):
+        columns |= zip(joint_group(prefix, joints).columns, values.T, strict=True)
+    write_columns(columns, path)
+
+
+def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path] = ()) -> tuple[Array, Imu]:
+    """Read what the IMU fixed to `link` reported, without any joint: on the base, the platform's motion.
+
+    Returns:
+        Time, s, (N,), and the IMU's samples.
+
+    Raises:
+        LogError: As `read_log`, and where the file holds nothing of that IMU.
+    """
+    data = read_channels(open_table(Path(path)), rig, {"t": Group(("t",), True), **imu_groups(link)}, mapping)
+    imu = to_imu(data, link)
+    if imu is None:
+        mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
+        raise LogError(str(path), f"has no column gyro_{link}_x, accel_{link}_x or quat_{link}_w", mend)
+    return data["t"][:, 0], imu
+
+
+def split_payload(path: str | Path) -> tuple[Path, str | None]:
+    """Return (file, payload) of ``log.csv@cinema``; a file that really bears that name is not split."""
+    head, at, payload = str(path).rpartition("@")
+    if not at or Path(path).exists() or not is_log(Path(head)):
+        return Path(path), None
+    if not payload:
+        raise UsageError(str(path), "names no payload behind the @", "write log.csv@PAYLOAD, or leave the @ out")
+    return Path(head), payload
+
+
+def read_channels(
+    table: Table,
+    rig: Rig,
+    groups: Mapping[str, Group],
+    mapping: Sequence[str | Path],
+    notes: list[str] | None = None,
+) -> dict[str, Array]:
+    """Return key → (N, k) array of the groups that a table holds; `notes` as `read_groups`."""
+    sources = read_mapping(mapping)
+    check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
+    return read_groups(table, groups, sources, notes)
+
+
+def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
+    """Write columns in the format of the suffix."""
+    write = format_of(Path(path)).write
+    if write is None:
+        raise UsageError(str(path), f"{Path(path).suffix} is a format that is only read", "write .csv or .parquet")
+    write(columns, Path(path))
+
+
+def to_imu(data: Mapping[str, Array], link: str) -> Imu | None:
+    """Return the IMU of a link out of the groups that were read, or None."""
+    parts = {kind: data[f"{kind}_{link}"] for kind in IMU_COLUMNS if f"{kind}_{link}" in data}
+    return Imu(**parts) if parts else None
+
+
+def spline_derivative(t: Array, values: Array, order: int) -> Array:
+    """Return the derivative of the cubic spline (not-a-knot) through the samples, at the samples, (N, n)."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(t, values)(t, order), dtype=np.float64)

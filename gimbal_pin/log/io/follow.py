@@ -1,0 +1,141 @@
+"""A log that is still being written: a growing CSV file, or a pipe."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import BinaryIO
+
+from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log.io import check_targets, columns_of, split_payload, to_log
+from gimbal_pin.log.io.base import Group, log_groups, read_groups
+from gimbal_pin.log.io.csv import BLOCK, COMMENT, CsvTable, headed
+from gimbal_pin.log.io.csv_text import as_utf8
+from gimbal_pin.log.io.formats import FORMATS, TEXT
+from gimbal_pin.log.io.mapping import Source, read_mapping
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.naming import ROW
+from gimbal_pin.rig.reading import readable
+from gimbal_pin.rig.rig import Rig
+
+PIPE = "-"
+PAUSE = 0.05
+"""Time between two looks, s: a row at a time would cost more to read than to learn from."""
+
+
+def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: float = inf) -> Iterator[Log]:
+    """Yield a CSV log's samples as they come, until the pipe ends or the file has not grown for `idle` seconds.
+
+    A last line without its end is left out: nobody knows whether it is whole.
+
+    Args:
+        path: The file, "-" for standard input, or LOG@PAYLOAD.
+        rig: Whose joints the columns are named after.
+        mapping: As for `read_log`.
+        idle: As above, s; a pipe is waited for without end.
+
+    Raises:
+        LogError, UsageError: As `read_log`, once the samples before that are yielded; and where a file becomes shorter.
+    """
+    file, payload = (Path(PIPE), None) if path == PIPE else split_payload(path)
+    name = "standard input" if path == PIPE else str(file)
+    links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    groups, sources = log_groups(rig.joints, links, True), read_mapping(mapping)
+    check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
+    for table in tables(name, whole_lines(chunks(file, idle))):
+        if ROW in {source.column for source in sources.values()} - set(table.columns):
+            raise UsageError(name, f"is mapped by the '{ROW}', which a growing log is not read by", "write its times")
+        data, error = usable(table, groups, sources)
+        if data is not None:
+            yield to_log(data, table.name, rig, links, payload)
+        if error is not None:
+            raise error
+
+
+def usable(
+    table: CsvTable, groups: Mapping[str, Group], sources: Mapping[str, Source]
+) -> tuple[dict[str, Array] | None, LogError | None]:
+    """Return what a table holds up to the first line that cannot be used, and what is wrong with that one, if any.
+
+    A flaw stays one however much follows it, so the lines before it are found by halving.
+    """
+    try:
+        return read_groups(table, groups, sources), None
+    except LogError as error:
+        lines, found, flaw = table.body.splitlines(keepends=True), None, error
+    fine, end = 0, len(lines)
+    while end - fine > 1:
+        middle = (fine + end) // 2
+        try:
+            found = read_groups(replace(table, body=b"".join(lines[:middle])), groups, sources)
+            fine = middle
+        except LogError:
+            end = middle
+    return found, flaw
+
+
+def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
+    """Yield the rows of each part under the header that came first.
+
+    Raises:
+        LogError: Nothing came, or no row.
+    """
+    head, before, line = None, b"", 1
+    for part in parts:
+        if head is None:
+            before = as_utf8(before + part)
+            head = found = headed(name, before)
+        else:
+            found = replace(head, body=part, first=line)
+        if found is not None:
+            line = found.first + found.body.count(b"\n")
+            if COMMENT.sub(b"", found.body).strip():
+                yield found
+    if head is None:
+        raise LogError(name, "is empty", "write a header and one row per sample")
+
+
+def whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
+    """Yield the lines of byte strings that were cut anywhere, several together."""
+    rest = b""
+    for part in parts:
+        lines, end, rest = (rest + part).rpartition(b"\n")
+        if end:
+            yield lines + end
+
+
+def chunks(path: Path, idle: float) -> Iterator[bytes]:
+    """Yield what is in a file or pipe, and what is written to it, until it ends or does not grow for `idle` seconds."""
+    with opened(path) as file:
+        grows, waited = path.is_file(), 0.0
+        while True:
+            part = os.read(file.fileno(), BLOCK)
+            if part:
+                waited = 0.0
+                yield part
+            elif not grows or waited >= idle:
+                return
+            if grows and file.seekable() and os.fstat(file.fileno()).st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
+                raise LogError(str(path), "became shorter while it was followed", "follow the new file")
+            if len(part) < BLOCK:
+                time.sleep(PAUSE)
+                waited += PAUSE
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a file, or standard input, which stays open."""
+    if str(path) == PIPE:
+        yield sys.stdin.buffer
+        return
+    if (suffix := path.suffix.lower()) in FORMATS and suffix not in TEXT:
+        raise UsageError(str(path), f"is {suffix}, which is written whole", "follow a CSV file")
+    with readable(path, LogError), path.open("rb", buffering=0) as file:
+        yield file

@@ -1,0 +1,189 @@
+"""What a log's file holds: its streams, their rates and flaws, what each column is, and a mapping to edit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.log.io.base import Table, listed, readable
+from gimbal_pin.log.io.formats import open_table
+from gimbal_pin.log.io.joined import JoinedTable, time_of
+from gimbal_pin.log.io.mapping import FACTOR
+from gimbal_pin.log.log import NOTHING, Array
+from gimbal_pin.log.platform_log import HOLE
+from gimbal_pin.log.recognise import Channel, Guess, Recognised, assigned, recognise
+from gimbal_pin.rig.naming import ROW
+from gimbal_pin.rig.rig import Rig
+
+PLAIN = re.compile(r"[^\W\d][\w .\[\]]*")
+"""Names that an expression of a mapping holds without quotes."""
+HUGE = 1e30
+"""More than any column holds: of nanoseconds since 1970 there are 2e18, of counts a day at 1e5 rad/s 2e14."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Columns sampled together.
+
+    Attributes:
+        time: Name of the column of times.
+        t: Times, s, (N,).
+        data: Column → values, (N,) each.
+        channels: What each column is.
+    """
+
+    time: str
+    t: Array
+    data: Mapping[str, Array]
+    channels: tuple[Channel, ...]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Samples, seconds, rate, gaps (intervals over 4.5 usual ones), repeated rows, times that do not increase."""
+        steps = np.diff(self.t)
+        rising = steps[steps > 0]
+        usual = float(np.median(rising)) if len(rising) else 0.0
+        rows = np.column_stack(list(self.data.values())) if self.data else np.empty((len(self.t), 0))
+        same = np.all(rows[1:] == rows[:-1], axis=1) if rows.shape[1] else np.zeros(len(steps), dtype=bool)
+        return {
+            "samples": len(self.t),
+            "seconds": float(np.ptp(self.t)) if len(self.t) else 0.0,
+            "rate_hz": 1 / usual if usual else None,
+            "gaps": int(np.sum(steps > HOLE * usual)) if usual else 0,
+            "longest_interval_s": float(steps.max()) if len(steps) else None,
+            "repeated_rows": int(same.sum()),
+            "times_not_increasing": int(np.sum(steps <= 0)),
+            "first_time_not_increasing": int(np.argmax(steps <= 0)) + 2 if (steps <= 0).any() else None,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Inspected:
+    """A file, or several joined.
+
+    Attributes:
+        name: The file.
+        rig: Name of the rig that the mapping is for, or None.
+        streams: What was sampled together.
+        mapping: Target → (column, factor, remark).
+        missing: Targets that the rig's log needs and that were not found.
+        notes: What else is to be known.
+    """
+
+    name: str
+    rig: str | None
+    streams: tuple[Stream, ...]
+    mapping: Mapping[str, tuple[str, str, str]]
+    missing: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def yaml(self) -> str:
+        """The mapping as a file for ``--map``, each line with its reason; what is missing stands in comments."""
+        lines = [f"# {self.name}: columns of a log of {self.rig}; look through, edit, and give with --map"]
+        lines += [f"{entry(target, expression(*source[:2]))}  # {source[2]}" for target, source in self.mapping.items()]
+        by_row = f"; or, where samples are evenly spaced, {ROW}*SECONDS"
+        lines += [f"# {target}: COLUMN*FACTOR  # not found{by_row if target == 't' else ''}" for target in self.missing]
+        return "\n".join(" ".join(line.split("\n")) for line in lines) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` writes of a file."""
+        return {
+            "file": self.name,
+            "streams": [
+                {"time": s.time, **s.facts, "channels": [asdict(channel) for channel in s.channels]}
+                for s in self.streams
+            ],
+            "mapping": {target: expression(*source[:2]) for target, source in self.mapping.items()},
+            "missing": list(self.missing),
+            "notes": list(self.notes),
+        }
+
+
+def inspect(path: Path, rig: Rig | None = None) -> Inspected:
+    """Return what a file holds, and a mapping of its columns to a rig's if one is given.
+
+    Raises:
+        LogError, UsageError: The file cannot be read at all.
+    """
+    table = open_table(path)
+    notes: list[str] = list(table.notes)
+    parts = list(table.parts) if isinstance(table, JoinedTable) else [table]
+    pairs = [stream_of(part, rig, notes) for part in parts]
+    # The stream with the most joints' angles, or channels, gives the times; the others' channels are joined to it.
+    pairs.sort(key=lambda pair: (-sum(name.startswith("q_") for name in pair[1].mapping), -len(pair[1].mapping)))
+    mapping: dict[str, tuple[str, str, str]] = {}
+    for _, found in pairs:
+        mapping = {**found.mapping, **mapping}
+    if rig is not None and len(pairs) > 1 and any(target.startswith("q_") for target in pairs[0][1].missing):
+        every: dict[str, Guess] = {}
+        for _, found in pairs:
+            every = {**every, **{name: guess for name, guess in found.guesses.items() if name not in every}}
+        mapping = {**mapping, **assigned(pairs[0][1].t, every, rig)}
+    order = ["t", *(target for _, found in pairs for target in found.mapping)]
+    mapping = {target: mapping[target] for target in dict.fromkeys([*order, *mapping]) if target in mapping}
+    needed = [] if rig is None else ["t", *pairs[0][1].missing]
+    missing = tuple(target for target in needed if target not in mapping)
+    streams = tuple(stream for stream, _ in pairs)
+    return Inspected(str(path), None if rig is None else rig.name, streams, mapping, missing, tuple(notes))
+
+
+def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, Recognised]:
+    """Return a table's columns and what they are; what cannot be used is told in `notes`."""
+    data, flaws = readable(table)
+    notes += flaws
+    # What no machine has in any unit must not overflow in what is made of it.
+    bounded = {name: np.clip(values, -HUGE, HUGE) for name, values in data.items()}
+    data = {name: np.where(np.abs(values) < NOTHING, 0.0, values) for name, values in bounded.items()}
+    if odd := [name for name in data if "'" in name and '"' in name]:
+        notes.append(f"{table.name}: no mapping can name {listed(odd)}; rename them")
+        data = {name: values for name, values in data.items() if name not in odd}
+    try:
+        time = time_of(table)
+    except UsageError as error:
+        notes.append(str(error))
+        time = ROW
+    if time not in data:
+        time = ROW
+        data[ROW] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
+    found = recognise(time, data, rig)
+    if time == ROW:
+        found = replace(found, channels=found.channels[1:])
+    return Stream(time, data.pop(time) * found.scale, data, found.channels), found
+
+
+def expression(column: str, factor: str) -> str:
+    """Return what a mapping writes for a column times a factor, such as ``pos1*pi/180``."""
+    sign, rest = ("-", factor[1:]) if factor.startswith("-") else ("", factor)
+    bare = PLAIN.fullmatch(column) and not re.fullmatch(FACTOR, column)
+    quote = "'" if '"' in column else '"'
+    shown = column if bare else f"{quote}{column}{quote}"
+    return f"{sign}{shown}" + (f"*{rest}" if rest else "")
+
+
+def entry(target: str, text: str) -> str:
+    """Return one line of YAML."""
+    return str(yaml.safe_dump({target: text}, width=10**9, allow_unicode=True)).rstrip("\n")
+
+
+def summary(stream: Stream) -> Sequence[str]:
+    """Return sentences on a stream's samples."""
+    facts = stream.facts
+    rate = "" if facts["rate_hz"] is None else f", {digits(facts['rate_hz'], 4)} Hz"
+    said = [f"{facts['samples']} samples in {digits(facts['seconds'], 4)} s by '{stream.time}'{rate}"]
+    if facts["gaps"]:
+        said.append(f"gaps: {facts['gaps']}, the longest interval {digits(facts['longest_interval_s'], 3)} s")
+    if facts["times_not_increasing"]:
+        where = facts["first_time_not_increasing"]
+        count = facts["times_not_increasing"]
+        said.append(f"times that do not increase: {count}, the first at sample {where}; delete such rows")
+    if facts["repeated_rows"]:
+        said.append(f"rows that repeat the one before in all but their time: {facts['repeated_rows']}")
+    return said

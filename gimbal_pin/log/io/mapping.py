@@ -1,0 +1,145 @@
+"""Mappings ``target = factor * source`` from a file's own headers to the CONTRACT's columns.
+
+The grammar of an entry:
+
+- entry := target "=" expression
+- expression := [product "*"] column {("*" | "/") factor}
+- product := factor {("*" | "/") factor}
+- factor := a decimal number | "pi", with an optional sign
+- column := [sign] a name without "*" | any name between double or single quotes
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.rig.reading import read_yaml
+
+FACTOR = r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi)"
+TERM = re.compile(rf"([*/]?)\s*({FACTOR})")
+EXPRESSION = re.compile(
+    rf"""\s*(?P<before>{FACTOR}(?:\s*[*/]\s*{FACTOR})*\s*\*\s*)?
+         (?P<sign>[+-]?)\s*
+         (?:"(?P<double>[^"]+)"|'(?P<single>[^']+)'|(?P<bare>[^"'*\s](?:[^*]*?[^*\s])??))
+         (?P<after>(?:\s*[*/]\s*{FACTOR})*)\s*""",
+    re.VERBOSE,
+)
+
+LONGEST = 1000
+"""Characters of an expression: what finds its parts takes the square of that in time."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """``value = factor * column``.
+
+    Attributes:
+        column: Header in the file.
+        factor: What one unit of it is in SI units; finite and not zero.
+        place: Where the mapping was stated; empty for a column that bears its name already.
+    """
+
+    column: str
+    factor: float = 1.0
+    place: str = ""
+
+
+def read_mapping(entries: Sequence[str | Path] = ()) -> dict[str, Source]:
+    """Return target → source of all entries.
+
+    Args:
+        entries: ``target=expression``, or paths of YAML files with one ``target: expression`` a line. Entries given as
+            text stand above those from files.
+
+    Raises:
+        UsageError: An entry that does not follow the grammar, or a target stated twice.
+    """
+    stored = merged([pair for entry in entries if is_file(entry) for pair in read_table(Path(entry))])
+    return {**stored, **merged([parse_entry(str(entry)) for entry in entries if not is_file(entry)])}
+
+
+def is_file(entry: str | Path) -> bool:
+    """Tell whether an entry names a file: it ends in .yaml or .yml, and has no = or is there."""
+    return Path(entry).suffix.lower() in (".yaml", ".yml") and ("=" not in str(entry) or Path(entry).is_file())
+
+
+def merged(pairs: Sequence[tuple[str, Source]]) -> dict[str, Source]:
+    """Return the pairs as a dictionary; `UsageError` if a target is stated twice."""
+    sources: dict[str, Source] = {}
+    for target, source in pairs:
+        if target in sources:
+            raise UsageError(source.place, f"'{target}' is mapped already by {sources[target].place}", "keep one")
+        sources[target] = source
+    return sources
+
+
+def read_table(file: Path) -> list[tuple[str, Source]]:
+    """Return the pairs of a YAML file."""
+    table = read_yaml(file)
+    if not isinstance(table, dict):
+        raise UsageError(str(file), "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column")
+    for target, text in table.items():
+        if not (isinstance(target, str) and isinstance(text, str)):
+            raise UsageError(f"{file}: {target}", f"maps to {text!r}, which is no text", "quote it: 'column*factor'")
+    return [(target, parse_expression(text, f"{file}: {target}")) for target, text in table.items()]
+
+
+def parse_entry(entry: str) -> tuple[str, Source]:
+    """Return (target, source) of ``target=expression``; `UsageError` quotes an entry that is none."""
+    target, equals, text = entry.partition("=")
+    if not (equals and target.strip()):
+        raise UsageError(f"mapping '{entry}'", "is not of the form target=column", "write e.g. q_yaw=pos1*pi/180")
+    return target.strip(), parse_expression(text, f"mapping '{entry}'")
+
+
+def parse_expression(text: str, place: str) -> Source:
+    """Return the column and the factor of ``[product*]column{*factor | /factor}``.
+
+    Raises:
+        UsageError: `text` is too long, does not follow the grammar, or its factor is zero or not finite.
+    """
+    if len(text) > LONGEST:
+        raise UsageError(place, f"has {len(text)} characters", f"give at most {LONGEST}: a column and a factor")
+    match = EXPRESSION.fullmatch(text)
+    if match is None:
+        what = "is not one column times or divided by numbers and pi"
+        raise UsageError(place, what, "write e.g. pos*pi/180, without brackets; quote a name that holds a *")
+    column = match["double"] or match["single"] or match["bare"]
+    if match["bare"] and re.fullmatch(FACTOR, column):
+        raise UsageError(place, "names no column, only numbers", f"name one, or quote it: '\"{column}\"'")
+    sign = -1.0 if match["sign"] == "-" else 1.0
+    factor = sign * product(match["before"] or "", product(match["after"]))
+    if factor == 0 or not math.isfinite(factor):
+        raise UsageError(place, f"has the factor {factor:g}", "give a finite factor other than zero")
+    return Source(column, factor, place)
+
+
+def product(text: str, start: float = 1.0) -> float:
+    """Return `start` times or divided by the factors in `text`, left to right; NaN after a division by zero."""
+    value = start
+    for operator, factor in TERM.findall(text):
+        number = math.copysign(math.pi, -1.0 if factor[0] == "-" else 1.0) if "pi" in factor else float(factor)
+        value = value * number if operator != "/" else value / number if number else math.nan
+    return value
+
+
+def check_targets(sources: Mapping[str, Source], known: Sequence[str], joints: Sequence[str]) -> None:
+    """Raise `UsageError` if a mapping's target is none of the `known` columns, or if two joints share one source."""
+    for target, source in sources.items():
+        if target not in known:
+            mend = f"targets are t, q_<joint>, dq_, tau_, …, with the joints {', '.join(joints)}; links as in the URDF"
+            raise UsageError(source.place, f"'{target}' is no column of this rig", mend)
+    for kind in ("q", "dq", "tau", "q_ref"):
+        owners: dict[str, str] = {}
+        for target in (f"{kind}_{joint}" for joint in joints):
+            source = sources.get(target, Source(target))  # a column that bears its name is its own
+            other = owners.setdefault(source.column, target)
+            if other != target:
+                place = source.place or sources[other].place
+                what = f"column '{source.column}' is both {other} and {target}"
+                raise UsageError(place, what, "give each joint a column of its own, or leave one of the two out")

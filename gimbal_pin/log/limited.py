@@ -1,0 +1,59 @@
+"""Share of the time that motors are at their torque limits, where the loop is open, and that joints are past stops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gimbal_pin.log.log import Array
+
+SPOKEN = 0.05
+"""Share of the time from which on it is spoken of."""
+NEARLY = 0.03
+"""Share of a motor's limit by which a measured torque may be off it and is at it, for what noise the sensor has."""
+MOSTLY = 0.5
+"""Share of the time at the limit from which little else is in a log."""
+PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
+"""What follows for who holds a camera."""
+THROUGH = (
+    "past its stops, through which a simulation lets it pass: {} of the time; no rig writes such a log: plant a weaker "
+    "effect, or lower the controller's bandwidth"
+)
+"""What is told of joints that a simulated loop has lost, and what to do about it."""
+
+
+def near_limit(tau: Array, tau_max: Array) -> Array:
+    """Return the share of the samples of a measured torque, N m, (N, n), at its limit, N m, (n,): (n,)."""
+    return np.asarray(np.mean(np.abs(np.abs(tau) / tau_max - 1.0) < NEARLY, axis=0))
+
+
+def at_limit(joints: Sequence[str], tau: Array, tau_max: Array) -> dict[str, float]:
+    """Return joint → share of the samples at the limit.
+
+    Args:
+        joints: Joint names.
+        tau: Commanded torque, clipped, N m, (N, n).
+        tau_max: Its limit, N m, (n,).
+    """
+    share = np.mean(np.abs(tau) >= tau_max * (1 - 1e-9), axis=0)
+    return dict(zip(joints, share.tolist()))
+
+
+def limited(shares: Mapping[str, float]) -> str:
+    """Return ``yaw 45 %, roll 12 %``, the longest first; nothing where no share is worth a word."""
+    weak = sorted((pair for pair in shares.items() if pair[1] >= SPOKEN), key=lambda pair: -pair[1])
+    return ", ".join(f"{joint} {100 * share:.0f} %" for joint, share in weak)
+
+
+def past_stops(joints: Sequence[str], q: Array, lower: Array, upper: Array) -> str:
+    """Return ``tilt 62 %``, the share of the samples past a stop; nothing where no joint went there.
+
+    Args:
+        joints: Joint names.
+        q: True angles, rad, (N, n).
+        lower: Where the stops are, rad, (n,); not finite: nowhere.
+        upper: The same at the other end.
+    """
+    shares = np.mean((q < lower) | (q > upper), axis=0).tolist()
+    return ", ".join(f"{joint} {100 * share:.2g} %" for joint, share in zip(joints, shares) if share > 0)

@@ -1,0 +1,262 @@
+"""Measured or simulated trajectories as frozen arrays with units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gimbal_pin.errors import LogError
+from gimbal_pin.rig.arrays import Array
+
+PAUSE = 10.0
+"""Time between two samples from which nobody was recording, s: no clock loses so many samples and then goes on."""
+
+
+class Reach(NamedTuple):
+    """What a channel can be on any machine, in its unit."""
+
+    lower: float
+    upper: float
+    unit: str
+
+
+REACH: Mapping[str, Reach] = MappingProxyType(
+    {
+        # Three thousand years; since 1970 it is 1.8e9 s, and 1.8e12 ms.
+        "t": Reach(-1e11, 1e11, "s"),
+        # Three hours at 1e4 rad/s, 95 000 turns a minute.
+        "q": Reach(-1e8, 1e8, "rad"),
+        # The fastest electric drives make a million turns a minute, 1.05e5 rad/s (Zwyssig et al., IEEE TIE 56, 2009).
+        "v": Reach(-2e5, 2e5, "rad/s"),
+        # From standstill to that within a tenth of a millisecond.
+        "a": Reach(-2e9, 2e9, "rad/s²"),
+        # The shaft of a wind turbine of 15 MW at 7.6 turns a minute passes on 1.9e7 N m.
+        "tau": Reach(-1e8, 1e8, "N m"),
+        "q_ref": Reach(-1e8, 1e8, "rad"),
+        # No magnet holds and no winding insulates anywhere near the melting point of copper, 1085 °C.
+        "temperature": Reach(-273.15, 1085.0, "°C"),
+        # The fastest of rate tables turn at some 200 rad/s.
+        "gyro": Reach(-1e4, 1e4, "rad/s"),
+        # Shock sensors end at 1e5 g.
+        "accel": Reach(-1e6, 1e6, "m/s²"),
+        # Parts of a unit quaternion, rounded.
+        "quat": Reach(-1.1, 1.1, "1"),
+    }
+)
+"""Channel → what it can be; beyond that is another unit or a fault. Their squares' squares are numbers still."""
+NOTHING = 1e-40
+"""What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and the squares' squares divide yet."""
+SOONEST = 1e-9
+"""Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
+LONGEST = 1e6
+"""A log of more than this, s, eleven days, is several, or not in seconds."""
+
+
+def implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None:
+    """Return row, column, what and mend of the first value that a channel has on no machine; None where there is none.
+
+    Args:
+        channel: One of `REACH`.
+        values: Its values, (N,) or (N, k); nan is none that a machine has.
+    """
+    lower, upper, unit = REACH[channel]
+    if not values.size or (values.min() >= lower and values.max() <= upper):
+        return None
+    rows = values.reshape(len(values), -1)
+    row, column = divmod(int(np.argmin((rows >= lower) & (rows <= upper))), rows.shape[1])
+    of = "" if unit == "1" else f" {unit}"
+    what = f"is {float(rows[row, column])!r}{of}, and on any machine within {lower:g} to {upper:g}"
+    return (
+        row,
+        column,
+        what,
+        "repair the value, or map the column with the factor of its unit: --map TARGET=COLUMN*FACTOR",
+    )
+
+
+def untimely(t: Array) -> tuple[int, str, str] | None:
+    """Return row, what and mend of the first sample that cannot follow the one before, by their times, s, (N,)."""
+    steps = np.diff(t)
+    if not steps.size:
+        return None
+    if (steps < SOONEST).any():
+        row = int(np.argmax(steps < SOONEST)) + 1
+        before, now = float(t[row - 1]), float(t[row])
+        if now < before:
+            return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
+        what = f"time {now!r} s {'repeats' if now == before else 'is less than a nanosecond after'} the row before"
+        return row, what, "delete one of the two rows, or write more digits"
+    if t[-1] - t[0] > LONGEST:
+        row = int(np.argmax(steps)) + 1
+        what = f"time steps from {t[row - 1]:.6g} to {t[row]:.6g} s in a log of {t[-1] - t[0]:.3g} s"
+        return row, what, "split the file there, or map t if it is not in s: --map t=COLUMN*FACTOR"
+    return None
+
+
+def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
+    """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length).
+
+    What nobody can write to is not copied: a part of a long log costs no memory.
+    """
+    copy = np.array(array, dtype=np.float64, copy=None if immutable(array) else True)
+    if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
+        raise LogError(
+            name, f"has shape {copy.shape}, expected {shape}", "give one row per sample, one column per joint"
+        )
+    copy.flags.writeable = False
+    return copy
+
+
+def channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
+    """Return `frozen`, without what is nothing; `LogError` at the first value that this kind has on no machine.
+
+    What nobody can write to was looked at when it was made: parts of a log are made by the thousand.
+    """
+    kept = frozen(array, shape, name)
+    if kept is not array and (wrong := implausible(kind, kept)) is not None:
+        row, column, what, mend = wrong
+        raise LogError(f"{name}, sample {row}, column {column}", what, mend)
+    if kept is not array and ((faint := np.abs(kept) < NOTHING) & (kept != 0.0)).any():
+        return frozen(np.where(faint, 0.0, kept), shape, name)
+    return kept
+
+
+def immutable(array: object) -> bool:
+    """Whether an array is read-only, and so is whatever it is a view of."""
+    while isinstance(array, np.ndarray) and not array.flags.writeable:
+        if array.base is None:
+            return True
+        array = array.base
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A joint trajectory ``q(t), v = dq/dt, a = dv/dt``.
+
+    Attributes:
+        t: Time, s, shape (N,).
+        q: Joint angle, rad (m for prismatic joints), shape (N, n).
+        v: Joint rate, rad/s, shape (N, n).
+        a: Joint acceleration, rad/s², shape (N, n).
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check their shapes."""
+        samples, joints = np.shape(self.q)
+        object.__setattr__(self, "t", frozen(self.t, (samples,), "t"))
+        for name in ("q", "v", "a"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (samples, joints), name))
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.t)
+
+    def until(self, seconds: float) -> Motion:
+        """Return the samples of the first so many seconds."""
+        rows = slice(0, int(np.searchsorted(self.t, self.t[0] + seconds, side="right")))
+        return Motion(self.t[rows], self.q[rows], self.v[rows], self.a[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Imu:
+    """What an IMU fixed to a link reports, in the link's frame.
+
+    Attributes:
+        gyro: Angular rate, rad/s, shape (N, 3), or None.
+        accel: Specific force, m/s² (+9.81 up at rest), shape (N, 3), or None.
+        quat: Attitude of the link in the world, (w, x, y, z), shape (N, 4), or None.
+    """
+
+    gyro: Array | None = None
+    accel: Array | None = None
+    quat: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check their shapes."""
+        for name, width in (("gyro", 3), ("accel", 3), ("quat", 4)):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, channel(value, (None, width), name, name))
+
+    @property
+    def channels(self) -> dict[str, Array]:
+        """What it reports, by name."""
+        return {name: x for name in ("gyro", "accel", "quat") if (x := getattr(self, name)) is not None}
+
+    def part(self, rows: slice | NDArray[np.integer[Any]]) -> Imu:
+        """Return the samples in `rows`."""
+        return Imu(**{name: x[rows] for name, x in self.channels.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One trajectory as it was recorded or simulated (CONTRACT.md, "A log").
+
+    Attributes:
+        name: Where it came from; errors and reports speak of it by this name.
+        joints: Joint names, in the order of the arrays' columns.
+        t: Time, s, strictly increasing, shape (N,).
+        q: Measured joint angle, rad, shape (N, n).
+        v: Measured joint rate, rad/s, shape (N, n), or None where q must be differentiated.
+        tau: Motor torque, N m, shape (N, n): `tau[k]` is held from `t[k]` to `t[k+1]`. None for a bare trajectory.
+        q_ref: Reference angle, rad, shape (N, n), or None.
+        temperature: Motor temperature, °C, shape (N, n), or None.
+        imus: Link name → what the IMU fixed to it reported.
+        payload: Name of the payload that was mounted, or None if not stated.
+        events: Sentences about what happened while recording (limits hit, fallbacks).
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    v: Array | None = None
+    tau: Array | None = None
+    q_ref: Array | None = None
+    temperature: Array | None = None
+    imus: Mapping[str, Imu] = field(default_factory=dict)
+    payload: str | None = None
+    events: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays, check their shapes, their values, and that time increases."""
+        shape = (len(np.atleast_1d(self.t)), len(self.joints))
+        for name in ("t", "q", "v", "tau", "q_ref", "temperature"):
+            if (value := getattr(self, name)) is not None:
+                kept = channel(value, shape[:1] if name == "t" else shape, name, f"{self.name}: {name}")
+                object.__setattr__(self, name, kept)
+        object.__setattr__(self, "imus", MappingProxyType(dict(self.imus)))
+        if (late := untimely(self.t)) is not None:
+            raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        """One line: name, joints, length and channels."""
+        held = [name for name in ("q", "v", "tau", "q_ref", "temperature") if getattr(self, name) is not None]
+        held += [f"IMU of {link}" for link in self.imus]
+        span = f"{len(self)} samples, {self.t[-1] - self.t[0]:.4g} s" if len(self) else "no samples"
+        return f"log {self.name}: {span} of {', '.join(self.joints)} ({', '.join(held)})"
+
+    @property
+    def dt(self) -> float:
+        """Median sampling interval, s."""
+        return float(np.median(np.diff(self.t)))
+
+    def part(self, rows: slice | NDArray[np.integer[Any]]) -> Log:
+        """Return the samples in `rows` as a log of its own."""
+        names = ("t", "q", "v", "tau", "q_ref", "temperature")
+        cut = {name: x[rows] for name in names if (x := getattr(self, name)) is not None}
+        return replace(self, **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})

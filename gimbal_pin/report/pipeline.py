@@ -1,0 +1,283 @@
+"""All of it: logs → model → what it gets wrong → tuned controller → verified in simulation → report and animation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.control.experiment import bench_run, perturbed
+from gimbal_pin.control.laws.aim import Law
+from gimbal_pin.control.laws.design import Wish
+from gimbal_pin.control.tracking import Tracking, track
+from gimbal_pin.control.trajectories import tour
+from gimbal_pin.control.tuning import Tuning, tune
+from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
+from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.simulation import plant_with, simulate
+from gimbal_pin.effects import RigEffect, Signal, Term
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.estimation.balance import reported
+from gimbal_pin.estimation.estimators import Estimator, weighted
+from gimbal_pin.estimation.identification import Identified, added, identify
+from gimbal_pin.estimation.model_file import write_extended, write_model
+from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.io import write_log, write_motion
+from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
+from gimbal_pin.log.log import Log
+from gimbal_pin.pointing import Asked, Verified, verify
+from gimbal_pin.pointing.able import unable
+from gimbal_pin.pointing.bench import WANTED
+from gimbal_pin.report import pages as report
+from gimbal_pin.report import view
+from gimbal_pin.rig.rig import Rig
+
+MODEL_BASED, PID = "computed-torque", "pid"
+COGGING, TEETH = 0.01, 12
+"""Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
+MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
+EXTENDED_PLANT = "the extended model"
+DRAWN_PLANT = "a rig that the model's covariance leaves possible"
+HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "tuned", "switch", "oracle"), 4.5
+"""Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
+
+FILES = {
+    "model": "model.yaml",
+    "controller": "controller.yaml",
+    "motion": "motion.csv",
+    "animation": "animation.html",
+    "camera": "camera.html",
+    "results": "results.json",
+    **{what: DIAGNOSED[what] for what in ("extended model", "next experiment", "report")},
+}
+"""What `auto` writes → the file's name; beside these the URDF, named after the rig."""
+
+
+@dataclass(frozen=True, eq=False)
+class Auto:
+    """The result of `auto`: every step's result, and the files it left.
+
+    Attributes:
+        identified: Model from the logs.
+        diagnosis: What that model gets wrong; None where the logs are too short to say.
+        model: What the controllers were made for: the identified model, or the extended one where causes were found.
+        tunings: "computed-torque" and "pid", at the same bandwidth; the one that was asked for first.
+        tracking: Steps with both.
+        animated: The log that the animation shows: all axes to and fro, with the controller that was asked for.
+        files: What → path.
+        plant: What the steps were simulated on, in words.
+        held: The camera held on a moving platform; None where that cannot be.
+        why: Why it cannot, or nothing.
+        undiagnosed: Why there is no diagnosis, or nothing.
+        notes: What `write_run` says of files of an earlier run.
+        beside: The identification with the causes that were found in the equations; None where there are none.
+    """
+
+    identified: Identified
+    diagnosis: Diagnosis | None
+    model: Model
+    tunings: Mapping[str, Tuning]
+    tracking: Tracking
+    animated: Log
+    files: Mapping[str, Path]
+    plant: str
+    held: Verified | None = None
+    why: str = ""
+    undiagnosed: str = ""
+    notes: tuple[str, ...] = ()
+    beside: Identified | None = None
+
+    @property
+    def bodied(self) -> Identified:
+        """The identification whose bodies and friction the URDF is given."""
+        return self.beside or self.identified
+
+    @property
+    def tuning(self) -> Tuning:
+        """The tuning that was asked for."""
+        return next(iter(self.tunings.values()))
+
+    @property
+    def held_on(self) -> str:
+        """What the camera was held on, in words."""
+        return TRUE_PLANT if self.plant == TRUE_PLANT else DRAWN_PLANT
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verbs' JSON side by side."""
+        return {
+            "schema": 1,
+            "identify": reported(self.identified),
+            "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
+            "tune": self.tuning.to_dict(),
+            "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
+            "not_held": self.why or None,
+            "not_diagnosed": self.undiagnosed or None,
+            "files": {what: str(path) for what, path in self.files.items()},
+        }
+
+
+def auto(
+    rig: Rig,
+    logs: Sequence[Log],
+    folder: str | Path,
+    *,
+    rng: np.random.Generator,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+    wish: Wish | None = None,
+    plant: Model | None = None,
+    run: Mapping[str, object] | None = None,
+) -> Auto:
+    """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
+
+    Controllers are made for what was found: where the diagnosis finds causes, for the extended model.
+
+    Args:
+        rig: The rig.
+        logs: Its logs.
+        folder: Where the files go; made if it is not there.
+        rng: Source of the sensors' noise in the verification.
+        estimator: Blocks → `Estimate`.
+        holdout: As for `identify`.
+        filtering: As for `identify`.
+        wish: What is asked of `tune`; the steps are also run with the other kind of controller.
+        plant: The plant that the steps are verified on; None: the model that the controllers were made for.
+        run: What the folder's ``run.json`` says of the run, see `write_run`.
+
+    Raises:
+        GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
+    """
+    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
+    wrong, undiagnosed = examined(rig, logs, rng, holdout)
+    extended = wrong is not None and bool(wrong.lacking)
+    model = wrong.after.model if wrong is not None and extended else identified.model
+    asked = wish or Wish()
+    tunings, late = tuned(model, asked), asked.samples
+    laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
+    tracking = track(plant or model, laws, rng=rng, delay=late)
+    law = next(iter(tunings.values())).controller
+    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro", delay=late)
+    held, why = carried(rig, logs[0], model, law, plant, late)
+    stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
+    files = paths(rig, Path(folder), wrong, held)
+    causes = added(model)
+    beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
+    steps = identified, wrong, model, tunings, tracking, animated
+    found = Auto(*steps, files, stood, held, why, undiagnosed, beside=beside)
+    return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
+
+
+def tuned(model: Model, wish: Wish) -> Mapping[str, Tuning]:
+    """Tune the kind that was asked for, then the other one; Lyapunov redesign is the model-based one's alone."""
+    first = tune(model, **vars(wish))
+    other = PID if wish.kind == MODEL_BASED else MODEL_BASED
+    same = {} if wish.disk_margin is None else alike(first)
+    return {wish.kind: first, other: first.with_(kind=other, robust=False, **same)}
+
+
+def alike(tuning: Tuning) -> dict[str, Any]:
+    """What to ask of another kind of controller for the same bandwidths, its disk margin being what it may."""
+    return {"bandwidth_hz": dict(zip(tuning.model.rig.joints, tuning.bandwidth_hz)), "disk_margin": None}
+
+
+def examined(
+    rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None
+) -> tuple[Diagnosis | None, str]:
+    """Diagnose logs, and plan the next experiment where they leave a choice; return it, or why they cannot answer."""
+    try:
+        found = diagnose(rig, logs, rng=rng, holdout=holdout)
+    except DataError as error:
+        return None, str(error)
+    return planned(found, rng=rng), ""
+
+
+def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, late: int) -> tuple[Verified | None, str]:
+    """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
+
+    By the tuned controller first of all, and beside it by those of equal margins. Without a plant it is one that the
+    model's covariance leaves possible.
+    """
+    if reason := unable(rig, WANTED):
+        return None, reason
+    try:
+        asked = Asked(plant=plant, known=model, law=law, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR, delay=late)
+        return replace(verify(rig, asked), targets=()), ""  # the targets are meant for a longer run
+    except UsageError as error:
+        return None, str(error)
+
+
+def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None) -> Mapping[str, Path]:
+    """Return what `write` leaves in a folder, and where."""
+    lacking = {
+        "camera": held is None,
+        "next experiment": wrong is None or wrong.next_motion is None,
+        "extended model": wrong is None or wrong.held is None,
+    }
+    names = {"urdf": f"{rig.name}.urdf", **FILES}
+    return {what: folder / name for what, name in names.items() if not lacking.get(what)}
+
+
+def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> tuple[str, ...]:
+    """Write every file; return the notes of `write_run`."""
+    identified, wrong = found.identified, found.diagnosis
+    animation = view.record(rig, found.animated)
+    results = identified, found.tunings, found.tracking, animation, wrong
+    page = report.full(
+        rig,
+        logs,
+        *results,
+        plant=found.plant,
+        held=found.held,
+        held_on=found.held_on,
+        why=found.why,
+        undiagnosed=found.undiagnosed,
+    )
+    writers: dict[str, Callable[[Path], object]] = {
+        "model": partial(write_model, identified),
+        "urdf": partial(atomic_write, content=found.bodied.to_urdf()),
+        "controller": partial(write_yaml, found.tuning.to_dict()),
+        "motion": partial(write_log, found.animated),
+        "animation": partial(atomic_write, content=animation),
+        "report": partial(atomic_write, content=page),
+        "results": partial(write_json, found.to_dict()),
+    }
+    if found.held is not None:
+        writers["camera"] = partial(atomic_write, content=report.moving(rig, found.held))
+    if wrong is not None and wrong.held is not None:
+        writers["extended model"] = partial(write_extended, wrong.after.model)
+    if wrong is not None and wrong.next_motion is not None:
+        writers["next experiment"] = partial(write_motion, wrong.next_motion, rig.joints)
+    return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
+
+
+def hidden(rig: Rig) -> Term | Signal | RigEffect:
+    """Return what the demo hides: teeth of the first joint's motor, at one per cent of its largest torque."""
+    limit = rig.tau_max[0] if np.isfinite(rig.tau_max[0]) else 1.0
+    teeth = rig.motors[0].slots or TEETH
+    return parse_effect(f"cogging:{rig.joints[0]}:amplitude={COGGING * limit:.3g},harmonic={teeth}", rig)
+
+
+def demo(
+    rig: Rig,
+    folder: str | Path,
+    *,
+    rng: np.random.Generator,
+    seconds: float = 22.0,
+    run: Mapping[str, object] | None = None,
+) -> Auto:
+    """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
+
+    The plant's bodies differ by some ten per cent and its friction by up to a third, and the first joint's motor cogs:
+    what `auto` is given is the URDF and the log alone. The steps are verified on the true plant. `run`: as for `auto`.
+    """
+    plant = plant_with(perturbed(rig, 0.1, rng), [hidden(rig)]).plant
+    mover = tune(nominal(rig), bandwidth_hz=4.0).controller
+    log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
+    return auto(rig, [log], folder, rng=rng, plant=plant, run=run)

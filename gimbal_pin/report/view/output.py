@@ -1,0 +1,173 @@
+"""The rig in motion as a file: HTML, a picture, or a video."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log.io.files import atomic_write, replacing
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.report.view.browser import pictures
+from gimbal_pin.report.view.motion import Frames, columns, frame_times, motion
+from gimbal_pin.report.view.page import page
+from gimbal_pin.report.view.scene import scene
+from gimbal_pin.report.view.stage import VIEWS
+from gimbal_pin.rig.rig import Rig
+
+ENCODERS: Mapping[str, tuple[str, ...]] = {
+    ".gif": (
+        *(
+            "-filter_complex",
+            "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=bayer:bayer_scale=4",
+        ),
+        *("-loop", "0", "-f", "gif"),
+    ),
+    ".webp": ("-c:v", "libwebp_anim", "-quality", "75", "-compression_level", "1", "-loop", "0", "-f", "webp"),
+    ".mp4": (
+        *(
+            "-vf",
+            "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+            "-c:v",
+            "libx264",
+            "-pix_fmt",
+            "yuv420p",
+            "-crf",
+            "18",
+            "-preset",
+            "veryfast",
+        ),
+        *("-movflags", "+faststart", "-f", "mp4"),
+    ),
+}
+"""Suffix → what ffmpeg is told."""
+
+PRESETS: Mapping[str, tuple[tuple[int, int], float | None, bool]] = {
+    "social": ((1080, 1080), 30.0, True),
+    "paper": ((1920, 1080), None, True),
+    "thumbnail": ((320, 180), 10.0, False),
+}
+"""Name → width and height, pixels, frames per second (None: what suits the format), and whether the frames say what
+they show: in the smallest ones nobody could read it."""
+
+FPS: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 30.0, ".png": 30.0}
+"""Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""
+
+
+def save(
+    rig: Rig,
+    log: Log,
+    path: str | Path,
+    *,
+    fps: float | None = None,
+    speed: float = 1.0,
+    ghost: bool = True,
+    colour: Array | None = None,
+    size: tuple[int, int] = (960, 540),
+    at: float | None = None,
+    camera: str | None = None,
+    written: bool = True,
+    beside: Log | None = None,
+    scale: str = "0 to 1",
+) -> tuple[str, ...]:
+    """Write what `record` shows, in the format of the path's suffix: .html, .png, .gif, .webp or .mp4.
+
+    All but .html need Chromium and the extra ``gimbal-pin[video]``; frames are rendered one by one at exact instants,
+    whatever the machine's speed. The file is written whole or not at all.
+
+    Args:
+        rig: What moves.
+        log: How it moves.
+        path: Where to.
+        fps: Frames per second; None: 30, of a GIF 20, of a WebP 25.
+        speed: As for `record`.
+        ghost: As for `record`.
+        colour: As for `record`.
+        size: Width and height, pixels; HTML fills its window.
+        at: Time of a picture, s of the log; None: where rig and reference are farthest apart.
+        camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
+        written: Whether title, time, legend and joint angles stand in pictures and films.
+        beside: A second log of the rig, played to the right of the first for as long as both last.
+        scale: What the colours mean, for the legend.
+
+    Returns:
+        A sentence for each thing that could not be drawn as the URDF says.
+
+    Raises:
+        UsageError: An argument, the suffix or the path cannot be used, or Chromium is missing.
+        LogError: The log is empty or lacks a joint of the rig.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in FPS:
+        raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FPS)}")
+    if len(log) == 1 and suffix != ".png":
+        raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
+    check_size(size)
+    rate = FPS[suffix] if fps is None else fps
+    if camera is not None and camera not in VIEWS:
+        raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
+    shown, other, name = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None, Path(log.name).name
+    if beside is not None:
+        other = motion(rig, beside, rate, speed, ghost, None)
+        both = min(len(shown.t), len(other.t))
+        shown, other = shown.first(both), other.first(both)
+        name = f"left {name}, right {Path(beside.name).name}"
+    drawn = scene(rig, shown, camera=camera, beside=other)
+    recorded = page(rig, name, shown, drawn, written=written, beside=other)
+    if suffix == ".html":
+        atomic_write(path, recorded)
+    elif suffix == ".png":
+        instant = (moment(rig, log) if at is None else within(at, log)) - log.t[0]
+        found: list[bytes] = []
+        pictures(recorded, [float(instant / speed)], size, found.append)
+        atomic_write(path, found[0])
+    else:
+        film(recorded, shown, rate, size, Path(path))
+    return drawn.events
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Raise `UsageError` unless the size is one that a browser draws."""
+    if not all(16 <= side <= 4096 for side in size):
+        raise UsageError("size", f"is {size[0]} × {size[1]} pixels", "give 16 to 4096 each way")
+
+
+def within(at: float, log: Log) -> float:
+    """Return `at`, s, if the log has it."""
+    if not log.t[0] <= at <= log.t[-1]:
+        raise UsageError("at", f"is {at} s", f"log {log.name} runs from {log.t[0]:.6g} to {log.t[-1]:.6g} s")
+    return at
+
+
+def moment(rig: Rig, log: Log) -> float:
+    """Return the time, s, of greatest distance from the reference; without one, from the mean pose."""
+    order = columns(rig, log)
+    away = log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref)
+    return float(log.t[int(np.argmax(np.sum(np.nan_to_num(away[:, order]) ** 2, axis=1)))])
+
+
+def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: Path) -> None:
+    """Render every frame of a recorded page and encode them with ffmpeg."""
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise UsageError("video", "imageio-ffmpeg is not installed", "pip install 'gimbal-pin[video]'") from error
+    times = frame_times(shown.clock, 1 / fps).tolist()
+    source = ("-f", "image2pipe", "-framerate", f"{fps:g}", "-c:v", "png", "-i", "-")
+    with replacing(path) as temporary:
+        command = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *source)
+        encode = (*command, *ENCODERS[path.suffix.lower()], str(temporary))
+        with subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process, ExitStack() as cut_off:
+            assert process.stdin is not None and process.stderr is not None  # both were asked for
+            cut_off.callback(process.kill)
+            with suppress(BrokenPipeError):  # ffmpeg ended early: its own words follow
+                pictures(recorded, times, size, process.stdin.write)
+            cut_off.pop_all()
+            reason = process.communicate()[1].decode(errors="replace").strip()
+        if process.returncode:
+            raise UsageError(str(path), f"could not be encoded ({reason or 'ffmpeg gave no reason'})", "write .html")

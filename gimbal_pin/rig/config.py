@@ -1,0 +1,137 @@
+"""A rig's YAML: what a URDF cannot say of motors, limits, sensors and the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from math import inf, pi
+from pathlib import Path
+from typing import Any
+
+from gimbal_pin.errors import RigError
+from gimbal_pin.rig.reading import read_yaml
+from gimbal_pin.rig.records import LARGEST, bounded, record, stated
+
+SMALLEST = 1e-9
+"""Least torque, N m and N m/A, and rate, rad/s: the smallest motors give 1e-6 N m, and shares of zero are none."""
+AXES = tuple(f"{sign}{axis}" for axis in "xyz" for sign in ("", "-"))
+
+
+@dataclass(frozen=True)
+class Motor:
+    """The motor and encoder of one joint.
+
+    Attributes:
+        tau_max: Largest torque, N m.
+        torque_constant: Torque per current, N m/A.
+        slots: Stator slots, or None.
+        poles: Rotor poles (twice the pole pairs), or None.
+        encoder_bits: Resolution of the angle sensor over one turn, or None; a double's 52 are the finest.
+        gear_ratio: Turns of the rotor per turn of the joint; torques and the constant above are the joint's.
+        rotor_inertia: The rotor's inertia about its own axis, kg m².
+    """
+
+    tau_max: float = bounded(inf, SMALLEST, inf)
+    torque_constant: float = bounded(1.0, SMALLEST, LARGEST)
+    slots: int | None = bounded(None, 1, 1000)
+    poles: int | None = bounded(None, 2, 1000)
+    encoder_bits: float | None = bounded(None, 1, 52)
+    gear_ratio: float = bounded(1.0, -1e5, 1e5)
+    rotor_inertia: float = bounded(0.0, 0.0, LARGEST)
+
+    @property
+    def armature(self) -> float:
+        """What the rotor's inertia is at the joint, kg m²."""
+        return self.gear_ratio**2 * self.rotor_inertia
+
+    @property
+    def encoder_step(self) -> float:
+        """Angle of one encoder step, rad; 0 where the resolution is not stated."""
+        return 2 * pi / 2**self.encoder_bits if self.encoder_bits else 0.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one joint: angle rad, velocity rad/s, acceleration rad/s², effort N m."""
+
+    lower: float = bounded(-inf, -inf, LARGEST)
+    upper: float = bounded(inf, -LARGEST, inf)
+    velocity: float = bounded(inf, SMALLEST, inf)
+    acceleration: float = bounded(inf, SMALLEST, inf)
+    effort: float = bounded(inf, SMALLEST, inf)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise densities of the rig's IMUs: gyro rad/s/√Hz, accelerometer m/s²/√Hz."""
+
+    gyro: float = bounded(0.0, 0.0, 1e3)
+    accelerometer: float = bounded(0.0, 0.0, 1e3)
+
+
+@dataclass(frozen=True)
+class Config:
+    """A rig's YAML: what a URDF cannot say.
+
+    Attributes:
+        urdf: Path of the URDF, xacro, SDF or MJCF, relative to the YAML; None: the URDF of the same name beside it.
+        xacro: Arguments of a xacro file: name → text.
+        description: One sentence.
+        mount: Link that a payload is fixed to.
+        camera_frame: Link that looks along one of its axes.
+        optical_axis: Which: x, -x, y, -y, z or -z; ROS's optical frames look along z, many a gimbal's camera along -x.
+        fixed: Joint → angle, rad, or place, m, at which it is held: no joint of the rig any more.
+        payload: Payload mounted when none is named: a bundled name, or a URDF's path relative to the YAML.
+        inertia: "trusted" if the URDF's inertias are known to be right, so that differences from them are findings.
+        motors: Joint → `Motor`.
+        limits: Joint → the entries of `Limits` to override.
+        imus: Links that carry an IMU.
+        noise: Densities of the IMUs' noise.
+    """
+
+    urdf: str | None = None
+    xacro: Mapping[str, str] = field(default_factory=dict)
+    description: str = ""
+    mount: str | None = None
+    camera_frame: str | None = None
+    optical_axis: str = "x"
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    payload: str | None = None
+    inertia: str = "nominal"
+    motors: Mapping[str, Motor] = field(default_factory=dict)
+    limits: Mapping[str, Any] = field(default_factory=dict)
+    imus: tuple[str, ...] = ()
+    noise: Noise = Noise()
+
+
+def load_config(path: Path) -> Config:
+    """Read a rig's YAML; `RigError` names the unknown key or the value of the wrong kind."""
+    data, place = read_yaml(path, RigError), str(path)
+    if isinstance(data, dict) and "schema" in data:
+        mend = "rename it: a YAML that is named as the URDF beside it is taken for the rig's own"
+        raise RigError(place, "is a model or a controller that gimbal_pin wrote, not a rig's YAML", mend)
+    if isinstance(data, dict):
+        data = {key: entry for key, entry in data.items() if entry is not None}
+    config = record(Config, {} if data is None else data, place, RigError)
+    if config.inertia not in ("nominal", "trusted"):
+        raise RigError(f"{place}: inertia", f"is '{config.inertia}'", "write trusted or nominal")
+    if config.optical_axis not in AXES:
+        raise RigError(f"{place}: optical_axis", f"is '{config.optical_axis}'", f"write one of {', '.join(AXES)}")
+    rows = config.limits.items()
+    limits = {joint: stated(Limits, entry, f"{place}: limits.{joint}", RigError) for joint, entry in rows}
+    return replace(config, limits=limits)
+
+
+def overlaid(base: Config, top: Config) -> Config:
+    """Return `base` with what `top` states on top of it; a joint keeps what `top` does not state about it."""
+    merged = changed(top, Config())
+    merged["limits"] = {**base.limits, **{j: {**base.limits.get(j, {}), **entry} for j, entry in top.limits.items()}}
+    merged["fixed"] = {**base.fixed, **top.fixed}
+    merged["xacro"] = {**base.xacro, **top.xacro}
+    motors = {j: replace(base.motors.get(j, Motor()), **changed(motor, Motor())) for j, motor in top.motors.items()}
+    return replace(base, **{**merged, "motors": {**base.motors, **motors}})
+
+
+def changed(value: Any, default: Any) -> dict[str, Any]:
+    """Return the fields in which a dataclass differs from its default."""
+    return {f.name: getattr(value, f.name) for f in fields(value) if getattr(value, f.name) != getattr(default, f.name)}

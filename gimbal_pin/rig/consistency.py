@@ -1,0 +1,233 @@
+"""The bodies that fit best among those that can exist: a semidefinite program of small blocks.
+
+``minimise ½ ‖F K φ - y‖² + μ Σ D(P_i ‖ P_i⁰)`` over physical φ, with the divergence of each body's pseudo-inertia from
+the URDF's, ``D = tr(P P⁰⁻¹) - log det(P P⁰⁻¹) - 4`` (Lee, Wensing and Park 2020). D is convex in φ, infinite at the
+edge of what can exist, and the same in any frame and unit: it is at once the barrier of an interior-point method, whose
+μ goes to zero, and what settles the directions that the data do not show. Least squares in log-Cholesky parameters
+has the same minimum and does not get there: in them the data's quadratic is a narrow, curved valley with its end at
+infinity wherever the best bodies lie on the edge, and any pull that keeps them finite holds them off it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.errors import DataError
+from gimbal_pin.rig.arrays import Array
+from gimbal_pin.rig.inertia import pseudo_inertia, strictly
+
+WEIGHTS = tuple(10.0 ** (0.5 * k) for k in range(2, -17, -1))
+"""μ from stage to stage, in units of half a squared deviation; the last decides how near the edge it ends."""
+LEANT = WEIGHTS[:5]
+"""Stages that end at μ = 0.1: it costs an estimate a share of a deviation, and bodies that a log hardly tells apart are
+not sent to where one of them weighs twenty times the URDF's, for less."""
+STEPS = 50
+"""Most Newton steps per stage; three or four do."""
+SETTLED = 1e-4
+"""Squared Newton decrement, over μ, at which a stage has settled."""
+WITHIN = 0.9
+"""Share of the way to the edge that one step may go."""
+MARGIN = 1e-6
+"""Every body keeps at least this share of the URDF's, a little fattened: what is written to a file stays physical."""
+BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])
+"""Pseudo-inertia per inertial parameter, (10, 4, 4)."""
+PARAMETERS = np.linalg.pinv(BASIS.reshape(10, 16).T)
+"""Inertial parameters per entry of a pseudo-inertia, (10, 16)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """The physical parameters nearest to an estimate, or to data.
+
+    Attributes:
+        phi: Inertial parameters, (10 n,), every body physical.
+        distance: Distance of their base parameters from the unconstrained ones in standard deviations (Mahalanobis).
+    """
+
+    phi: Array
+    distance: float
+
+
+class Body(NamedTuple):
+    """One body at one point, in coordinates s in which ``P = L (1 + Σ s_k S_k) Lᵀ`` with S_k orthonormal, symmetric.
+
+    There the Hessian of D is the identity, whatever the body.
+
+    Attributes:
+        L: A root of the pseudo-inertia: as long as that is what is kept, rounding cannot lead out of what can exist.
+        phi: Inertial parameters, (10,).
+        jacobian: Change of phi per coordinate, (10, 10).
+        divergence: D.
+        slope: Gradient of D, (10,).
+    """
+
+    L: Array
+    phi: Array
+    jacobian: Array
+    divergence: float
+    slope: Array
+
+    def moved(self, step: Array, inverse: Array) -> Body:
+        """Return the body at coordinates s, (10,)."""
+        return placed(self.L @ np.linalg.cholesky(np.eye(4) + np.einsum("k,kij->ij", step, SYMMETRIC)), inverse)
+
+
+def symmetric() -> Array:
+    """Orthonormal symmetric matrices S_k, (10, 4, 4)."""
+    out = []
+    for i in range(4):
+        for j in range(i + 1):
+            S = np.zeros((4, 4))
+            S[i, j] = S[j, i] = 1.0 if i == j else np.sqrt(0.5)
+            out.append(S)
+    return np.array(out)
+
+
+SYMMETRIC = symmetric()
+
+
+def nearest(
+    start: Array, mixing: Array, beta: Array, covariance: Array, weights: Sequence[float] = WEIGHTS
+) -> Consistent:
+    """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ; nearest to `start` (least D) where K shows nothing.
+
+    With stages that end at a larger μ also where K shows little, see `likeliest`.
+
+    Args:
+        start: Parameters to start from and to stay near, physical or on the edge of it (a flat plate), (10 n,).
+        mixing: K: base parameters per entry of φ, (b, 10 n).
+        beta: Estimated base parameters, (b,).
+        covariance: P, their covariance, (b, b).
+        weights: μ from stage to stage.
+
+    Raises:
+        DataError: A variance is infinite; or the estimate is so far from all bodies that numbers end before one is
+            reached.
+    """
+    if np.isinf(covariance).any():
+        what, mend = "are not all shown by the logs", "move every joint, several at a time: see 'gimbal-pin excite'"
+        raise DataError("the identified parameters", what, mend)
+    # Cholesky of the correlation: variances of one estimate span ten orders of magnitude.
+    std = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    correlation = covariance / std / std[:, None] + 1e-9 * np.eye(len(std))
+    try:
+        whiten = np.linalg.inv(np.linalg.cholesky(correlation)) / std
+        return fitted(start, whiten @ mixing, whiten @ beta, weights)
+    except np.linalg.LinAlgError as error:
+        mend = "look at the units of t, q and tau, and map them (--map)"
+        raise DataError("the identified parameters", "are near to no bodies that can exist", mend) from error
+
+
+def likeliest(start: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> Array:
+    """Return the most likely bodies, (10 n,), where every one is `start`'s, deformed at random by `trust`.
+
+    That is μ = 1 / trust²: near `start`, D is half the squared length of a deformation, see `spread`. What the log
+    shows well, it decides; what it does not stays as it was. Arguments as for `nearest`.
+    """
+    weight = 1.0 / trust**2
+    return nearest(start, mixing, beta, covariance, [*(w for w in WEIGHTS if w > weight), weight]).phi
+
+
+def fitted(start: Array, rows: Array, target: Array, weights: Sequence[float] = WEIGHTS) -> Consistent:
+    """``argmin ‖rows φ - target‖`` over physical φ, least D from `start` where the rows show nothing.
+
+    Args:
+        start: Parameters to start from, (10 n,).
+        rows: F K: whitened rows per entry of φ, (r, 10 n).
+        target: y, (r,).
+        weights: μ from stage to stage.
+
+    Returns:
+        The bodies; their distance is how much longer the residual is than without the constraint, in quadrature.
+    """
+    bodies = [strictly(body) for body in np.reshape(start, (-1, 10))]
+    inverses = [np.linalg.inv(pseudo_inertia(body)) for body in bodies]
+    margin = MARGIN * np.concatenate([fattened(body) for body in bodies])
+    left = target - rows @ margin
+    now = [placed(np.linalg.cholesky(pseudo_inertia(body)), inverse) for body, inverse in zip(bodies, inverses)]
+    for weight in weights:
+        now = settled(now, rows, left, inverses, weight)
+    phi = np.concatenate([body.phi for body in now]) + margin
+    free = np.linalg.lstsq(rows, target, rcond=None)[0]
+    return Consistent(phi, float(np.linalg.norm(rows @ (phi - free))))
+
+
+def settled(now: list[Body], rows: Array, target: Array, inverses: list[Array], weight: float) -> list[Body]:
+    """Return the minimum for one μ by Newton's method; every step ends in bodies that can exist."""
+    for _ in range(STEPS):
+        step, decrement = newton(now, rows, target, weight)
+        if decrement < SETTLED * weight:
+            break
+        share, cost = min(1.0, WITHIN * reach(step)), objective(now, rows, target, weight)
+        while True:
+            parts = zip(now, np.reshape(share * step, (-1, 10)), inverses)
+            after = [body.moved(part, inverse) for body, part, inverse in parts]
+            if objective(after, rows, target, weight) <= cost - 0.1 * share * decrement:
+                break
+            share /= 2
+            if share < 1e-9:
+                return now
+        now = after
+    return now
+
+
+def reach(step: Array) -> float:
+    """How many such steps lead to the edge of what can exist."""
+    matrices = np.einsum("bk,kij->bij", np.reshape(step, (-1, 10)), SYMMETRIC)
+    least = float(np.linalg.eigvalsh(matrices).min())
+    return -1.0 / least if least < 0 else float("inf")
+
+
+def newton(bodies: list[Body], rows: Array, target: Array, weight: float) -> tuple[Array, float]:
+    """Return the step, (10 n,), and the squared decrement.
+
+    ``[F K J; √μ] s = -[r; √μ ∇D]`` by orthogonal factors: forming the Hessian would square the condition number.
+    """
+    root = np.sqrt(weight)
+    rest = rows @ np.concatenate([body.phi for body in bodies]) - target
+    data = np.concatenate([rows[:, 10 * i : 10 * i + 10] @ body.jacobian for i, body in enumerate(bodies)], axis=1)
+    slope = np.concatenate([body.slope for body in bodies])
+    Q, R = np.linalg.qr(np.vstack([data, root * np.eye(len(slope))]))
+    projected = -Q.T @ np.concatenate([rest, root * slope])
+    return np.linalg.solve(R, projected), float(projected @ projected)
+
+
+def objective(bodies: list[Body], rows: Array, target: Array, weight: float) -> float:
+    """``½ ‖rows φ - target‖² + μ Σ D``."""
+    rest = rows @ np.concatenate([body.phi for body in bodies]) - target
+    return float(0.5 * rest @ rest + weight * sum(body.divergence for body in bodies))
+
+
+def placed(L: Array, inverse: Array) -> Body:
+    """Return the body of a root of its pseudo-inertia, (4, 4); `inverse` is that of the URDF's pseudo-inertia."""
+    ratio = L.T @ inverse @ L
+    jacobian = PARAMETERS @ (L @ SYMMETRIC @ L.T).reshape(10, 16).T
+    slope = np.einsum("kij,ij->k", SYMMETRIC, ratio - np.eye(4))
+    divergence = float(np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4.0)
+    return Body(L, PARAMETERS @ (L @ L.T).ravel(), jacobian, divergence, slope)
+
+
+def fattened(phi: Array) -> Array:
+    """Return a body's parameters with the mean of its second moments added to each: as thick as it is wide."""
+    P = pseudo_inertia(phi)
+    out = np.array(phi)
+    out[[4, 6, 9]] += 2.0 * float(np.trace(P[:3, :3])) / 3.0
+    return out
+
+
+def spread(phi: Array) -> Array:
+    """A root of the covariance G of bodies' parameters, (10 n, 10 n), if each is deformed at random by 100 %.
+
+    ``P = L (1 + S) Lᵀ`` with S symmetric and its orthonormal coordinates of unit variance: the deviation is that of
+    the divergence D, and so the same in any frame and unit; of a mass it is the mass itself.
+    """
+    out = np.zeros((len(phi), len(phi)))
+    for body, part in enumerate(np.reshape(phi, (-1, 10))):
+        P = pseudo_inertia(strictly(part))
+        at = slice(10 * body, 10 * body + 10)
+        out[at, at] = placed(np.linalg.cholesky(P), np.linalg.inv(P)).jacobian
+    return out

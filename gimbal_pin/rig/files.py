@@ -1,0 +1,80 @@
+"""Where a rig's file, its YAML and its payload lie: bundled, or named by a path."""
+
+from __future__ import annotations
+
+import importlib.resources
+from dataclasses import replace
+from pathlib import Path
+
+from gimbal_pin.errors import RigError
+from gimbal_pin.rig.config import Config, load_config, overlaid
+
+YAML = (".yaml", ".yml")
+SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")
+"""Of the rig's file that is sought beside a YAML which names none."""
+
+
+def bundled() -> Path:
+    """Return the folder of the bundled rigs: inside the installed package, or beside it in a checkout."""
+    inside = Path(str(importlib.resources.files("gimbal_pin"))) / "urdf"
+    return inside if inside.is_dir() else Path(__file__).parents[2] / "urdf"
+
+
+def bundled_rigs() -> tuple[str, ...]:
+    """Names of the bundled rigs."""
+    return tuple(sorted(path.stem for path in bundled().glob("*.urdf")))
+
+
+def bundled_payloads() -> tuple[str, ...]:
+    """Names of the bundled payloads."""
+    return tuple(sorted(path.stem for path in (bundled() / "payloads").glob("*.urdf")))
+
+
+def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
+    """Return the path of the rig's file and the configuration of a bundled name, rig's file or YAML.
+
+    `above`: the YAML files that led here, resolved: none may name itself, directly or in a circle.
+    """
+    path = bundled() / f"{rig}.urdf" if str(rig) in bundled_rigs() else Path(rig)
+    if not path.is_file():
+        names = ", ".join(bundled_rigs())
+        raise RigError(str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}")
+    if path.suffix not in YAML:
+        beside = path.with_suffix(".yaml")
+        return path, located(load_config(beside), beside) if beside.is_file() else Config()
+    if path.resolve() in above:
+        raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
+    config = located(load_config(path), path)
+    target = find_target(path, config)
+    if target.suffix not in YAML:
+        return target, config
+    base_path, base = find(target, (*above, path.resolve()))
+    return base_path, overlaid(base, config)
+
+
+def located(config: Config, path: Path) -> Config:
+    """Return the configuration with its payload's path made relative to the YAML that names it."""
+    if config.payload is None or config.payload in bundled_payloads():
+        return config
+    return replace(config, payload=str(path.parent / config.payload))
+
+
+def find_target(path: Path, config: Config) -> Path:
+    """Return what a YAML's `urdf:` names: a bundled rig, or a file relative to the YAML."""
+    if config.urdf is None:
+        beside = [path.with_suffix(suffix) for suffix in SUFFIXES]
+        return next((file for file in beside if file.is_file()), beside[0])
+    if config.urdf in bundled_rigs():
+        return bundled() / f"{config.urdf}.yaml"
+    return path.parent / config.urdf
+
+
+def payload_path(payload: str) -> Path:
+    """Return the URDF of a bundled payload or of a path."""
+    path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)
+    if not path.is_file():
+        names = ", ".join(bundled_payloads())
+        raise RigError(
+            payload, "is neither a file nor a bundled payload", f"give a URDF, xacro, SDF or MJCF, or one of {names}"
+        )
+    return path

@@ -1,0 +1,123 @@
+"""The mesh files that a URDF names: found, and read as triangles, whatever is in them."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gimbal_pin.rig.bounded import Stopped, run
+
+FORMATS = (".stl", ".obj", ".ply", ".off", ".dae", ".glb")
+"""Formats that trimesh reads whole from one stream: no archive, no need of files beside it."""
+
+LARGEST = 32 * 2**20
+"""Largest file, bytes: 670 000 triangles in a binary STL, more than a browser turns smoothly."""
+
+MEMORY, SECONDS = 2 * 2**30, 5
+"""Address space, bytes, and processor time, s, of the reading of one file. One of `LARGEST` bytes takes 1.1 GiB and 5 s
+in the slowest format, OFF; 1 GiB and 1.5 to 2 s as STL, OBJ or COLLADA."""
+
+PATIENCE = 60.0
+"""Longest wait for all the meshes of a rig, s: thirty such files."""
+
+
+class Mesh(NamedTuple):
+    """Triangles.
+
+    Attributes:
+        vertices: Points, m, (N, 3), finite.
+        faces: Three rows of `vertices` each, (M, 3), M > 0.
+    """
+
+    vertices: np.ndarray[Any, np.dtype[np.float64]]
+    faces: np.ndarray[Any, Any]
+
+
+def mesh_file(name: str, folder: Path) -> Path | None:
+    """Return the regular file that a URDF's mesh name means, seen from the URDF's folder; None if there is none.
+
+    ``package://pkg/rest`` is sought as ``pkg/rest`` and ``rest`` in the folder and in those above it.
+    """
+    inside = name.removeprefix("package://")
+    candidates = [folder / name.removeprefix("file://")]
+    if inside != name:
+        tails = (inside, inside.partition("/")[2])
+        candidates = [above / tail for above in (folder, *folder.parents) for tail in tails]
+    return next((file.resolve() for file in candidates if os.path.isfile(file)), None)
+
+
+def find_meshes(names: Iterable[str], folder: Path) -> Mapping[str, Mesh | str]:
+    """Return the mesh that each name means, seen from the URDF's folder, or what is the matter with it."""
+    files = {name: mesh_file(name, folder) for name in names}
+    read = read_meshes(file for file in files.values() if file is not None)
+    return {name: "is not there" if file is None else read.get(file, "cannot be read") for name, file in files.items()}
+
+
+def read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
+    """Return the meshes of those files that are some; nothing of what is in the others is told, or opened beside them.
+
+    trimesh is not made for files of strangers, so each is read in a process of its own that has bounds (`bounded`).
+    """
+    wanted = [file for file in dict.fromkeys(files) if file.suffix.lower() in FORMATS]
+    if not wanted:
+        return {}
+    with TemporaryDirectory() as folder:
+        Path(folder, "names").write_bytes(b"\0".join(map(os.fsencode, wanted)))
+        with suppress(Stopped):
+            run(__name__, folder, memory=MEMORY, seconds=SECONDS, patience=PATIENCE)
+        made = {file: Path(folder, f"{k}.npz") for k, file in enumerate(wanted)}
+        return {file: loaded(out) for file, out in made.items() if out.exists()}
+
+
+def loaded(file: Path) -> Mesh:
+    """Return a mesh that `main` wrote."""
+    with np.load(file, allow_pickle=False) as data:
+        return Mesh(data["vertices"], data["faces"])
+
+
+def main(folder: str) -> None:
+    """Write the mesh of the k-th file that ``names`` in a folder holds, NUL between them, as ``<k>.npz`` there.
+
+    Each is read by a process of its own, so that an error or a bound ends that one alone.
+    """
+    import trimesh
+
+    for k, name in enumerate(Path(folder, "names").read_bytes().split(b"\0")):
+        if child := os.fork():
+            os.waitpid(child, 0)
+            continue
+        try:
+            file = Path(os.fsdecode(name))
+            with file.open("rb") as stream:
+                content = stream.read(LARGEST + 1)
+            if len(content) <= LARGEST:
+                mesh = trimesh.load_mesh(io.BytesIO(content), file_type=file.suffix[1:])
+                write(Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces)), Path(folder, f"{k}.npz"))
+        finally:
+            os._exit(0)  # at once: the interpreter takes a quarter of a second to end
+
+
+def write(mesh: Mesh, file: Path) -> None:
+    """Write a mesh whole if it is one."""
+    vertices, faces = mesh
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
+        return
+    # What is drawn and measured is single precision.
+    if np.isfinite(vertices.astype(np.float32)).all() and 0 <= faces.min() <= faces.max() < len(vertices):
+        half = file.with_suffix(".half.npz")
+        np.savez(half, vertices=vertices, faces=faces)
+        half.replace(file)
+
+
+def stl(mesh: Mesh) -> bytes:
+    """Return a mesh as a binary STL."""
+    records = np.zeros(len(mesh.faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+    records["corners"] = mesh.vertices[mesh.faces]
+    return bytes(80) + len(records).to_bytes(4, "little") + records.tobytes()

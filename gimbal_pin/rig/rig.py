@@ -1,0 +1,345 @@
+"""A gimbal as data: URDF, Pinocchio model, motors, limits, payload, and where the camera is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from gimbal_pin.errors import RigError
+from gimbal_pin.rig import mending, urdf
+from gimbal_pin.rig.arrays import Array
+from gimbal_pin.rig.config import Config, Limits, Motor, overlaid
+from gimbal_pin.rig.files import YAML, find, payload_path
+from gimbal_pin.rig.files import bundled as bundled
+from gimbal_pin.rig.files import bundled_payloads as bundled_payloads
+from gimbal_pin.rig.files import bundled_rigs as bundled_rigs
+from gimbal_pin.rig.floating import floating
+from gimbal_pin.rig.formats import as_urdf
+from gimbal_pin.rig.reading import decimal
+from gimbal_pin.rig.records import LARGEST
+from gimbal_pin.rig.urdf_checks import MOVABLE
+
+GRAVITY = 9.81
+"""Acceleration of gravity, m/s², down the world's z."""
+
+
+PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""A body's ten inertial parameters in Pinocchio's order: mass, first moments, inertia about the joint's origin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A tree of bodies on a base, with one actuated angle per joint.
+
+    Attributes:
+        name: Bundled name or file stem.
+        urdf: URDF text, payload included, joint types as written.
+        model: Pinocchio model on a fixed base; `continuous` joints are revolute in it: nq = nv = number of joints.
+        joints: Joint names in the model's order (n).
+        links: The link that each joint moves (n); links fixed to it are lumped into it.
+        motors: One per joint.
+        limits: One per joint.
+        friction: Coulomb and viscous coefficients from ``<dynamics>``, N m and N m s/rad, shape (n, 2).
+        base: Root link.
+        camera_frame: Link whose +x axis is the line of sight.
+        payload: Name of the mounted payload, or None.
+        payload_link: Root link of the mounted payload, or None.
+        config: The YAML it came with.
+        path: URDF file, for meshes named relative to it.
+        notes: Sentences on what the URDF has wrong and what does not matter.
+    """
+
+    name: str
+    urdf: str
+    model: pin.Model
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    motors: tuple[Motor, ...]
+    limits: tuple[Limits, ...]
+    friction: Array
+    base: str
+    camera_frame: str
+    payload: str | None
+    payload_link: str | None
+    config: Config
+    path: Path
+    notes: tuple[str, ...] = ()
+
+    @staticmethod
+    def load(rig: str | Path, payload: str | Path | None = None, mend: bool = False) -> Rig:
+        """Load a bundled rig by name, a URDF, xacro, SDF or MJCF file, or a YAML that names one.
+
+        `payload`: a bundled one's name or a file's path; None mounts the YAML's default. `mend`: whether every inertia
+        that breaks a rule becomes the nearest that does not.
+
+        Raises:
+            RigError: Anything that keeps it from being a rig, with file and mend.
+        """
+        path, config = find(rig)
+        text, notes = as_urdf(path, config.xacro)
+        element = urdf.tree(text, str(path), config.fixed)
+        for joint, at in config.fixed.items():
+            hold(named(element, joint, str(path)), at)
+        notes = notes + mending.cleared(element, str(path))
+        name = str(payload) if payload is not None else config.payload
+        payload_link = None
+        if name is not None:
+            other = payload_path(name)
+            text, more = as_urdf(other, {})
+            part = urdf.tree(text, str(other))
+            notes += more + mending.cleared(part, str(other), carried=True)
+            payload_link = urdf.root_link(part, str(other))
+            urdf.mount(element, part, config.mount or "camera_mount", str(path))
+        mounted = Path(name).stem if name else None
+        stated = Path(rig) if Path(rig).suffix in YAML else path.with_suffix(".yaml")
+        built = build(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
+        return replace(built, notes=(*notes, *built.notes, *held(element)))
+
+    def __repr__(self) -> str:
+        """Name, payload and joints; the URDF and the model would fill the screen."""
+        return f"Rig(name={self.name!r}, payload={self.payload!r}, joints={self.joints})"
+
+    @property
+    def title(self) -> str:
+        """Its name, and what it carries."""
+        return f"{self.name} with {self.payload}" if self.payload else self.name
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def phi(self) -> Array:
+        """The URDF's inertial parameters, (10 n,), per body in the order of `PHI`."""
+        return np.concatenate([inertia.toDynamicParameters() for inertia in self.model.inertias[1:]])
+
+    @cached_property
+    def floating(self) -> pin.Model:
+        """The model on a base that moves: six rates of the base first, then the joints' (see `floating.floating`)."""
+        return floating(self.model)
+
+    @property
+    def tau_max(self) -> Array:
+        """Torque limits, N m, (n,)."""
+        return np.array([min(motor.tau_max, limit.effort) for motor, limit in zip(self.motors, self.limits)])
+
+    @property
+    def stops(self) -> tuple[Array, Array]:
+        """Lowest and highest angle of every joint, rad, (n,) each; infinite where nothing stops it."""
+        return np.array([limit.lower for limit in self.limits]), np.array([limit.upper for limit in self.limits])
+
+    def joint_index(self, joint: str) -> int:
+        """Return the column of a joint; `RigError` lists the joints if there is none of that name."""
+        if joint not in self.joints:
+            raise RigError(f"rig {self.name}", f"has no joint '{joint}'", f"its joints are {', '.join(self.joints)}")
+        return self.joints.index(joint)
+
+    @cached_property
+    def weightless(self) -> Rig:
+        """The rig where nothing weighs: what its joints are asked for is inertia alone."""
+        model = self.model.copy()
+        model.gravity = pin.Motion.Zero()
+        return replace(self, model=model)
+
+    def with_phi(self, phi: Array) -> Rig:
+        """Return the rig with other inertial parameters in its model, (10 n,); its URDF text stays as it is."""
+        model = self.model.copy()
+        for body, parameters in enumerate(np.reshape(phi, (-1, 10)), start=1):
+            model.inertias[body] = pin.Inertia.FromDynamicParameters(parameters)
+        return replace(self, model=model)
+
+
+def build(
+    path: Path,
+    text: str,
+    config: Config,
+    payload: str | None,
+    payload_link: str | None,
+    stated: str,
+    mend: bool = False,
+) -> Rig:
+    """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
+    robot = urdf.checked(text, str(path))
+    model = to_pinocchio(text, str(path))
+    sound, notes = mending.mended(text) if mend else mending.felt(text, model, str(path))
+    if sound != text:
+        text, model = sound, to_pinocchio(sound, str(path))
+    joints = tuple(model.names[1:])
+    by_name = {joint.name: joint for joint in robot.joints}
+    for key in (*config.motors, *config.limits):
+        if key not in joints and key not in config.fixed:
+            raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
+    element = urdf.parse(text, str(path))
+    links = urdf.names(element, "link")
+    usual = "camera" if "camera" in links else (*urdf.sensed(element, "camera"), by_name[joints[-1]].child)[0]
+    camera = config.camera_frame or usual
+    for link in (camera, *config.imus):
+        if link not in links:
+            raise RigError(stated, f"speaks of link '{link}', which the rig has not", f"links: {', '.join(links)}")
+    if config.optical_axis != "x":
+        camera = add_sight(element, camera, config.optical_axis)
+        text = urdf.to_text(element)
+        model = to_pinocchio(text, str(path))
+    config = replace(config, motors=overlaid(Config(motors=geared(element, joints)), config).motors)
+    return Rig(
+        name=path.stem,
+        urdf=text,
+        model=model,
+        joints=joints,
+        links=tuple(by_name[joint].child for joint in joints),
+        motors=tuple(config.motors.get(joint, Motor()) for joint in joints),
+        limits=tuple(joint_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints),
+        friction=np.array([joint_friction(by_name[joint]) for joint in joints]),
+        base=urdf.root_link(element, str(path)),
+        camera_frame=camera,
+        payload=payload,
+        payload_link=payload_link,
+        config=config,
+        path=path,
+        notes=tuple(notes),
+    )
+
+
+OPTICAL = {
+    "x": np.eye(3),
+    "-x": np.diag([-1.0, -1.0, 1.0]),
+    "y": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "-y": np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),  # ROS: z forward, y down (REP 103)
+    "-z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),  # OpenGL, MuJoCo: -z forward, y up
+}
+"""Optical axis → rotation to a frame whose x is the line of sight and whose z is up in the picture."""
+
+
+def add_sight(robot: etree._Element, camera: str, axis: str) -> str:
+    """Add a link without mass to the camera's, its x along the optical axis, in place; return its name."""
+    sight = f"{camera}_sight"
+    while sight in urdf.names(robot, "link"):
+        sight += "_"
+    etree.SubElement(robot, "link", name=sight)
+    joint = etree.SubElement(robot, "joint", name=f"{sight}_joint", type="fixed")
+    etree.SubElement(joint, "parent", link=camera)
+    etree.SubElement(joint, "child", link=sight)
+    rpy = pin.rpy.matrixToRpy(OPTICAL[axis])
+    etree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(f"{x:.17g}" for x in rpy))
+    return sight
+
+
+def geared(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
+    """Return joint → gear ratio, rotor inertia and torque constant, as far as a ``<transmission>`` states them.
+
+    ROS 1 (``mechanicalReduction``, ``motorTorqueConstant``), ros2_control (``mechanical_reduction``) and Drake
+    (``drake:gear_ratio``, ``drake:rotor_inertia``); one joint and one motor each. What is no number is passed over.
+    """
+    out = {}
+    for transmission in robot.iter("transmission"):
+        moved = [joint.get("name") for joint in transmission.findall("joint")]
+        if len(moved) != 1 or moved[0] not in joints or len(transmission.findall("actuator")) != 1:
+            continue
+        ratio, found = 1.0, dict[str, float]()
+        for element in transmission.iterdescendants(etree.Element):
+            value = abs(decimal((element.get("value") or element.text or "").strip()) or 0.0)
+            tag = etree.QName(element).localname.replace("_", "").lower()
+            if tag in ("mechanicalreduction", "gearratio") and 0 < value <= 1e5:
+                ratio *= value
+            elif tag in ("rotorinertia", "motortorqueconstant") and 1e-12 < value < 1e6:
+                found[tag] = value
+        constant = found.get("motortorqueconstant", 1.0 / ratio)
+        out[moved[0]] = Motor(
+            torque_constant=ratio * constant, gear_ratio=ratio, rotor_inertia=found.get("rotorinertia", 0.0)
+        )
+    return out
+
+
+def named(robot: etree._Element, joint: str, place: str) -> etree._Element:
+    """Return the joint of a name; `RigError` if there is none."""
+    found = [element for element in robot.findall("joint") if element.get("name") == joint]
+    if not found:
+        raise RigError(f"{place}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
+    return found[0]
+
+
+def held(robot: etree._Element) -> list[str]:
+    """Return a sentence on the joints that mimic others."""
+    held = [f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in robot.xpath("joint[mimic]")]
+    return [f"a joint that mimics another is held where the other's zero has it: {mending.listed(held)}"] * bool(held)
+
+
+def to_pinocchio(text: str, place: str) -> pin.Model:
+    """Return the fixed-base model, `continuous` joints as unlimited revolute ones (logs hold one angle per joint).
+
+    A joint that mimics another, ``q = multiplier q' + offset``, is fixed at its offset.
+    """
+    robot = urdf.parse(text, place)
+    for joint in robot.xpath("joint[mimic]"):
+        hold(joint, float(joint.find("mimic").get("offset", "0")))
+    for joint in robot.findall("joint[@type='continuous']"):
+        joint.set("type", "revolute")
+        if joint.find("limit") is None:
+            etree.SubElement(joint, "limit", effort="0", velocity="0")
+    try:
+        model = pin.buildModelFromXML(urdf.skeleton(robot))
+    except (ValueError, RuntimeError) as error:
+        raise RigError(place, f"is not a URDF that Pinocchio reads ({error})", "mend what it names") from error
+    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
+    for joint, inertia in zip(model.names[1:], model.inertias[1:]):
+        if not inertia.mass > 0:
+            raise RigError(
+                f"{place}: joint '{joint}'", "moves no mass", "give its link an <inertial>, or mount a payload"
+            )
+    return model
+
+
+def hold(joint: etree._Element, at: float) -> None:
+    """Make a joint a fixed one where it reads `at`, rad or m, in place."""
+    kind = joint.get("type")
+    joint.set("type", "fixed")
+    if at and kind in MOVABLE:
+        origin, axis = urdf.child(joint, "origin"), joint.find("axis")
+        way = numbers("1 0 0" if axis is None else axis.get("xyz"))
+        way = at * way / max(float(np.linalg.norm(way)), 1e-6)
+        place = pin.SE3(pin.rpy.rpyToMatrix(*numbers(origin.get("rpy", "0 0 0"))), numbers(origin.get("xyz", "0 0 0")))
+        slides = kind == "prismatic"
+        place = place * (pin.SE3(np.eye(3), way) if slides else pin.SE3(pin.exp3(way), np.zeros(3)))
+        origin.set("xyz", " ".join(f"{x:.17g}" for x in place.translation))
+        origin.set("rpy", " ".join(f"{x:.17g}" for x in pin.rpy.matrixToRpy(place.rotation)))
+
+
+def numbers(text: str) -> Array:
+    """Return the numbers of an attribute."""
+    return np.array(text.split(), dtype=float)
+
+
+def joint_limits(joint: Any, override: Mapping[str, float], place: str) -> Limits:
+    """Return the URDF's limits of a yourdfpy joint with the YAML's entries on top.
+
+    An effort or velocity of 0 counts as not stated: it is what exporters write who do not know it. One of 1e16 or more,
+    SDF's word for none, is none.
+    """
+    limit = joint.limit
+    stated: dict[str, float] = {}
+    if limit is not None:
+        keys = ("effort", "velocity") if joint.type == "continuous" else ("effort", "velocity", "lower", "upper")
+        given = {key: getattr(limit, key) for key in keys}
+        stated = {key: float(x) for key, x in given.items() if x or (x is not None and key in ("lower", "upper"))}
+    every = {**stated, **override}
+    limits = Limits(**{key: math.copysign(math.inf, x) if abs(x) >= LARGEST else x for key, x in every.items()})
+    if limits.lower > limits.upper:
+        what = f"has lower limit {limits.lower:g} above upper {limits.upper:g}"
+        raise RigError(f"{place}: limits.{joint.name}", what, "swap them")
+    return limits
+
+
+def joint_friction(joint: Any) -> tuple[float, float]:
+    """Return the Coulomb and viscous coefficients of a yourdfpy joint's ``<dynamics>``; zero where not stated."""
+    dynamics = joint.dynamics
+    return (0.0, 0.0) if dynamics is None else (float(dynamics.friction or 0.0), float(dynamics.damping or 0.0))

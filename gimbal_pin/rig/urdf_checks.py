@@ -1,0 +1,213 @@
+"""Whether a URDF describes a rig: names, references, numbers, joints and inertias that can be."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from lxml import etree
+
+from gimbal_pin.errors import RigError
+from gimbal_pin.rig.reading import LONGEST, decimal
+
+if TYPE_CHECKING:
+    import yourdfpy
+
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+"""Attribute, row and column of the entries of a URDF's inertia."""
+JOINTS = 32
+"""Most movable joints: the base parameters' samples (`reduction.kronecker`) know three sequences for each of 33, and
+`check` takes 4 s."""
+LINKS = 1000
+"""Most links, fixed ones included: a chain of them loads in 2 s, one of 5000 overflows the stack inside Pinocchio."""
+NAME = 100
+"""Longest name: a message has room for two."""
+LIGHTEST, HEAVIEST = 1e-9, 1e7
+"""Masses, kg: a microgram, for links that only mark a place, and 10 000 t, beyond any machine on joints."""
+NARROWEST, WIDEST = 1e-9, 1e3
+"""Radii of gyration, m: a nanometre, which is a few atoms, and a kilometre."""
+NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
+    "origin": {"xyz": (3, WIDEST), "rpy": (3, 1e3)},
+    "axis": {"xyz": (3, 1e6)},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), (1, 1e16)),  # what SDF writes for no limit
+    "dynamics": {"damping": (1, 1e6), "friction": (1, 1e6)},
+    "mimic": {"multiplier": (1, 1e6), "offset": (1, 1e3)},
+    "mass": {"value": (1, HEAVIEST)},
+    "inertia": dict.fromkeys((name for name, _, _ in ENTRIES), (1, HEAVIEST * WIDEST**2)),
+    "box": {"size": (3, WIDEST)},
+    "cylinder": {"radius": (1, WIDEST), "length": (1, WIDEST)},
+    "sphere": {"radius": (1, WIDEST)},
+    "mesh": {"scale": (3, 1e6)},
+    "color": {"rgba": (4, 255.0)},
+}
+"""Tag → its attributes that hold numbers: how many, and the largest, in SI units."""
+REQUIRED: Mapping[str, Sequence[str]] = {
+    "axis": ["xyz"],
+    "limit": ["effort", "velocity"],
+    "mesh": ["filename"],
+    "mimic": ["joint"],
+    **{tag: list(NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
+}
+"""Attributes that must be there: readers differ in what they take a missing one for, and some drop the whole tag."""
+
+
+def names(robot: etree._Element, tag: str) -> list[str]:
+    """Return the names of the robot's links, joints or materials, in the file's order."""
+    return [element.get("name", "") for element in robot.findall(tag)]
+
+
+def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) -> None:
+    """Raise `RigError` if the robot, links or joints are too many, or two share a name, or one cannot name a column.
+
+    `fixed`: joints that are held, as those are that mimic others.
+    """
+    links, joints = robot.findall("link"), robot.findall("joint")
+    for element in (robot, *links, *joints):
+        name = element.get("name", "")
+        where = f"{place}:{element.sourceline}"
+        if not name:
+            raise RigError(where, f"<{element.tag}> has no name", "give it one")
+        if len(name) > NAME or name != name.strip() or not name.isprintable() or set(name) & set(',;"'):
+            mend = f"use up to {NAME} letters, digits and signs, but no comma, semicolon, double quote or blank ends"
+            raise RigError(where, f"<{element.tag}> has a name that a log's header cannot hold ({name[:20]!r})", mend)
+    for tag, elements in (("link", links), ("joint", joints)):
+        if twice := repeated(element.get("name") for element in elements):
+            raise RigError(place, f"two {tag}s are named '{twice[0]}'", "rename one")
+    free = [joint for joint in joints if joint.find("mimic") is None and joint.get("name") not in fixed]
+    movable = {joint.get("name") for joint in free if joint.get("type") in MOVABLE}
+    if len(links) > LINKS or len(movable) > JOINTS:
+        what = f"has {len(links)} links and {len(movable)} movable joints"
+        raise RigError(
+            place, what, f"give at most {LINKS} and {JOINTS}: name in the YAML ('fixed:') what the log does not hold"
+        )
+    if both := sorted(joint for joint in movable if f"ref_{joint}" in movable):
+        what = f"q_ref_{both[0]} would be the angle of joint 'ref_{both[0]}' and the reference of '{both[0]}'"
+        raise RigError(place, what, "rename one")
+
+
+def repeated(names: Iterable[str]) -> list[str]:
+    """Return the names that are there more than once, in order."""
+    return sorted(name for name, count in Counter(names).items() if count > 1)
+
+
+def check_references(robot: etree._Element, place: str) -> None:
+    """Raise `RigError` if a joint's parent or child is missing or no link."""
+    links = set(names(robot, "link"))
+    for joint in robot.findall("joint"):
+        for role in ("parent", "child"):
+            element = joint.find(role)
+            if element is None or element.get("link") not in links:
+                missing = "nothing" if element is None else f"'{element.get('link')}'"
+                raise RigError(
+                    f"{place}:{joint.sourceline}",
+                    f"joint '{joint.get('name')}' has {missing} as {role}, which is no link of the file",
+                    "name a link that exists",
+                )
+
+
+def check_numbers(robot: etree._Element, place: str) -> None:
+    """Raise `RigError` where an attribute is missing, or is not as many numbers of a size that can be as it should be.
+
+    See `REQUIRED` and `NUMBERS`. What is in order is written anew with single blanks: urdfdom takes none at the ends.
+    """
+    solids = "link/visual/origin | link/collision/origin | link/visual/geometry/* | link/collision/geometry/*"
+    for element in robot.xpath(f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"):
+        where = f"{place}:{element.sourceline}"
+        for attribute in REQUIRED.get(element.tag, ()):
+            if element.get(attribute) is None:
+                raise RigError(where, f"<{element.tag}> has no {attribute}", "give it")
+        for attribute, (count, largest) in NUMBERS.get(element.tag, {}).items():
+            text = element.get(attribute)
+            if text is None:
+                continue
+            words = re.split("[ \t\r\n]+", text.strip(" \t\r\n"))
+            element.set(attribute, " ".join(words))
+            if not numeric(words, count, largest):
+                what = "a finite number" if count == 1 else f"{count} finite numbers"
+                short = text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+                mend = f"write {what} up to {largest:g}, in digits"
+                raise RigError(where, f"<{element.tag}> has {attribute}='{short}'", mend)
+
+
+def numeric(words: Sequence[str], count: int, largest: float) -> bool:
+    """Tell whether words are `count` decimal numbers of at most a size."""
+    values = [decimal(word) for word in words]
+    return len(values) == count and all(x is not None and abs(x) <= largest for x in values)
+
+
+def check_joint(joint: yourdfpy.Joint, place: str) -> None:
+    """Raise `RigError` unless the joint is fixed, or movable with a usable axis, ordered limits and real friction."""
+    where = f"{place}: joint '{joint.name}'"
+    if joint.type == "fixed":
+        return
+    if joint.type not in MOVABLE:
+        raise RigError(where, f"is of type {joint.type}", f"use one of {', '.join(MOVABLE)}, or fixed")
+    if not np.linalg.norm(joint.axis) > 1e-6:  # of an exporter's rounding nobody can tell the direction
+        raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
+    limit, dynamics = joint.limit, joint.dynamics
+    if joint.type != "continuous" and limit is None:
+        raise RigError(where, "has no <limit>", "give lower, upper, effort and velocity, or make it continuous")
+    if joint.type != "continuous" and (limit.lower or 0.0) > (limit.upper or 0.0):
+        raise RigError(where, f"has lower limit {limit.lower} above upper {limit.upper}", "swap them")
+    if limit is not None and min(limit.effort, limit.velocity) < 0:
+        raise RigError(where, "has a negative limit of effort or velocity", "give its size")
+    if dynamics is not None and min(float(dynamics.damping or 0.0), float(dynamics.friction or 0.0)) < 0:
+        raise RigError(where, "has negative friction or damping", "give its size, or 0")
+
+
+def weightless(inertial: etree._Element) -> bool:
+    """Tell whether an ``<inertial>`` states less than `LIGHTEST` of mass and of inertia: exporters write zeros."""
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    given = [] if inertia is None else [float(inertia.get(name)) for name, _, _ in ENTRIES]
+    return mass is not None and 0 <= float(mass.get("value")) < LIGHTEST and max(map(abs, given), default=0) < LIGHTEST
+
+
+def check_inertial(link: etree._Element, place: str) -> None:
+    """Raise `RigError` unless a mass and an inertia are stated, of sizes that can be (see `broken_rule`, too)."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    where = f"{place}:{inertial.sourceline}: link '{link.get('name')}'"
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or not float(mass.get("value")) > 0:
+        stated = "no mass" if mass is None else f"mass {mass.get('value')}"
+        raise RigError(where, f"has {stated}", "give a positive mass in kg, or leave <inertial> out")
+    if inertia is None:
+        raise RigError(where, "has a mass but no inertia", "give <inertia> in kg m²")
+    if not LIGHTEST <= float(mass.get("value")) <= HEAVIEST:
+        mend = f"give {LIGHTEST:g} to {HEAVIEST:g} kg, or leave <inertial> out"
+        raise RigError(where, f"has mass {mass.get('value')}", mend)
+    small, _, large = np.linalg.eigvalsh(stated_inertia(inertia))
+    radii = np.sqrt(np.array([max(small, 0.0), max(large, 0.0)]) / float(mass.get("value")))
+    if (0 < radii[0] < NARROWEST) or radii[1] > WIDEST:
+        what = f"has radii of gyration of {radii[0]:.2g} to {radii[1]:.2g} m"
+        raise RigError(where, what, "no body of its mass has such an inertia: give it in kg m²")
+
+
+def stated_inertia(inertia: etree._Element) -> np.ndarray:
+    """Return the matrix of an ``<inertia>``, kg m², (3, 3)."""
+    out = np.zeros((3, 3))
+    for name, row, column in ENTRIES:
+        out[row, column] = out[column, row] = float(inertia.get(name))
+    return out
+
+
+def broken_rule(link: etree._Element) -> str | None:
+    """Return what is said of a link whose inertia no body has; None if it has one that some body has, or none."""
+    inertia = link.find("inertial/inertia")
+    return None if inertia is None else rule(stated_inertia(inertia))
+
+
+def rule(inertia: np.ndarray) -> str | None:
+    """Return which rule an inertia about the centre of mass breaks: it is positive definite, and I₁ + I₂ ≥ I₃."""
+    small, middle, large = np.linalg.eigvalsh(inertia)
+    if not small > 0:
+        return f"has an inertia that is not positive definite (principal {small:.3g} kg m²)"
+    if small + middle < large * (1 - 1e-9):
+        return f"breaks the triangle inequality: principal inertias {small:.4g} + {middle:.4g} < {large:.4g} kg m²"
+    return None

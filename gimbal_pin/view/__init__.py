@@ -1,7 +1,0 @@
-"""The rig in motion: recorded as one HTML file, as pictures or video, or live in a browser."""
-
-from gimbal_pin.view.live import Live, show
-from gimbal_pin.view.output import save
-from gimbal_pin.view.page import record
-
-__all__ = ["Live", "record", "save", "show"]
