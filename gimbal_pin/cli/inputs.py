@@ -90,7 +90,7 @@ def carried(
 
     Raises:
         UsageError: Both were given.
-        LogError: The log cannot be used, see `aboard.sound`.
+        LogError: The log cannot be used, see `platform_log.sound`.
     """
     import numpy as np
 
@@ -110,7 +110,7 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
     """Return time, s, (N,), and what the base's IMU reported in a log; say what is wrong with it.
 
     Raises:
-        LogError: The log cannot be used, see `aboard.sound`.
+        LogError: The log cannot be used, see `platform_log.sound`.
     """
     from gimbal_pin.log.io import read_imu
     from gimbal_pin.log.platform_log import sound

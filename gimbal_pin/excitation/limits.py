@@ -36,7 +36,9 @@ class Envelope:
 
     @staticmethod
     def of(rig: Rig, margin: float = 0.0) -> Envelope:
-        """The rig's limits, each but for the share `margin`; angle limits that are not stated as `states.travel` says.
+        """The rig's limits, each but for the share `margin`.
+
+        Angle limits that are not stated are those of `configurations.travel`.
 
         Raises:
             UsageError: The margin is not in [0, 1), or a joint is left with no room to move.

@@ -70,7 +70,7 @@ names taken away, torques and currents have 0.79 to 1 (two have 0.45), reference
 OFF = 3.0
 """Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
 FAST = 6.0
-"""A platform that turns faster, rad/s rms, is most likely given in degrees (as `aboard` refuses it)."""
+"""A platform that turns faster, rad/s rms, is most likely given in degrees (as `platform_log` refuses it)."""
 AVERAGED = 0.05
 """Time over which motion and torque are averaged before they are compared, s: differentiated steps of encoders go."""
 POWERS = range(6, 25)

@@ -242,7 +242,7 @@ class Online:
 
         Raises:
             DataError: As `estimate`.
-            LogError: A torque has the wrong sign, see `wiring.check_wiring`.
+            LogError: A torque has the wrong sign, see `channel_assignment.check_wiring`.
         """
         estimate = self.estimate(memory).estimate
         task = memory.task

@@ -9,7 +9,7 @@ from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import ALWAYS, Effect
-from gimbal_pin.estimation import payload_change as halves
+from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.channel_assignment import check_wiring
 from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
@@ -53,15 +53,15 @@ def identify(
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `bound.usual`.
-        examined: Whether to test if least squares is biased on these logs, see `suspicion`, and, unless "never", what
-            the audit says of them, if their halves are of one rig, see `halves.apart`, and what logs of a base that
-            turned tell at best.
+        examined: Whether to test if least squares is biased on these logs, see `hausman_check`, and, unless "never",
+            what the audit says of them, if their halves are of one rig, see `payload_change.apart`, and what logs of a
+            base that turned tell at best.
         trust: Relative standard deviation of the URDF's masses, see `bodies`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
-        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_wiring`.
     """
     for log in logs:
         within(log, filtering or Filtering())
@@ -83,10 +83,12 @@ def identify(
     found = assembled(blocks.rows, blocks, estimate, tested, how, trust)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
     judged = suspicion(blocks, examined, estimate.method)
-    parting = None if examined == "never" else halves.apart([*blocks, *(tested or ())], halves.directions(blocks.rows))
+    parting = None
+    if examined != "never":
+        parting = payload_change.apart([*blocks, *(tested or ())], payload_change.directions(blocks.rows))
     # Noise in the angles biases either half in its own way: that is said already, and is no second rig.
     noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
-    notes += (halves.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
+    notes += (payload_change.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
     return replace(
         found,
         logs=tuple(log.name for log in logs),

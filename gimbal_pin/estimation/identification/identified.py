@@ -12,7 +12,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
-from gimbal_pin.estimation import payload_change as halves
+from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.bodies import TRUST, Body, bodies
 from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.hausman_check import Suspicion
@@ -50,8 +50,8 @@ class Identified:
         mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
         notes: What of the logs was not used, in sentences.
         bias: Whether least squares is biased on these logs; None where that was not asked.
-        parting: By how much the halves of the data differ, in shares of what chance allows, see `halves.apart`; above
-            one they are of two rigs; None where that was not asked.
+        parting: By how much the halves of the data differ, in shares of what chance allows, see
+            `payload_change.apart`; above one they are of two rigs; None where that was not asked.
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
             `estimators.colour.least`; None where the base did not turn, or that was not asked.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
@@ -132,7 +132,7 @@ class Identified:
     @property
     def torn(self) -> bool:
         """Whether the halves of the data were found to be of two rigs, so that nothing of this is of either."""
-        return halves.sentence(len(self.logs)) in self.notes
+        return payload_change.sentence(len(self.logs)) in self.notes
 
     @property
     def moved(self) -> Array:

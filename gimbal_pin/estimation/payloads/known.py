@@ -44,7 +44,7 @@ def identify_new(
     Raises:
         UsageError: The known model was not identified, or holds effects on top of friction.
         DataError: The logs are too short, or do not show the camera.
-        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_wiring`.
     """
     filters, reduction = filtering or Filtering(), reduce(rig)
     own, rows, (tested, how) = fresh(rig, logs, known, holdout or "none", filters, reduction)

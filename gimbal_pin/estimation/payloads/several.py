@@ -39,7 +39,7 @@ def identify_several(
     Raises:
         UsageError: Another way of holding out.
         DataError: The logs are too short, or some parameters leave no trace in them.
-        LogError: A torque has the wrong sign, or two have changed places, see `wiring.check_wiring`.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_wiring`.
     """
     filters = filtering or Filtering()
     reference = BARE if BARE in rigs else next(iter(rigs))
