@@ -105,7 +105,7 @@ def blocks(rows: Rows, motion: Motion, tau: Array) -> Iterator[Block]:
         channels = Channels(motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], np.zeros(rows.rig.n))
         columns = [rows.rigid_columns(channels), rows.effect_columns(channels)]
         A = np.concatenate(columns, axis=2)
-        yield Block(channels.t, A, channels.tau, channels.v, np.ones(channels.q.shape))
+        yield Block(channels.t, A, channels.tau, channels.q, channels.v, np.ones(channels.q.shape))
 
 
 def solution(rows: Rows, motion: Motion, tau: Array) -> Array:
