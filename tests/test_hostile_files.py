@@ -79,6 +79,7 @@ TRICKS = {
     "a number as key": "{1: 1}",
     "two documents": "a: 1\n---\na: 2",
     "a null character": "a: \0",
+    "an escaped null character": 'urdf: "a\\0b"',
     "an escape": "a: \x1b[31m",
 }
 

@@ -7,7 +7,9 @@ import os
 import pickle
 import resource
 import signal
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from inspect import get_annotations, signature
 from pathlib import Path
 from typing import Any, get_args
@@ -123,3 +125,19 @@ def test_a_signal_ends_it_orderly(number: int, tmp_path: Path) -> None:
         os.kill(os.getpid(), number)
     assert stop.value.code == 128 + number and not list(tmp_path.iterdir())
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_a_library_swallows_as_it_is_loaded_is_heard_all_the_same(number: int) -> None:
+    """trimesh keeps whatever an import raises, to raise what it likes when it is used."""
+    with pytest.raises(SystemExit) as stop, ending_orderly():
+        with suppress(BaseException):
+            os.kill(os.getpid(), number)
+        time.sleep(2.0)
+    assert stop.value.code == 128 + number
+    with pytest.raises(SystemExit) as stop, ending_orderly():
+        with suppress(BaseException):
+            os.kill(os.getpid(), number)
+        raise TypeError("half of a library is there")
+    assert stop.value.code == 128 + number
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0

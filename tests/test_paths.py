@@ -236,3 +236,24 @@ def test_a_place_that_cannot_be_written_to_is_told_before_the_work(
     before = content(folder)
     refused(run(*command.split()), 2, said)
     assert content(folder) == before
+
+
+def test_what_a_rig_includes_is_read_as_well(run: Run, folder: Path) -> None:
+    """By a macro's include, by its load_yaml, and by an include of MJCF."""
+    text = (folder / "rig.urdf").read_text()
+    inner = text.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"', 1)
+    (folder / "inner.urdf").write_text(inner)
+    top = '<robot name="top" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="inner.urdf"/>'
+    sizes = '<xacro:property name="sizes" value="${xacro.load_yaml(\'sizes.yaml\')}"/>'
+    spare = "<link name=\"${sizes['name']}\"/></robot>"
+    (folder / "top.xacro").write_text(top + sizes + spare)
+    (folder / "sizes.yaml").write_text("name: spare")
+    body = '<body><geom size="1" mass="1"/><joint name="j" axis="0 0 1" range="-1 1"/></body>'
+    (folder / "arm.urdf").write_text(f"<mujoco>{body}</mujoco>")
+    (folder / "mj.xml").write_text('<mujoco><worldbody><include file="arm.urdf"/></worldbody></mujoco>')
+    before = content(folder)
+    for words in ("top.xacro --json inner.urdf", "top.xacro --mend inner.urdf", "top.xacro --json sizes.yaml"):
+        refused(run("check", *words.split()), 2, "would write over", "which RIG reads")
+    pytest.importorskip("mujoco")
+    refused(run("check", "mj.xml", "--json", "arm.urdf"), 2, "would write over", "which RIG reads")
+    assert content(folder) == before

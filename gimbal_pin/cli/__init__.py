@@ -34,6 +34,8 @@ from gimbal_pin.cli.track import track
 from gimbal_pin.cli.tune import tune
 from gimbal_pin.errors import GimbalPinError, UsageError
 
+AGAIN = 0.2
+"""Time after which a signal is heard that a library has swallowed, s."""
 VERBS: Mapping[str, Callable[..., None]] = {
     verb.__name__.replace("_", "-"): verb
     for verb in (
@@ -80,10 +82,17 @@ def ending_orderly() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the program as an error does: temporary files go, servers end; status 128 + signal.
 
     A signal that is ignored (``nohup``) stays so. Other threads than the first may not say what a signal does.
+    Libraries that are being loaded catch whatever is raised in them, and raise what they like: so it is raised again
+    every `AGAIN` until it is on its way, and however the program ends then, the signal has ended it.
     """
+    told: list[int] = []
 
     def leave(number: int, frame: object) -> None:
-        raise SystemExit(128 + number)
+        told.append(number)
+        signal.signal(signal.SIGALRM, lambda *_: leave(number, frame))
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        if not isinstance(sys.exc_info()[1], SystemExit):
+            raise SystemExit(128 + number)
 
     first = threading.current_thread() is threading.main_thread()
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP) if first}
@@ -92,7 +101,13 @@ def ending_orderly() -> Iterator[None]:
         signal.signal(number, leave)
     try:
         yield
+    except BaseException:
+        if told:
+            raise SystemExit(128 + told[0]) from None
+        raise
     finally:
+        if told:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
 

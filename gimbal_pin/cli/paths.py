@@ -92,13 +92,14 @@ def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
 
 
 def with_meshes(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
-    """Return the file of a rig or payload and the mesh files that it names; `arguments`: of a xacro file."""
+    """Return the file of a rig or payload, what it includes, and the meshes that it names; `arguments`: xacro's."""
     from gimbal_pin.rig.formats import as_urdf
     from gimbal_pin.rig.meshes import mesh_file
     from gimbal_pin.rig.urdf import parse
 
-    named = [mesh.get("filename", "") for mesh in parse(as_urdf(rig, arguments)[0], str(rig)).iter("mesh")]
-    return [rig, *(file for name in named if (file := mesh_file(name, rig.parent)) is not None)]
+    text, _, included = as_urdf(rig, arguments)
+    named = [mesh.get("filename", "") for mesh in parse(text, str(rig)).iter("mesh")]
+    return [rig, *map(Path, included), *(file for name in named if (file := mesh_file(name, rig.parent)) is not None)]
 
 
 def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:

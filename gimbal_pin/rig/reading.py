@@ -165,6 +165,8 @@ def plain_value(events: Iterable[yaml.Event]) -> Any:
 
 def scalar(event: yaml.ScalarEvent) -> Any:
     """Return a text, number, boolean or null; what YAML 1.1 takes for a date or a merge is a text."""
+    if "\0" in event.value:  # no path, name or unit has one, and the system takes none
+        raise unfit("a NUL character", event.start_mark)
     tag, short = event.tag, len(event.value) <= LONGEST
     if tag in (None, "!"):
         tag = RESOLVER.resolve(yaml.ScalarNode, event.value, event.implicit) if short else TEXTUAL

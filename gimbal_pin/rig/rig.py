@@ -84,7 +84,7 @@ class Rig:
             RigError: Anything that keeps it from being a rig, with file and mend.
         """
         path, config = find(rig)
-        text, notes = as_urdf(path, config.xacro)
+        text, notes, _ = as_urdf(path, config.xacro)
         element = urdf.tree(text, str(path), config.fixed)
         for joint, at in config.fixed.items():
             hold(named(element, joint, str(path)), at)
@@ -93,7 +93,7 @@ class Rig:
         payload_link = None
         if name is not None:
             other = payload_path(name)
-            text, more = as_urdf(other, {})
+            text, more, _ = as_urdf(other, {})
             part = urdf.tree(text, str(other))
             notes += more + mending.cleared(part, str(other), carried=True)
             payload_link = urdf.root_link(part, str(other))

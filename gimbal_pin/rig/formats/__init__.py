@@ -17,8 +17,8 @@ from gimbal_pin.rig.formats import mjcf, sdf, xacro_macros
 from gimbal_pin.rig.reading import TEXT, read_bytes
 
 Arguments = Mapping[str, str]
-Converted = tuple[str, list[str]]
-"""Text of a URDF, and a sentence on each thing that it does not hold of the file."""
+Converted = tuple[str, list[str], list[str]]
+"""Text of a URDF, a sentence on each thing that it does not hold of the file, and paths of what else was read."""
 
 
 class Format(NamedTuple):
@@ -30,9 +30,9 @@ class Format(NamedTuple):
 
 FORMATS: Mapping[str, Format] = {
     "xacro": Format(xacro_macros.is_xacro, xacro_macros.convert),
-    "SDF": Format(lambda root, path: root.tag == "sdf", lambda root, path, _: sdf.convert(root, str(path))),
+    "SDF": Format(lambda root, path: root.tag == "sdf", lambda root, path, _: (*sdf.convert(root, str(path)), [])),
     "MJCF": Format(lambda root, path: root.tag == "mujoco", lambda root, path, _: mjcf.convert(path)),
-    "URDF": Format(lambda root, path: root.tag == "robot", lambda root, path, _: (read(path), [])),
+    "URDF": Format(lambda root, path: root.tag == "robot", lambda root, path, _: (read(path), [], [])),
 }
 """Name → format, in the order in which a file is tried."""
 

@@ -17,7 +17,7 @@ from lxml import etree
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.rig.bounded import Stopped, run
 from gimbal_pin.rig.formats import writing
-from gimbal_pin.rig.urdf import write_inertial
+from gimbal_pin.rig.urdf import parse_xml, write_inertial
 
 if TYPE_CHECKING:
     import mujoco
@@ -26,8 +26,8 @@ FORWARD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Axes whose x looks where a MuJoCo camera looks, its -z, and whose z is the camera's y, up."""
 
 
-def convert(path: Path) -> tuple[str, list[str]]:
-    """Return a MuJoCo model as a URDF, and a sentence on what that does not hold."""
+def convert(path: Path) -> tuple[str, list[str], list[str]]:
+    """Return a MuJoCo model as a URDF, a sentence on what that does not hold, and the files that it includes."""
     if find_spec("mujoco") is None:
         mend = "install it (pip install 'gimbal_pin[mjcf]'), or convert the file to a URDF"
         raise UsageError(str(path), "is an MJCF, which needs the package mujoco", mend)
@@ -37,7 +37,18 @@ def convert(path: Path) -> tuple[str, list[str]]:
         raise RigError(str(path), f"is an MJCF that MuJoCo does not compile ({error})", "mend it") from error
     if "wrong" in found:
         raise RigError(str(path), *found["wrong"])
-    return found["text"], found["notes"]
+    return found["text"], found["notes"], included(path.resolve())
+
+
+def included(path: Path) -> list[str]:
+    """Return the files that a compiled model includes, beside the first one; MuJoCo allows each once."""
+    found, open_ = list[str](), [path]
+    while open_:
+        root = parse_xml(open_.pop().read_text("utf-8"), str(path))
+        inner = [path.parent / str(one.get("file", "")) for one in root.iter("include")]
+        open_ += [file for file in inner if file.is_file()]
+        found += map(str, inner)
+    return found
 
 
 def main(path: str) -> dict[str, Any]:

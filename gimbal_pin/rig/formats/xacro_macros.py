@@ -7,9 +7,12 @@ or beside one of those above it.
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from lxml import etree
 
@@ -27,20 +30,21 @@ def is_xacro(root: etree._Element, path: Path) -> bool:
     return spaced or path.suffix == ".xacro"
 
 
-def convert(root: etree._Element, path: Path, arguments: Mapping[str, str]) -> tuple[str, list[str]]:
-    """Return the URDF that the macros expand to, with those arguments."""
+def convert(root: etree._Element, path: Path, arguments: Mapping[str, str]) -> tuple[str, list[str], list[str]]:
+    """Return the URDF that the macros expand to, with those arguments, no notes, and the files that were read."""
     if find_spec("xacro") is None:
         mend = "install it (pip install 'gimbal_pin[xacro]'), or expand the file to a URDF"
         raise UsageError(str(path), "is a xacro file, which needs the package xacro", mend)
     try:
-        return str(run(__name__, str(path.resolve()), json.dumps(dict(arguments)))), []
+        found = run(__name__, str(path.resolve()), json.dumps(dict(arguments)))
+        return found["text"], [], found["files"]
     except Stopped as error:
         mend = "mend it; arguments are given in the rig's YAML (xacro: {prefix: left_})"
         raise RigError(str(path), f"is a xacro file that does not expand ({error})", mend) from error
 
 
-def main(path: str, arguments: str) -> str:
-    """Expand a file, in a process that has bounds: macros may call themselves for ever."""
+def main(path: str, arguments: str) -> dict[str, Any]:
+    """Expand a file, in a process that has bounds: macros may call themselves for ever; it reads regular files only."""
     import xacro
     from xacro import substitution_args
 
@@ -56,5 +60,14 @@ def main(path: str, arguments: str) -> str:
                 raise xacro.XacroException(f"no folder '{package}' above the file or beside one of them") from None
             return str(found)
 
+    def heed(event: str, given: tuple[Any, ...]) -> None:
+        if event == "open" and isinstance(given[0], str):
+            if Path(given[0]).exists() and not Path(given[0]).is_file():
+                raise xacro.XacroException(f"{given[0]} is no regular file")
+            files.append(os.path.abspath(given[0]))
+
+    files: list[str] = []
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
-    return str(xacro.process_file(path, mappings=json.loads(arguments)).toxml())
+    sys.addaudithook(heed)  # what macros include, load as YAML, or name by an argument: all of it is opened here
+    text = str(xacro.process_file(path, mappings=json.loads(arguments)).toxml())
+    return {"text": text, "files": list(dict.fromkeys(files))}
