@@ -53,7 +53,8 @@ def open_candump(path: Path) -> Table:
     streams, notes = [], []
     for command, bus, node in sorted(found, key=lambda key: (list(SIGNALS).index(key[0]), key)):
         times, frames = found[command, bus, node]
-        values = np.frombuffer(b"".join(frames), "<f4").reshape(len(frames), -1).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a signalling nan becomes a quiet one
+            values = np.frombuffer(b"".join(frames), "<f4").reshape(len(frames), -1).astype(np.float64)
         fine = np.all(np.isfinite(values), axis=1)  # an ODrive that has not found its encoder's zero says nan
         label = f"{bus}.node{node}" if many else f"node{node}"
         name = f"{label}.{SIGNALS[command][0]}"
