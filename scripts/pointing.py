@@ -32,14 +32,14 @@ from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, around, summed
 from gimbal_pin.pointing.bench import WANTED, unbalanced
-from gimbal_pin.pointing.events import summed as counted
-from gimbal_pin.pointing.measures import SETTLING, jitter
+from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station, rotations
 from gimbal_pin.pointing.pointer import Holder
+from gimbal_pin.pointing.result import SETTLING, jitter
+from gimbal_pin.pointing.result import summed as counted
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.run import Loop, Sensed, errors, point
-from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO, Fault, Seen, Station, rotations
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.spectrum import Spectrum
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
 
@@ -90,7 +90,7 @@ class Wrong:
     bias: float = 0.0
     which: tuple[str, ...] = ("gyro", "w", "links")
 
-    def apply(self, seen: Seen, before: Seen | None) -> Seen | None:
+    def apply(self, seen: Measurement, before: Measurement | None) -> Measurement | None:
         """Distort a sample."""
         changed: dict[str, Any] = {name: self.distorted(k, getattr(seen, name)) for k, name in enumerate(self.which)}
         return seen._replace(**changed)
@@ -187,10 +187,10 @@ class Felt(Sensed):
     system: Mounted
     attitudes: list[Array]
 
-    def see(self, k: int, state: State, leads: tuple[float, ...] = ()) -> Seen | None:
+    def see(self, k: int, state: State, leads: tuple[float, ...] = ()) -> Measurement | None:
         """Return what arrives; the platform's IMU feels what it does, not what was prescribed."""
         self.attitudes.append(self.system.R.copy())
-        self.told[k] += np.stack([self.system.w, self.system.force]) - self.rows[2 * k, :6].reshape(2, 3)
+        self.platform_imu[k] += np.stack([self.system.w, self.system.force]) - self.rows[2 * k, :6].reshape(2, 3)
         self.w[k] = self.system.w
         return super().see(k, state, leads)
 
@@ -212,7 +212,7 @@ def on_mount(
     sensed = Felt(plant, base, station, t, np.random.default_rng([seed, 1]))
     sensed.w = sensed.w.copy()
     sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
-    loop = Loop(sensed.system, Drive(plant.drive, plant.rig, DT, plant), sensed, rotations(base.quat[::2]), 1, "mount")  # type: ignore[arg-type]
+    loop = Loop(sensed.system, Drive(plant.drive, plant.rig, DT, plant), sensed, rotations(base.quat[::2]), 1, "mount")
     q, _, events = loop.run(pointer)
     error = errors(sensed.sight, q, np.array(sensed.attitudes), WANTED)
     return Held(error[round(SETTLING / DT) :, 1:], events)

@@ -69,7 +69,7 @@ def truth(plant: Model, log: Log, tau: Array) -> Motion:
     for k, t in enumerate(log.t.tolist()):
         state = system.step(t, state, tau[k], half)
         q[k], v[k] = state.q, state.v
-        a[k] = system.acceleration(t, state, tau[k], system.contact(t, state, tau[k]))
+        a[k] = system.acceleration(t, state, tau[k])
         state = system.step(t, state, tau[k], half)
     return Motion(log.t, q, v, a)
 

@@ -46,7 +46,7 @@ class Visit:
             self.requests.append(wanted)
 
     async def run(self, url: str, steps: Sequence[Step]) -> None:
-        async with browser.opened("") as (tab,):
+        async with browser.opened("") as tab:
             session = tab.get_session()
             for event in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
                 session.subscribe(event, self.complain)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 Run = Callable[..., tuple[int, str, str]]
@@ -25,6 +27,14 @@ def refused(said: tuple[int, str, str], code: int, *words: str) -> None:
     assert said[2].count("\n") == 1 and "Traceback" not in said[2]
     for word in words:
         assert word in said[2]
+
+
+def whole(folder: Path) -> None:
+    """What `auto` says it left is there, and its page asks nobody else for anything."""
+    files = json.loads((folder / "results.json").read_text())["files"]
+    assert {"model", "urdf", "controller", "motion", "animation", "report", "results"} <= set(files)
+    assert all(Path(path).stat().st_size > 500 for path in files.values())
+    assert "http" not in re.sub(r"https?://(www\.)?w3\.org\S*", "", (folder / "report.html").read_text()[:2000])
 
 
 def heard() -> None:

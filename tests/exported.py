@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.control.laws.aim import Ahead, Aim, Carried
-from gimbal_pin.control.laws.base import Memory
+from gimbal_pin.control.laws.base import Ahead, Aim, Carried, Memory
 from gimbal_pin.control.laws.carried import CarriedMemory
 from gimbal_pin.control.tuning import Stored, stored, tune
 from gimbal_pin.dynamics.model import Model, nominal
@@ -21,7 +20,7 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing import Pointer, Seen
+from gimbal_pin.pointing import Measurement, Pointer
 from gimbal_pin.rig.rig import Rig
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -169,11 +168,11 @@ class Side:
         self.dt, self.limit = tested.pointer.dt, tested.stored.model.tau_max
         self.gaps: list[float] = []
 
-    def start(self, seen: Seen, camera: Array, base: Array) -> Pair:
+    def start(self, seen: Measurement, camera: Array, base: Array) -> Pair:
         """Memories of both."""
         return Pair(self.python.start(seen, camera, base), self.c.start(seen, camera, base))
 
-    def torque(self, seen: Seen, memory: Pair) -> tuple[Array, Pair]:
+    def torque(self, seen: Measurement, memory: Pair) -> tuple[Array, Pair]:
         """Return Python's torque."""
         seen = seen._replace(**{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "f", "links")})
         right, python = self.python.torque(seen, memory.python)
@@ -189,6 +188,6 @@ class Pair(NamedTuple):
     c: object
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def events(self) -> tuple[str, ...]:
         """What Python's says."""
-        return self.python.told  # type: ignore[attr-defined,no-any-return]
+        return self.python.events  # type: ignore[attr-defined,no-any-return]

@@ -22,12 +22,10 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.estimation.audit import CHECKS, CORRUPTIONS, Fault, audit
+from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, taken
 from gimbal_pin.estimation.audit.clock import ticks
-from gimbal_pin.estimation.audit.harm import harm
 from gimbal_pin.estimation.audit.outliers import garbage
-from gimbal_pin.estimation.audit.probe import probe, rows_at
-from gimbal_pin.estimation.audit.quantisation import bits, quantum
-from gimbal_pin.estimation.audit.samples import edges, left_out, taken
+from gimbal_pin.estimation.audit.probe import probe, rows_at, spoils_torque
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io import read_log
@@ -158,12 +156,17 @@ def test_clean_logs_are_reliable_however_dirty_the_sensors(name: str, dirt: str)
     assert [fault.cause for fault in found.faults] in ([], ["acceleration-noise"])
 
 
-def test_a_minute_of_three_axes_takes_two_seconds() -> None:
+def test_three_times_as_long_a_log_takes_at_most_five_times_as_long() -> None:
     rig = Rig.load("thesis")
-    log = prescribed(nominal(rig), seconds=60.0, torque_noise=0.01, dt=2e-3)
-    start = time.process_time()
-    assert audit(rig, log).reliable
-    assert time.process_time() - start < 2.0
+
+    def taken(seconds: float) -> float:
+        log = prescribed(nominal(rig), seconds=seconds, torque_noise=0.01, dt=2e-3)
+        start = time.process_time()
+        assert audit(rig, log).reliable
+        return time.process_time() - start
+
+    taken(5.0)  # loads what the audit needs
+    assert taken(60.0) < 5.0 * min(taken(20.0) for _ in range(2))
 
 
 def test_a_command_without_noise_is_told_and_harms_nothing() -> None:
@@ -307,7 +310,7 @@ def test_a_knock_is_no_garbage(turret: tuple[Rig, Log], seed: int) -> None:
 
 def test_what_has_no_fault_does_no_harm(turret: tuple[Rig, Log]) -> None:
     rig, log = turret
-    assert np.all(harm(rig, log, log, FILTER).error == 0.0) and not harm(rig, log, log, FILTER).serious
+    assert not spoils_torque(rig, log, log, FILTER)
 
 
 # ---- noise in the regressor ----

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control.laws import ComputedTorque, Pid, margins
-from gimbal_pin.control.tuning import controller_from, tune
+from gimbal_pin.control.tuning import stored, tune
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.followed import followed
 from gimbal_pin.dynamics.model import Estimated, Model, model_from, nominal, plain_model
@@ -145,7 +145,7 @@ def test_an_extended_model_comes_back_from_its_file(rig: Rig, found: Model, tmp_
 
 def test_a_controller_keeps_what_it_compensates(rig: Rig, found: Model, tmp_path: Path) -> None:
     tuning = tune(found, bandwidth_hz=4.0)
-    law, back = tuning.controller, controller_from(tuning.to_dict(), rig)
+    law, back = tuning.controller, stored(tuning.to_dict(), rig).law
     assert isinstance(law, ComputedTorque) and isinstance(back, ComputedTorque)
     assert back.leads == law.leads and back.leads[1] == pytest.approx(back.leads[0] + 0.004)
     q, v, y = np.array([0.3, 0.2]), np.array([0.1, -0.4]), [1.0, -2.0]

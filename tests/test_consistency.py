@@ -12,11 +12,10 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.estimators import physical as physical_fit
 from gimbal_pin.estimation.estimators import weighted
-from gimbal_pin.estimation.estimators.base import effective_rows, factor, residual_power
+from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, joint_weights, residual_power
 from gimbal_pin.estimation.estimators.physical import MOST, anchored, everywhere, program
-from gimbal_pin.estimation.estimators.weighted import joint_weights
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.rows import Regression, kept, over_phi
+from gimbal_pin.estimation.rows import Regression, over_phi, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
 from gimbal_pin.rig.inertia import physical, pseudo_inertia
@@ -84,7 +83,7 @@ def loud(rig: Rig, seed: int) -> Log:
 
 def posed(rig: Rig, seed: int) -> tuple[Regression, Array, Array]:
     """A loud log's rows, what the physical fit minimises with its answer's weights, and the data's part of that."""
-    blocks = kept(rows_of(rig, loud(rig, seed)))
+    blocks = regression(rows_of(rig, loud(rig, seed)))
     factors, count = factor(blocks), effective_rows(blocks)
     scale = joint_weights(residual_power(factors, physical_fit(blocks).theta, count))
     stack = program(factors, everywhere(blocks.rows, factors.shape[2] - 1), scale, count)
@@ -133,7 +132,7 @@ def test_what_no_log_shows_is_held_by_nothing() -> None:
 
 def test_without_noise_the_constraint_changes_nothing() -> None:
     rig = Rig.load("turret")
-    blocks = kept(rows_of(rig, prescribed(nominal(rig))))
+    blocks = regression(rows_of(rig, prescribed(nominal(rig))))
     theta = weighted(blocks).theta
     assert np.allclose(physical_fit(blocks).theta, theta, atol=1e-5 * np.abs(theta).max())
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Memory, Pid, Robust, bounds, margins, sampled_loop
 from gimbal_pin.control.laws.base import Outer
+from gimbal_pin.control.laws.computed_torque import error_system, lyapunov, stiffened, weight
 from gimbal_pin.control.laws.design import braking
 from gimbal_pin.control.laws.loop import responses, sampled_plant
-from gimbal_pin.control.laws.lyapunov import error_system, lyapunov, stiffened, weight
 from gimbal_pin.control.laws.uncertainty import inertia, poses
 from gimbal_pin.dynamics.model import Estimated, Model, nominal
 from gimbal_pin.dynamics.plant import State

@@ -23,12 +23,10 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import text
-from gimbal_pin.report.pages import sections
-from gimbal_pin.report.pages.joints import joints_of
-from gimbal_pin.report.pages.sections.gain import measures
-from gimbal_pin.report.pages.sections.headline import about_gain, extended_card, missed
-from gimbal_pin.report.pages.sections.residuals import ranked
-from gimbal_pin.report.pages.sections.summary import verdict
+from gimbal_pin.report.format import joints_of
+from gimbal_pin.report.sections import diagnosis as sections
+from gimbal_pin.report.sections.diagnosis import measures, ranked
+from gimbal_pin.report.summary import missed, to_do, verdict
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.command_line import Run
@@ -174,22 +172,20 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
     assert missed(None) == missed(replace(found, verdict="nothing", findings=())) == ""
     said = verdict(99.0, {"tilt": 3.0}, missed(found))
     assert "cogging at tilt" in said and "explains" not in said and "on every axis" in said
-    assert "tilt" in about_gain(found)[0] and extended_card(found)[0].tone == "good"
-    assert about_gain(replace(found, findings=())) == extended_card(None) == []
+    assert to_do(found, None) == ("Against cogging at tilt: cogging feed-forward by angle.",)
+    either = replace(either, rivals=(), next_experiment="turn slowly")
+    assert to_do(replace(found, findings=(either,)), None)[0].endswith("cogging or cable-spring at tilt: turn slowly.")
 
 
 def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis) -> None:
     """The verdict is named where any finding is; of another that is ambiguous it says that it is open."""
-    from gimbal_pin.report import text
-    from gimbal_pin.report.pages.sections.diagnosis import said
-
     finding = found.findings[0]
     either = replace(finding, joint="roll", status="ambiguous", alike=("cogging", "cable-spring"), next_experiment="it")
     mixed = replace(found, verdict="named", findings=(finding, either))
     assert text.diagnosis(mixed, {}).startswith("verdict: named, but for cogging/cable-spring at roll: which of these")
-    assert said(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
+    assert sections.verdict(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
     sure = replace(found, verdict="named", findings=(finding,))
-    assert text.diagnosis(sure, {}).startswith("verdict: named\n") and said(sure).endswith("says what.")
+    assert text.diagnosis(sure, {}).startswith("verdict: named\n") and sections.verdict(sure).endswith("says what.")
 
 
 def test_a_diagnosis_has_a_page_of_its_own(

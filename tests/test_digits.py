@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.errors import digits
-from gimbal_pin.report.pages.numbers import figures
-from gimbal_pin.report.text.cells import number
+from gimbal_pin.report.format import figures
 
 EVERYDAY = st.floats(-4, 6.9).flatmap(lambda power: st.sampled_from([10**power, -(10**power)]))
 COUNTS = st.integers(1, 5)
@@ -25,9 +24,9 @@ def test_what_is_read_is_what_was_said(value: float, count: int) -> None:
 
 
 @given(EVERYDAY, COUNTS)
-def test_page_and_terminal_say_the_same_number(value: float, count: int) -> None:
-    page = float(figures(value, count).replace("−", "-"))
-    assert page == pytest.approx(float(number(value, count)), rel=1e-12)
+def test_tables_and_sentences_say_the_same_number(value: float, count: int) -> None:
+    table = float(figures(value, count).replace("−", "-"))
+    assert table == pytest.approx(float(digits(value, count)), rel=1e-12)
 
 
 @given(st.floats(1e-300, 1e300))

@@ -13,12 +13,10 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gimbal_pin.control.laws import Pid, margins
-from gimbal_pin.control.laws.bandwidth import lowered
-from gimbal_pin.control.laws.design import Wish
-from gimbal_pin.control.laws.drawn import drawn
+from gimbal_pin.control.laws.design import Wish, lowered
 from gimbal_pin.control.laws.loop import smallest_disk
-from gimbal_pin.control.laws.uncertainty import base_columns, inertia, poses
-from gimbal_pin.control.tuning import controller_from, tune
+from gimbal_pin.control.laws.uncertainty import drawn, estimate, inertia, poses
+from gimbal_pin.control.tuning import stored, tune
 from gimbal_pin.dynamics.model import Estimated, Model, nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
@@ -121,7 +119,7 @@ def test_more_uncertainty_never_gives_a_larger_worst_margin_or_more_bandwidth(ki
 def drawn_models(model: Model, count: int) -> list[Model]:
     """The same parameter sets, as rigs of their own."""
     assert model.estimated is not None
-    places = base_columns(model, model.estimated)
+    places = estimate(model)[1]
     assert places is not None
     zero = np.zeros(len(model.estimated.theta))
     sets = np.random.default_rng(0).multivariate_normal(zero, model.estimated.covariance, count, method="eigh")
@@ -216,7 +214,7 @@ def test_it_is_told_in_json_and_text(model: Model) -> None:
     for found, row in zip(tuning.worst, data["joints"].values()):
         assert row["worst_of_draws"]["disk_margin"] == found.disk_margin
         assert {"phase_margin_deg", "crossover_hz"} <= set(row["worst_of_draws"])
-    assert controller_from(data, Rig.load("turret")) is not None
+    assert stored(data, Rig.load("turret")) is not None
     assert "worst of 200 draws" in text.tuning(tuning) and "worst of 200" not in text.tuning(plain)
     rows = plain.to_dict()
     assert rows["draws"] == 0 and all(row["worst_of_draws"] is None for row in rows["joints"].values())

@@ -231,7 +231,7 @@ def test_the_plant_obeys_the_equation_that_is_fitted(name: str, seed: int) -> No
     t = float(rng.uniform(0, 10))
     contact = plant.contact(t, state, tau)
     assert contact.stuck == ()
-    a = plant.acceleration(t, state, tau, contact)
+    a = plant.acceleration(t, state, tau)
     row = (x[None, :] for x in (state.q, state.v, a))
     cold = [Losses(np.zeros(1), np.array([t]))] * 3
     np.testing.assert_allclose(model.inverse(*row, t=np.array([t]), losses=cold)[0], tau, rtol=1e-8, atol=1e-8)

@@ -19,20 +19,14 @@ from gimbal_pin.dynamics.plant import State
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed, unbalanced
-from gimbal_pin.pointing.budget import Budget
-from gimbal_pin.pointing.contest import Contest, Course, Row
-from gimbal_pin.pointing.demand import Demand
-from gimbal_pin.pointing.events import summed
-from gimbal_pin.pointing.loops import distinct
-from gimbal_pin.pointing.planted import missed
-from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import NAMES, Roster
-from gimbal_pin.pointing.run import Sensed
-from gimbal_pin.pointing.seen import Station
+from gimbal_pin.pointing.demand import Demand, Swing, swinging
+from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.measurement import Station
+from gimbal_pin.pointing.result import Budget, Contest, Pointing, Row, summed
+from gimbal_pin.pointing.roster import NAMES, Roster, distinct
+from gimbal_pin.pointing.run import Course, Sensed
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.pointing.swinging import Swing, swinging
-from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.pointing.verify import Verified, missed
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 
@@ -212,9 +206,9 @@ def test_the_text_says_who_swings_why_an_observer_costs_and_what_is_not_known() 
     loops = {name: (slow if name == "with-observer" else fast,) * 3 for name in sizes}
     contest = Contest("thesis", None, tuple(rows))
     told = text.verified(Verified(contest, (), fast, (), (), loops=loops, missed=("roll: cogging was planted",)))
-    assert "pid-world is unstable, it swings by itself: yaw at 12 Hz with 80 % of the torque limit" in told
-    assert "all but with-observer" in told and told.count("yaw, roll, tilt") == 2
-    assert "with-observer shakes 2 times as much as with-gyros" in told and "crosses at 12 Hz, not at 25" in told
+    assert "world-frame PID is unstable, it swings by itself: yaw at 12 Hz with 80 % of the torque limit" in told
+    assert "all but with observer" in told and told.count("yaw, roll, tilt") == 2
+    assert "with observer shakes 2 times as much as with gyros" in told and "crosses at 12 Hz, not at 25" in told
     assert "NOT compensated: roll: cogging was planted" in told and "oracle: no bound here" in told
-    assert "pid-world: 0.100 s: yaw at its torque limit for 0.05 s (2 times)" in told
+    assert "world-frame PID: 0.100 s: yaw at its torque limit for 0.05 s (2 times)" in told
     assert "no error budget" in told and contest.budget is None

@@ -11,12 +11,11 @@ from scipy.signal import lfilter
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.estimators import ESTIMATORS, Hausman, Ridge, hausman, idim, output_error, weighted
-from gimbal_pin.estimation.estimators.colour import colour, coloured, least
-from gimbal_pin.estimation.estimators.hausman import LEVEL
-from gimbal_pin.estimation.hausman_check import NOISY, Suspicion, noise_share, suspicion
-from gimbal_pin.estimation.identification import given_beta, moved
-from gimbal_pin.estimation.replay import runs
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, kept
+from gimbal_pin.estimation.estimators.closed_loop import runs
+from gimbal_pin.estimation.estimators.colour import colour, coloured, cramer_rao
+from gimbal_pin.estimation.estimators.hausman import LEVEL, NOISY, BiasCheck, check_bias, noise_share
+from gimbal_pin.estimation.identification import given_beta, greatest_base_motion
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
@@ -43,13 +42,13 @@ def log(turret: Rig) -> Log:
 @pytest.fixture(scope="module")
 def coarse(turret: Rig, log: Log) -> Regression:
     """Encoders of 15 bits, differentiated twice under a cutoff that lets their noise in."""
-    return kept(rows_of(turret, quantised(log, 15), WIDE))
+    return regression(rows_of(turret, quantised(log, 15), WIDE))
 
 
 @pytest.fixture(scope="module")
 def quiet(turret: Rig, log: Log) -> Regression:
     """The same with exact angles."""
-    return kept(rows_of(turret, replace(log, v=None), WIDE))
+    return regression(rows_of(turret, replace(log, v=None), WIDE))
 
 
 def heaviest(rig: Rig, blocks: Regression) -> tuple[Array, Array]:
@@ -71,7 +70,7 @@ def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turr
 
 
 def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: Regression, quiet: Regression) -> None:
-    flagged, clear = suspicion(coarse, "noisy"), suspicion(quiet, "always")
+    flagged, clear = check_bias(coarse, "noisy"), check_bias(quiet, "always")
     assert flagged is not None and flagged.test is not None and flagged.noise > NOISY
     assert (
         flagged.test.biased
@@ -83,17 +82,17 @@ def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: Regress
 
 
 def test_little_noise_is_not_worth_a_test_and_nobody_asked_gets_none(quiet: Regression) -> None:
-    found = suspicion(quiet, "noisy")
+    found = check_bias(quiet, "noisy")
     assert found is not None and found.test is None and found.noise < NOISY and found.to_dict()["biased"] is None
-    assert suspicion(quiet, "never") is None
+    assert check_bias(quiet, "never") is None
 
 
 def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
     """Bias goes with the square of the noise's share: the same difference at a tenth of the noise has another cause."""
     test = Hausman(900.0, 12, 0.0, 0.04)
-    noisy, quiet = Suspicion(0.2, test), Suspicion(0.02, test)
+    noisy, quiet = BiasCheck(0.2, test), BiasCheck(0.02, test)
     assert noisy.by_noise and "use --estimator output-error" in noisy.sentence
-    used = Suspicion(0.2, test, method="output-error").sentence
+    used = BiasCheck(0.2, test, method="output-error").sentence
     assert "biased" in used and "use --estimator" not in used
     assert not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
 
@@ -104,7 +103,7 @@ def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: Regress
 
 
 def test_noise_share_goes_with_the_encoders_step(turret: Rig, log: Log) -> None:
-    fine, rough = (noise_share(quantised(log, bits), EXACT, kept(rows_of(turret, log))) for bits in (16, 12))
+    fine, rough = (noise_share(quantised(log, bits), EXACT, regression(rows_of(turret, log))) for bits in (16, 12))
     assert rough / fine == pytest.approx(16.0, rel=0.2)
 
 
@@ -124,7 +123,7 @@ def test_lost_samples_leave_instruments_and_rows_of_one_shape(turret: Rig, log: 
         some[begin : begin + lost] = False
     torn = quantised(log, bits)
     torn = replace(torn, t=torn.t[some], q=torn.q[some], tau=np.asarray(torn.tau)[some], v=None)
-    blocks = kept(rows_of(turret, torn, EXACT))
+    blocks = regression(rows_of(turret, torn, EXACT))
     free = weighted(blocks)
     assert np.all(np.abs(idim(blocks).theta - free.theta) < 6 * free.std)
 
@@ -176,8 +175,8 @@ def test_estimators_that_simulate_know_a_base_that_moves() -> None:
     """They say what least squares says of a log without noise; output error up to its step of 4 ms over jumps."""
     rig = Rig.load("turret")
     log = carried(nominal(rig), swaying(1e-3 * np.arange(6001)), 6.0)
-    assert moved(rig, [log]) == "rotating"
-    blocks = kept(rows_of(rig, log, base="rotating"))
+    assert greatest_base_motion(rig, [log]) == "rotating"
+    blocks = regression(rows_of(rig, log, base="rotating"))
     first = weighted(blocks).theta
     assert np.abs(idim(blocks).theta - first).max() < 1e-3 * np.abs(first).max()
     assert np.abs(output_error(blocks).theta - first).max() < 5e-3 * np.abs(first).max()
@@ -195,6 +194,6 @@ def test_the_bound_is_the_one_of_the_noises_own_covariance(memory: float) -> Non
     flat = A[:, 0]
     exact = np.sqrt(np.diag(np.linalg.inv(flat.T @ np.linalg.solve(gamma, flat))))
     found = weighted([block])
-    np.testing.assert_allclose(least([block], found.theta), exact, rtol=0.08)
+    np.testing.assert_allclose(cramer_rao([block], found.theta), exact, rtol=0.08)
     plain = np.linalg.pinv(flat)
     assert (np.sqrt(np.diag(plain @ gamma @ plain.T)) >= 0.999 * exact).all()

@@ -57,7 +57,7 @@ from gimbal_pin.report import text
 from gimbal_pin.rig.config import Limits
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.rig import Rig
-from tests.command_line import Run, heard, result
+from tests.command_line import Run, heard, refused, result
 
 PENDULUM = Path(__file__).parents[2] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
 RIGS = bundled_rigs()
@@ -235,21 +235,42 @@ def test_pendulum_is_kept_within_its_torque() -> None:
 
 
 def test_torque_limit_counts_the_friction_of_the_model_given() -> None:
-    rig = moved(Rig.load("turret"), effort=1.0, acceleration=inf, velocity=inf)
+    rig = moved(Rig.load("turret"), effort=1.0, acceleration=inf, velocity=100.0)
     stiff = Model(rig, (*nominal(rig).terms, Term(Coulomb("pan"), (0.4,))))
-    found = excite(rig, starts=1, harmonics=4, seconds=4.0, rng=np.random.default_rng(0), torque_model=stiff)
+    options = {"starts": 1, "harmonics": 4, "seconds": 4.0, "speed": 0.0}
+    found = excite(rig, rng=np.random.default_rng(0), torque_model=stiff, **options)
     assert_within(rig, stiff, found, margin=0.05)
     assert max(used["tau"] for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
-    light = excite(rig, starts=1, harmonics=4, seconds=4.0, rng=np.random.default_rng(0))
+    light = excite(rig, rng=np.random.default_rng(0), **options)
     heavy = np.abs(stiff.inverse(light.motion.q, light.motion.v, light.motion.a)).max(axis=0)
     assert (heavy > 0.95 * rig.tau_max).any()
 
 
-def test_joint_without_limits_turns_at_most_half_a_turn_either_way() -> None:
-    rig = replace(Rig.load("turret"), limits=(Limits(effort=4.0), Limits(effort=4.0)))
+def test_joint_without_angle_limits_turns_at_most_half_a_turn_either_way() -> None:
+    rig = replace(Rig.load("turret"), limits=(Limits(effort=4.0, velocity=3.0),) * 2)
     found = excite(rig, starts=1, rng=np.random.default_rng(0))
     assert np.abs(found.motion.q).max() <= np.pi
-    assert all(used["dq"] == used["ddq"] == 0 for used in found.limits_used.values())
+    assert all(used["dq"] > 0.2 and used["ddq"] == 0 for used in found.limits_used.values())
+
+
+def test_no_motion_is_designed_on_a_limit_that_nobody_states(run: Run, tmp_path: Path) -> None:
+    """A rate without a limit is asked for; an acceleration without one is bounded by the motor's torque."""
+    source = Rig.load("turret").urdf
+    (tmp_path / "turret.urdf").write_text(re.sub(r'velocity="[^"]*"', 'velocity="0"', source))
+    excited = ("excite", tmp_path / "turret.urdf", "--starts", 1, "-o")
+    refused(
+        run(*excited, tmp_path / "out.csv"), 2, "states no limit for pan.velocity, tilt.velocity", "--limit pan.velo"
+    )
+    limits = ("--limit=pan.velocity=1.5", "--limit=tilt.velocity=1.5")
+    full = result(run, *excited, tmp_path / "full.csv", *limits)["limits_used"]
+    slow = result(run, *excited, tmp_path / "slow.csv", *limits, "--first")["limits_used"]
+    assert max(used["dq"] for used in full.values()) == pytest.approx(0.95, abs=0.05)
+    assert max(used["dq"] for used in slow.values()) == pytest.approx(0.095, abs=0.005)
+
+
+@pytest.mark.parametrize("limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2", "pan.velocity=-1"])
+def test_a_limit_that_is_none_is_named(run: Run, tmp_path: Path, limit: str) -> None:
+    refused(run("excite", "turret", "-o", tmp_path / "out.csv", "--limit", limit), 2, f"--limit {limit}")
 
 
 SLIDER = """<robot name="crane"><link name="rail"/>

@@ -20,8 +20,8 @@ from gimbal_pin.export.symbolic import CLOSE, Chain, checked, table, terms
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.pointing import Course, Roster, compete, parse_fault
 from gimbal_pin.pointing.bench import WANTED, Shaken
+from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.run import point
-from gimbal_pin.pointing.seen import Seen, Station
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused, result
@@ -174,10 +174,10 @@ def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: list[str]) 
 @compiled_here
 def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
     rng, c, n = np.random.default_rng(0), full.compiled, full.library.n
-    good = Seen(0.0, np.zeros(n), *(rng.normal(0, 0.1, 3) for _ in range(4)))
+    good = Measurement(0.0, np.zeros(n), *(rng.normal(0, 0.1, 3) for _ in range(4)))
     memory = c.start(good, np.eye(3), np.eye(3))
     for k in range(1000):
-        seen = Seen(1e-3 * k, *(rng.normal(0, 0.1, size) for size in (n, 3, 3, 3, 3)))
+        seen = Measurement(1e-3 * k, *(rng.normal(0, 0.1, size) for size in (n, 3, 3, 3, 3)))
         for name in ("q", "gyro", "w", "f", "links"):
             if rng.random() < 0.2:
                 getattr(seen, name)[rng.integers(3)] = rng.choice([nan, inf, -inf, 1e30, -3e38, 1e5, 1e-42])

@@ -27,8 +27,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from gimbal_pin import identify, nominal
 from gimbal_pin.errors import GimbalPinError, LogError
 from gimbal_pin.log import io
-from gimbal_pin.log.io import apart
-from gimbal_pin.log.io.base import log_columns
+from gimbal_pin.log.io import isolated
+from gimbal_pin.log.io.columns import log_columns
 from gimbal_pin.log.log import Imu, Log
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
@@ -40,7 +40,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from fuzzing.formats import Columns, as_bag, as_hdf5, as_mat, as_npy, as_records, as_ulog
 
 TURRET = Rig.load("turret")
-SOON = 5.0
+SOON = 15.0
 """Longest that a damaged file may take, s: a process and a library begin in less than one."""
 
 
@@ -247,7 +247,7 @@ def test_what_unfolds_without_measure_is_refused(tmp_path: Path, monkeypatch: py
     most = 2**20
     for module in ("gimbal_pin.rig.reading", "gimbal_pin.log.io.csv", "gimbal_pin.log.io.npy"):
         monkeypatch.setattr(f"{module}.largest", lambda: most)
-    monkeypatch.setattr(apart, "MEMORY", 3 * 2**27)
+    monkeypatch.setattr(isolated, "MEMORY", 3 * 2**27)
     zeros = np.zeros(most)
     (tmp_path / "bomb.csv.gz").write_bytes(gzip.compress(bytes(4 * most)))
     np.savez_compressed(tmp_path / "bomb.npz", t=zeros)
@@ -274,7 +274,7 @@ def test_a_missing_library_is_one_line(
     name: str, extra: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / name).write_bytes(b"\x89HDF\r\n\x1a\n" if extra == "mat" else b"")
-    monkeypatch.setattr(apart, "find_spec", lambda module: None)
+    monkeypatch.setattr(isolated, "find_spec", lambda module: None)
     refused(run("identify", "turret", tmp_path / name), 2, f"pip install 'gimbal_pin[{extra}]'")
 
 

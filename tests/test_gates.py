@@ -57,7 +57,9 @@ def test_a_joint_is_simulated_as_warm_as_its_motor() -> None:
     joints = Resistance([[Term(Coulomb("tilt"), (1.0,)), term]])
     joints.warm = [45.0]
     at = Sample(0.0, 0.2, 0.7, 0.0, 1.0, 0.0, 45.0)
-    assert -joints.net([0.0], 0.0, [0.2], [0.7], [1.0], [0.0], (), [0.0])[0] == pytest.approx(term.torque(at))
+    net = [0.0]
+    joints.take(net, 0.0, [0.2], [0.7], [1.0], [0.0], (), [0.0])
+    assert -net[0] == pytest.approx(term.torque(at))
     assert joints.level(0.0, 0.2, 0.0, 0, 1.0) == pytest.approx(1.0 + 0.3 * 2.0)
 
 

@@ -88,6 +88,17 @@ def test_mass_shows_where_an_arm_carries_it_and_is_stated_elsewhere() -> None:
     assert "taken as the stated 8425 g" in row["thesis"]["sentence"]
 
 
+def test_a_mass_that_does_not_show_is_one_statement_with_the_place() -> None:
+    """At the mass that was planted, the place is the stated one; so it says in JSON and in words."""
+    rig = Rig.load("ptu")
+    found = said(rig, recorded(plant(rig, "payload-mass:extra=0.1"), 1))
+    row = found.to_dict()["camera"]
+    assert found.shift.change + 0.1 * found.per_mass == pytest.approx(np.zeros(3), abs=4 * found.shift.std.max())
+    assert np.abs(found.shift.change).max() > 20 * found.shift.std.max()
+    np.testing.assert_allclose(row["com_mm_per_g"], found.per_mass)
+    assert re.search(r"every 100 g more would mean [\d.]+ mm (forward|back|left|right|up|down)", row["sentence"])
+
+
 def test_units_are_millimetres_and_grams() -> None:
     """The numbers of the JSON are the SI ones times a thousand, and the contract's keys are there."""
     rig = Rig.load("handheld")

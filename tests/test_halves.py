@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.estimation.identification import Identified, identify, refitted
-from gimbal_pin.estimation.payload_change import cut, score
+from gimbal_pin.estimation.payload_change import halves, score
 from gimbal_pin.estimation.rows import Block, Filtering
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import text
@@ -65,7 +65,7 @@ def test_a_cut_loses_no_row(sizes: list[int]) -> None:
         t = np.arange(at, at + size, dtype=float)
         blocks.append(Block(t, t[:, None, None], *4 * (t[:, None],)))
         at += size
-    first, second = cut(blocks)
+    first, second = halves(blocks)
     np.testing.assert_array_equal(np.concatenate([block.t for block in first + second]), np.arange(at))
     assert sum(len(block.t) for block in first) == at // 2
 

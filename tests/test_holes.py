@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis.evidence import gather, judged
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.audit import CORRUPTIONS
-from gimbal_pin.estimation.audit.samples import taken
+from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.rows import Filtering, smoothed, standstill, stretches
 from gimbal_pin.log.log import Log
@@ -112,7 +112,7 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
     closed = filled(lossy, CUTOFF).closed
     kept = taken(log, np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
     second = identify(RIG, [lossy], holdout="none").estimate
-    with patch("gimbal_pin.estimation.rows.grid.filled", lambda *_: Filled(kept, closed)):
+    with patch("gimbal_pin.estimation.rows.channels.filled", lambda *_: Filled(kept, closed)):
         first = identify(RIG, [kept], holdout="none").estimate
     assert first.rows == second.rows
     assert np.all(np.abs(second.theta - first.theta) < 0.5 * first.std)

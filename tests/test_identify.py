@@ -14,9 +14,9 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.audit import CORRUPTIONS
 from gimbal_pin.estimation.estimators import ESTIMATORS, ols, robust, weighted
-from gimbal_pin.estimation.estimators.base import factor
+from gimbal_pin.estimation.estimators.least_squares import factor
 from gimbal_pin.estimation.identification import given_beta, identify, split
-from gimbal_pin.estimation.rows import Block, Channels, Filtering, Rows, blocks, kept, mask, smoothed, stretches
+from gimbal_pin.estimation.rows import Block, Channels, Filtering, Rows, blocks, mask, regression, smoothed, stretches
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import text
@@ -144,17 +144,17 @@ def test_trajectories_are_never_joined(turret: Rig) -> None:
     """Rows of two logs are the rows of each, whatever the jump between them."""
     logs = tuple(prescribed(nominal(turret), seed=seed, seconds=6.0) for seed in (1, 2))
     make = Rows(turret, reduce(turret), friction_effects(turret.joints), logs, EXACT)
-    both = kept(make)
-    apart = [part for log in logs for part in kept(replace(make, logs=(log,)))]
+    both = regression(make)
+    apart = [part for log in logs for part in regression(replace(make, logs=(log,)))]
     assert len(both) == len(apart)
     assert all(np.array_equal(x.A, y.A) and np.array_equal(x.b, y.b) for x, y in zip(both, apart))
 
 
 def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     make = Rows(turret, reduce(turret), friction_effects(turret.joints), (clean,), EXACT)
-    whole = np.concatenate([part.A for part in kept(make)])
+    whole = np.concatenate([part.A for part in regression(make)])
     monkeypatch.setattr(blocks, "CHUNK", 1777)
-    cut = np.concatenate([part.A for part in kept(make)])
+    cut = np.concatenate([part.A for part in regression(make)])
     assert whole.shape == cut.shape
     assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.settling` promises
 

@@ -19,8 +19,8 @@ from gimbal_pin.log import io
 from gimbal_pin.log.io.files import to_json
 from gimbal_pin.log.io.inspection import expression, inspect
 from gimbal_pin.log.io.mapping import Source, parse_expression, read_mapping
+from gimbal_pin.log.io.recognise import recognise
 from gimbal_pin.log.log import Log
-from gimbal_pin.log.recognise import recognise
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused, result

@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as hnp
 
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.log import io
-from gimbal_pin.log.io import base, csv, files, units
+from gimbal_pin.log.io import columns, csv, files, units
 from gimbal_pin.log.io.mapping import Source, parse_entry, parse_expression, read_mapping
 from gimbal_pin.log.log import NOTHING, REACH, Imu, Log, Motion, untimely
 from gimbal_pin.rig import reading
@@ -644,10 +644,10 @@ def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: fl
         units.check_units("x", rig, 1e3 * t, seen, noisy)
 
 
-def test_two_channels_of_one_name_are_refused() -> None:
-    groups = base.log_groups(("a", "ref_a"), (), need_tau=False)
+def test_two_channels_of_one_name_are_refused(rig: Rig) -> None:
+    groups = columns.log_groups(("a", "ref_a"), (), need_tau=False)
     with pytest.raises(LogError, match="'q_ref_a'"):
-        base.columns_of(groups, "rig x")
+        columns.mapped(rig, groups, ())
 
 
 @settings(max_examples=25)

@@ -15,8 +15,8 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.estimation.identification.misfit import GROUPS, honest, misfit
-from gimbal_pin.estimation.rows import kept
+from gimbal_pin.estimation.identification.misfit import GROUPS, misfit, with_misfit
+from gimbal_pin.estimation.rows import regression
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import text
@@ -68,9 +68,9 @@ def rippling(log: Log, size: float) -> Log:
 
 def deviations_off(rig: Rig, log: Log) -> tuple[Array, Array]:
     """Errors in deviations without and with what the model misses."""
-    blocks = kept(rows_of(rig, log))
+    blocks = regression(rows_of(rig, log))
     plain = weighted(blocks)
-    held, _ = honest(blocks, plain)
+    held, _ = with_misfit(blocks, plain)
     assert np.array_equal(held.theta, plain.theta)
     true = np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
     return (plain.theta - true) / plain.std, (plain.theta - true) / held.std

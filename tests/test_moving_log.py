@@ -20,9 +20,9 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.simulation import Sensors, simulate
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.estimation.audit.samples import taken
+from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.estimation.audit.stuck_channel import denied_torque
-from gimbal_pin.estimation.identification import given_beta, identify, moved
+from gimbal_pin.estimation.identification import given_beta, greatest_base_motion, identify
 from gimbal_pin.estimation.rows import base_motion
 from gimbal_pin.log.io import read_log, write_motion
 from gimbal_pin.log.log import Array, Imu, Log
@@ -30,8 +30,8 @@ from gimbal_pin.log.platform import MOTIONS, BaseMotion, Platform, rotations
 from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.verify import Asked, modelled
 from gimbal_pin.report import text
-from gimbal_pin.report.pages.sections.diagnosis import diagnosis as page
-from gimbal_pin.report.pages.sections.headline import about_gain, extended_card, missed
+from gimbal_pin.report.sections.diagnosis import diagnosis as page
+from gimbal_pin.report.summary import missed
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.rig import GRAVITY
 from tests.bench_logs import EXACT, fourier, rows_of, true_theta
@@ -164,7 +164,7 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
     rig = bundled("turret")
     true = perturbed(rig, 0.1, np.random.default_rng(0))
     log = carried(true, platform)
-    assert moved(rig, [log]) == motion
+    assert greatest_base_motion(rig, [log]) == motion
     found = identify(rig, [log], filtering=EXACT)
     assert found.reduction.base == motion and found.to_dict()["base_motion"] == motion
     expected = given_beta(true.rig, found.reduction)
@@ -189,7 +189,7 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float, m
     # The model has it from the IMU: nobody is told that it is missing, and nothing is compensated for it.
     assert (found.verdict, found.lacking, found.beside) == ("named" if size else "nothing", (), "nothing")
     assert ("by the platform's motion alone" in text.diagnosis(found, {})) == (size > 0)
-    assert missed(found) == "" and about_gain(found) == extended_card(found) == []
+    assert missed(found) == ""
     assert "nothing more can be found" in page(found).html and "missing" not in page(found).html
     monkeypatch.setattr(import_module(modelled.__module__), "diagnose", lambda *_, **__: found)
     assert modelled(rig, log, Asked(find=True)) == (None, ())
@@ -231,7 +231,7 @@ def test_a_base_that_hardly_turns_keeps_what_it_hides_as_given() -> None:
     tau = np.asarray(log.tau)
     noise = 0.3 * np.std(tau) * np.random.default_rng(0).standard_normal(tau.shape)
     found = identify(rig, [replace(log, tau=tau + noise)], filtering=EXACT, holdout="none")
-    assert moved(rig, [log]) == "rotating" and found.reduction.base != "rotating"
+    assert greatest_base_motion(rig, [log]) == "rotating" and found.reduction.base != "rotating"
 
 
 def test_base_says_what_a_moving_base_adds() -> None:

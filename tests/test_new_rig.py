@@ -11,7 +11,7 @@ import yaml
 
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.rig import Rig
-from tests.command_line import Run, refused
+from tests.command_line import Run, refused, result
 from tests.test_rig_formats import MUJOCO, RIG, SENSORS, TRANSMISSIONS, torques
 
 OPTICAL = RIG.format(
@@ -59,6 +59,16 @@ def test_it_guesses_by_names_and_tags(tmp_path: Path, run: Run) -> None:
     optical = found["optical"]
     assert (optical["camera_frame"], optical["optical_axis"]) == ("cam_optical_frame", "z")
     assert (optical["mount"], optical["imus"]) == ("tool plate", ["imu_link"])
+
+
+def test_it_writes_the_yaml_beside_a_urdf_that_has_none(tmp_path: Path, run: Run) -> None:
+    """Found there by the URDF's own name from then on, and not written over."""
+    path = tmp_path / "own.urdf"
+    path.write_text(RIG.format(""), encoding="utf-8")
+    code, _, err = run("new-rig", path, "-o", tmp_path / "own.yaml")
+    assert code == 0, err
+    assert result(run, "check", path)["rig"] == result(run, "check", tmp_path / "own.yaml")["rig"]
+    refused(run("new-rig", path, "-o", tmp_path / "own.yaml"), 2, "own.yaml", "write over")
 
 
 def test_it_writes_over_no_file_of_the_rig(tmp_path: Path, run: Run) -> None:

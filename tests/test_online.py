@@ -34,8 +34,8 @@ from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.signals import lowpass
 from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
-from gimbal_pin.online.change import LOOK, Watch, spared
-from gimbal_pin.online.learning import absorbed, values
+from gimbal_pin.online.change import LOOK, Watch, scores_without_transient
+from gimbal_pin.online.learning import values, with_rows_of
 from gimbal_pin.online.recursive import LAGS, Known, Moments, loosened, solved
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
@@ -136,7 +136,7 @@ def test_any_cut_into_blocks_gives_the_same(cuts: list[int], gap: bool) -> None:
 
 def gathered_factors(memory: Memory) -> Array:
     assert memory.task is not None
-    return absorbed(memory.task, memory.known.settled, memory.known.window).factors
+    return with_rows_of(memory.task, memory.known.settled, memory.known.window).factors
 
 
 def test_one_sample_at_a_time_gives_the_same() -> None:
@@ -264,13 +264,13 @@ def test_what_lasts_under_seven_rows_leaves_no_trace_in_a_score(rows: int) -> No
     known = Known(Estimate(np.zeros(3), 1e-6 * np.eye(3), np.ones(2), 1.0, 99, "x"), np.eye(LAGS + 1, 1) * np.ones(2))
     watch = Watch.of(known, np.eye(3), np.zeros(3))
     noise = rng.standard_normal((LOOK, 2))
-    quiet = spared(np.dstack([A, noise, np.ones_like(noise)]), watch)
+    quiet = scores_without_transient(np.dstack([A, noise, np.ones_like(noise)]), watch)
     for begin in range(0, LOOK - rows, 4):
         pushed = noise.copy()
         pushed[begin : begin + rows] += 1e3
-        after = spared(np.dstack([A, pushed, np.ones_like(noise)]), watch)
+        after = scores_without_transient(np.dstack([A, pushed, np.ones_like(noise)]), watch)
         assert all(one.value < chdtri(one.freedom, 1e-3) for one in after)
-    lasting = spared(np.dstack([A, noise + A @ [9.0, 9.0, 9.0], np.ones_like(noise)]), watch)
+    lasting = scores_without_transient(np.dstack([A, noise + A @ [9.0, 9.0, 9.0], np.ones_like(noise)]), watch)
     assert lasting[-1].alarms(1.0) and not any(one.alarms(1.0) for one in quiet)
 
 

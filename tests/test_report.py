@@ -20,22 +20,21 @@ from gimbal_pin.control.tracking import Tracking, track
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Sensors
-from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.identification import Identified, identify
 from gimbal_pin.estimation.rows import Filtering
-from gimbal_pin.excitation import excite
 from gimbal_pin.log.log import Log
-from gimbal_pin.report import pages as report
-from gimbal_pin.report.pages import Section, html, numbers, plots, svg
-from gimbal_pin.report.pages.base import anchors
-from gimbal_pin.report.pages.evaluation import Evaluated, Part, evaluate
-from gimbal_pin.report.pages.joints import PALETTE, joint_colours, joints_of
-from gimbal_pin.report.pages.sections.diagnosis import WRONG
-from gimbal_pin.report.pages.sections.experiments import marked
-from gimbal_pin.report.pages.sections.known import known
-from gimbal_pin.report.pages.sections.overlay import broken, rounded, worst
-from gimbal_pin.report.pages.sections.parameters import terms
-from gimbal_pin.report.pages.sections.summary import cautions, ratios, verdict
+from gimbal_pin.report import format as numbers
+from gimbal_pin.report import html, pages, plots, tables, text
+from gimbal_pin.report.evaluation import Evaluated, Part, evaluate, known
+from gimbal_pin.report.format import PALETTE, joint_colours, joints_of
+from gimbal_pin.report.html import Section, anchors, render
+from gimbal_pin.report.pipeline import FILES, Auto
+from gimbal_pin.report.sections.control import tracking
+from gimbal_pin.report.sections.data import data, rig_section
+from gimbal_pin.report.sections.diagnosis import WRONG
+from gimbal_pin.report.sections.model import broken, parameters, rounded, worst
+from gimbal_pin.report.summary import SIMULATED, cautions, ratios, summary, verdict
+from gimbal_pin.report.table import Table, join
 from gimbal_pin.report.view import record
 from gimbal_pin.rig.rig import Rig
 from tests.browsing import needs_browser, visit, wide
@@ -104,12 +103,18 @@ def animation(walk: Walk) -> str:
 @pytest.fixture(scope="module")
 def page(walk: Walk, animation: str) -> str:
     """The whole report."""
-    return report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation)
+    return whole(walk, animation)
+
+
+def whole(walk: Walk, animation: str, **more: str) -> str:
+    """Return the report of a walk."""
+    head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs, **more)
+    return pages.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation, head, **more)
 
 
 def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
     why = "turret.csv: its torque has nothing to do with the motion; check its column"
-    said = report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, "", undiagnosed=why)
+    said = whole(walk, "", undiagnosed=why)
     assert why in said and why not in page and WRONG in said
 
 
@@ -176,17 +181,17 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 @settings(max_examples=25)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     card = html.Card(text, text, text)
-    parts = html.join(
+    parts = join(
         [
             html.paragraph(text),
-            html.table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
+            Table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
             html.cards([card]),
             html.bullets([text]),
             html.picture(Markup("<svg></svg>"), text),
             html.bar(0.5, text),
         ]
     )
-    page = report.render(text, [Section(text, parts, text)], text)
+    page = render(text, [Section(text, parts, text)], text)
     tree = parsed(page)
     assert {element.tag for element in tree.iter() if isinstance(element.tag, str)} <= {
         *("html", "head", "meta", "link", "title", "style", "body", "div", "nav", "ul", "li", "a", "header", "h1", "p"),
@@ -247,9 +252,9 @@ def test_drawing_leaves_matplotlib_as_it_was_and_gives_the_same_picture_again() 
         return figure
 
     before = dict(matplotlib.rcParams)
-    first = svg.drawn(draw, EVIL)
+    first = plots.drawn(draw, EVIL)
     assert dict(matplotlib.rcParams) == before
-    assert svg.drawn(draw, EVIL) == first
+    assert plots.drawn(draw, EVIL) == first
     tree = parsed(first)
     assert tree.get("aria-label") == EVIL and tree.get("role") == "img"
     texts = [text.text_content() for text in tree.iter("text")]
@@ -265,7 +270,7 @@ def test_tick_labels_keep_all_their_digits() -> None:
         axes[0, 0].set_yticks([0.0, 0.0005, 0.0025])
         return figure
 
-    texts = [text.text_content() for text in parsed(svg.drawn(draw, "ticks")).iter("text")]
+    texts = [text.text_content() for text in parsed(plots.drawn(draw, "ticks")).iter("text")]
     assert {"0.0005", "0.0025"} <= set(texts)
 
 
@@ -294,7 +299,7 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str | None) -> None:
 
 def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(walk: Walk) -> None:
     shown = evaluate(walk.found, walk.logs)
-    for k, one in enumerate(known(walk.found, shown, walk.rig)):
+    for k, one in enumerate(known(walk.found, shown)):
         theta = walk.found.estimate.theta.copy()
         theta[k] = 0.0
         without = evaluate(replace(walk.found, estimate=replace(walk.found.estimate, theta=theta)), walk.logs)
@@ -303,10 +308,8 @@ def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(wa
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
-    section = report.parameters(walk.found, evaluate(walk.found, walk.logs), walk.rig)
-    rows = cells(section, "Base parameters") + [
-        ["", *row[3:6], row[6], row[8]] for row in cells(section, "Friction and other effects")
-    ]
+    section = parameters(walk.found, evaluate(walk.found, walk.logs), walk.rig)
+    rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
     theta, std = walk.found.estimate.theta, walk.found.estimate.std
     assert len(rows) == len(theta)
     for row, value, deviation in zip(rows, theta, std):
@@ -324,9 +327,20 @@ def nominal_beta(walk: Walk) -> np.ndarray:
     return walk.found.reduction.mixing @ walk.rig.phi[columns(walk.rig)[1]]
 
 
-def test_a_regrouping_is_written_term_by_term() -> None:
-    assert terms("a.Ixx - b.Izz + 0.12*c.m") == ["a.Ixx", "− b.Izz", "+ 0.12·c.m"]
-    assert terms("-a.mx") == ["−a.mx"]
+def test_a_regrouping_breaks_between_its_terms() -> None:
+    spans = re.findall("<span>(.*?)</span>", tables.regrouping("a.Ixx - b.Izz + 0.12*c.m"))
+    assert spans == ["a.Ixx", "−\u00a0b.Izz", "+\u00a00.12·c.m"]
+
+
+@given(st.lists(st.lists(TEXTS, min_size=3, max_size=3), max_size=5))
+def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
+    """In the terminal without their marks, a line each, in columns that begin or end below each other."""
+    table = Table(["a", "b", "c"], [[html.toned(first, "good"), *rest] for first, *rest in rows], texts=2)
+    page = parsed(f"<div>{Markup(table)}</div>").xpath("//tbody/tr")
+    shown = [" ".join(" ".join(cell.text_content().split()) for cell in row).split() for row in page]
+    head, *lines = str(table).splitlines()
+    assert head.split() == ["a", "b", "c"]
+    assert " ".join(lines).split() == [word for row in shown for word in row]
 
 
 def test_the_stretch_shown_is_the_one_with_the_largest_error() -> None:
@@ -378,7 +392,8 @@ def test_no_controller_is_praised_that_is_not_to_be_run(walk: Walk) -> None:
     model_based = walk.tunings["computed-torque"]
     doubted = replace(model_based, doubts=("pan: not to be run: its inertia is open",))
     shown, safe = (
-        parsed(str(report.summary(walk.rig, walk.found, tuning, walk.result).html)) for tuning in (doubted, model_based)
+        parsed(str(summary(walk.rig, walk.found, tuning, walk.result).section.html))
+        for tuning in (doubted, model_based)
     )
     said = shown.text_content()
     assert doubted.doubts[0] in said and "not to be run" in shown.xpath("//p[contains(@class, 'headline')]")[0].text
@@ -394,7 +409,7 @@ def test_a_logarithmic_axis_has_labels_that_tell_its_scale(low: float, high: flo
         axes[0, 0].set(yscale="log", ylim=(low, high), xticks=[])
         return figure
 
-    labels = [x for x in re.findall(r">([^<>]+)</text>", str(svg.drawn(make, "x"))) if x.strip()]
+    labels = [x for x in re.findall(r">([^<>]+)</text>", str(plots.drawn(make, "x"))) if x.strip()]
     assert len(labels) >= (3 if high > 3 * low else 1) and len(labels) <= 12
 
 
@@ -405,22 +420,27 @@ def test_torques_of_one_table_are_in_one_unit() -> None:
 
 def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:
     def winners(result: Tracking) -> set[tuple[str, str]]:
-        tree = parsed(f"<div>{report.tracking(result, walk.rig).html}</div>")
+        tree = parsed(f"<div>{tracking(result, walk.rig).html}</div>")
         rows = tree.xpath("(//table)[1]/tbody/tr[td[2]/span[@class='good']]")
         return {(row[0].text_content(), row[1].text_content()) for row in rows}
 
     backwards = replace(walk.result, experiments=walk.result.experiments[::-1])
     assert winners(walk.result) == winners(backwards) == {("pan", "computed torque"), ("tilt", "computed torque")}
     assert winners(swapped(walk.result, "tilt")) == {("pan", "computed torque"), ("tilt", "PID")}
-    assert marked("x", 1.0, [1.0, 1.04]) == marked("x", 0.0, [0.0, 0.05], 0.1) == marked("x", 1.0, [1.0]) == "x"
-    assert isinstance(marked("x", 1.0, [1.0, 1.2, nan]), Markup)
+    assert (
+        tables.better("x", 1.0, [1.0, 1.04])
+        == tables.better("x", 0.0, [0.0, 0.05], 0.1)
+        == tables.better("x", 1.0, [1.0])
+        == "x"
+    )
+    assert isinstance(tables.better("x", 1.0, [1.0, 1.2, nan]), Markup)
 
 
 def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(walk: Walk) -> None:
     first = [e for e in walk.result.experiments if e.name == "all-axes"]
     ahead = replace(walk.result, experiments=tuple(first))
     behind = replace(walk.result, experiments=tuple(first[::-1]))
-    assert report.tracking(ahead, walk.rig) == report.tracking(behind, walk.rig)
+    assert tracking(ahead, walk.rig) == tracking(behind, walk.rig)
 
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
@@ -435,7 +455,7 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
     )
     (said,) = cautions(None, stuck)
     assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
-    text = parsed(str(report.summary(walk.rig, walk.found, None, stuck).html)).text_content()
+    text = parsed(str(summary(walk.rig, walk.found, None, stuck).section.html)).text_content()
     assert "on every axis" not in text and said in text
     vague = walk.found.model.estimated
     assert vague is not None
@@ -448,14 +468,13 @@ def test_sliding_joints_are_shown_in_millimetres() -> None:
     rig = spelled(SLIDER)
     (joint,) = joints_of(rig)
     assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
-    design = excite(rig, seconds=4.0, harmonics=2, starts=1, rng=np.random.default_rng(0), dt=0.01)
-    text = str(report.rig_section(rig).html + report.excitation(design, rig).html + report.data(rig, [bench(rig)]).html)
-    assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "rate, mm/s" in text
+    text = str(rig_section(rig).html + data(rig, [bench(rig)]).html)
+    assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text
 
 
 def test_payload_and_motors_are_those_of_the_rig() -> None:
     rig = Rig.load("thesis", "cinema")
-    section = report.rig_section(rig)
+    section = rig_section(rig)
     moved = sum(body.mass for body in rig.model.inertias[1:])
     without = sum(body.mass for body in Rig.load("thesis", "none").model.inertias[1:])
     said = re.search(r"Payload <b>cinema</b> \(([\d.]+) kg\)", section.html)
@@ -470,7 +489,7 @@ def test_payload_and_motors_are_those_of_the_rig() -> None:
 def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animation: str) -> None:
     tree = parsed(page)
     titles = [heading.text_content() for heading in tree.iter("h2")]
-    assert titles == ["Summary", "Animation", "Rig", "Data", "Parameters", "Torque", "Controller", "Tracking"]
+    assert titles == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Tracking", "Data", "Rig"]
     assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
     assert tree.xpath("//iframe")[0].get("srcdoc") == animation
     around = page.replace(str(Markup.escape(animation)), "")
@@ -487,19 +506,16 @@ def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animati
 
 
 def test_the_same_results_give_the_same_report(walk: Walk, animation: str, page: str) -> None:
-    assert report.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation) == page
+    assert whole(walk, animation) == page
 
 
-def test_names_that_would_break_the_page_are_only_text(tmp_path: Path) -> None:
+def test_names_that_would_break_the_page_are_only_text() -> None:
     rig = Rig.load("turret")
     evil = tuple(f"{EVIL}{k}" for k in range(rig.n))
     rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
     walk = walked(rig, EVIL)
-    path = tmp_path / "report.html"
-    page = report.full(rig, walk.logs, walk.found, walk.tunings, walk.result, "<b>page</b>")
-    report.write(EVIL, [Section("x", Markup("y"))], path)
-    assert parsed(path.read_text(encoding="utf-8")).findtext(".//title") == EVIL
-    tree = parsed(page)
+    assert parsed(render(EVIL, [Section("x", Markup("y"))])).findtext(".//title") == EVIL
+    tree = parsed(whole(walk, "<b>page</b>"))
     assert tree.xpath("//script") == [] and tree.xpath("//main//b//script") == []
     assert tree.findtext(".//h1").startswith(EVIL)
     drawn = [text.text_content() for text in tree.iter("text")]
@@ -511,21 +527,30 @@ def test_names_that_would_break_the_page_are_only_text(tmp_path: Path) -> None:
 def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
     for plant in ("the identified model", "another rig"):
         kept = {} if plant == "the identified model" else {"plant": plant}
-        section = report.summary(walk.rig, walk.found, None, walk.result, walk.logs, **kept)
+        section = summary(walk.rig, walk.found, None, walk.result, walk.logs, **kept).section
         assert f"Simulated on {plant}, with steps on all axes together" in parsed(str(section.html)).text_content()
+
+
+def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) -> None:
+    """First what was found, what to do, and what to take care of, as the page's head has it."""
+    head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs)
+    files = {what: Path("out") / name for what, name in FILES.items()}
+    steps = walk.found, None, walk.found.model, walk.tunings, walk.result, walk.logs[0], files
+    found = Auto(*steps, "the identified model", head, why="no IMU")
+    brief, everything = (text.auto(found, verbose).splitlines() for verbose in (False, True))
+    assert brief[:4] == [f"found: {head.found}", f"to do: {head.to_do[0]}", f"take care: {SIMULATED}", ""]
+    assert [line.split()[0] for line in brief[4:7]] == ["Joint", *walk.rig.joints] and len(brief) <= 25
+    assert len(everything) > 60 and set(brief) <= set(everything) and "out/report.html" in everything[-1]
+    assert max(map(len, brief[4:7])) <= 120
+    page = parsed(str(head.section.html)).text_content()
+    assert head.found in page and head.to_do[0] in page
 
 
 def test_a_long_log_makes_no_long_report() -> None:
     rig = Rig.load("turret")
     log = bench(rig, seconds=1200.0)
     assert len(log) == 300_000
-    assert len(report.data(rig, [log]).html) < 300_000
-
-
-def test_a_report_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="create the folder first"):
-        report.write("x", [], tmp_path / "missing" / "report.html")
-    assert list(tmp_path.iterdir()) == []
+    assert len(data(rig, [log]).html) < 300_000
 
 
 # -- a real browser ----------------------------------------------------------------------------------------------------

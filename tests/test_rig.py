@@ -235,7 +235,7 @@ BAD_URDF = {
     "negative effort": (in_two('effort="2"', 'effort="-2"'), "yaw", "negative limit"),
     "negative friction": (in_two('friction="0.2"', 'friction="-0.2"'), "yaw", "negative friction"),
     "damping in words": (in_two('damping="0.1"', 'damping="little"'), ":23:", "little"),
-    "visual without shape": (in_two("<inertial>", "<visual><geometry/></visual><inertial>"), "not a URDF"),
+    "visual without shape": (in_two("<inertial>", "<visual><geometry/></visual><inertial>"), "<visual> has no shape"),
 }
 
 

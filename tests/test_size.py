@@ -15,7 +15,7 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.estimators.components import fisher, pieces
 from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.estimation.rows import Block, Filtering, Rows, blocks, chosen
+from gimbal_pin.estimation.rows import Block, Filtering, Rows, blocks, excerpt
 from gimbal_pin.log.log import PAUSE, Log
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.rig import Rig
@@ -35,8 +35,8 @@ def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float
     """In order, apart, as long as asked, evenly over the log with both ends, wherever its clock starts."""
     dt = 0.005
     log, moved = (counted(round(times * used / dt) + count, dt, start) for start in (0.0, shift))
-    rows = chosen(log, used, count).log.q[:, 0]
-    assert np.array_equal(rows, chosen(moved, used, count).log.q[:, 0])
+    rows = excerpt(log, used, count).log.q[:, 0]
+    assert np.array_equal(rows, excerpt(moved, used, count).log.q[:, 0])
     parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1.0) + 1)
     assert len(parts) == count and {len(part) for part in parts} == {round(used / count / dt)}
     assert rows[0] == 0 and rows[-1] == len(log) - 1 and np.all(np.diff(rows) > 0)
@@ -48,11 +48,11 @@ def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float
 @example(1)
 def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
     log = counted(samples, 0.01)
-    assert chosen(log).log is log and not chosen(log).note
+    assert excerpt(log).log is log and not excerpt(log).note
 
 
 def test_what_is_left_out_of_a_long_log_is_a_pause() -> None:
-    found = chosen(counted(130_000, 0.005))
+    found = excerpt(counted(130_000, 0.005))
     steps = np.diff(found.log.t)
     assert np.all((steps < 0.006) | (steps > PAUSE)) and "8 stretches of 15 s out of 10.8 min" in found.note
 

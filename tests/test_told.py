@@ -19,7 +19,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.estimation.audit import CHECKS
-from gimbal_pin.report.text import wrong
+from gimbal_pin.report import text
 from tests.test_forms import SEEN
 
 
@@ -38,7 +38,7 @@ def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
     assert other.startswith("not ruled out, though less well") and other.endswith(
         ": actuator-lag (4.9 standard deviations)"
     )
-    assert f"  {found.open}; try a chirp" in wrong.told(found)
+    assert f"  {found.open}; try a chirp" in text.about_finding(found)
     assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
     assert not replace(found, alike=("delay",)).open
 
@@ -60,8 +60,9 @@ def test_a_size_that_the_log_hardly_tells_is_told_as_rough() -> None:
 
 def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
     left = {"pan": Residual("noise", 0.1, 1.0), "tilt": Residual("structured", 0.1, 9.0, 1.0, "slow")}
-    assert wrong.unsure(SimpleNamespace(residual=left)).endswith("unknown is left at tilt)")  # type: ignore[arg-type]
-    assert wrong.unsure(SimpleNamespace(residual={"pan": left["pan"]})) == ""  # type: ignore[arg-type]
+    some, none = (SimpleNamespace(findings=[], residual=rest) for rest in (left, {"pan": left["pan"]}))
+    assert text.caveats(cast(Diagnosis, some)).endswith("unknown is left at tilt)")
+    assert text.caveats(cast(Diagnosis, none)) == ""
 
 
 @pytest.mark.parametrize(
@@ -81,4 +82,4 @@ def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
 def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) -> None:
     """The payload's figures beside a finding about it are taken with its inertias open."""
     found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
-    assert ("inertias left open" in wrong.freely(cast(Diagnosis, found))) == told
+    assert ("inertias left open" in text.caveats(cast(Diagnosis, found))) == told

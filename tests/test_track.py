@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.control.laws.uncertainty import home
-from gimbal_pin.control.tracking import BEFORE, Tracking, metrics, track
-from gimbal_pin.control.trajectories import ROOM, minimum_jerk, within
+from gimbal_pin.control.tracking import BEFORE, ROOM, Tracking, metrics, minimum_jerk, track, within
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Sensors

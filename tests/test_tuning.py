@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from gimbal_pin.control.laws import ComputedTorque, JointPid, Pid, margins
 from gimbal_pin.control.laws.uncertainty import inertia, poses
-from gimbal_pin.control.tuning import Tuning, controller_from, tune
+from gimbal_pin.control.tuning import Tuning, stored, tune
 from gimbal_pin.dynamics.model import Estimated, Model, nominal
 from gimbal_pin.dynamics.plant import State
 from gimbal_pin.dynamics.reduction import reduce
@@ -305,7 +305,7 @@ def test_a_controller_survives_its_file(wish: dict[str, object], through: str) -
     tuning = tune(changed, **wish)  # type: ignore[arg-type]
     data = tuning.to_dict()
     text = json.dumps(data, allow_nan=False) if through == "json" else yaml.safe_dump(data)
-    law = controller_from(json.loads(text) if through == "json" else yaml.safe_load(text), rig)
+    law = stored(json.loads(text) if through == "json" else yaml.safe_load(text), rig).law
     rng = np.random.default_rng(0)
     memory = again = law.start()
     for _ in range(5):
@@ -327,10 +327,10 @@ def test_to_dict_has_the_contracts_keys(tuned: Tuning) -> None:
 def test_a_foreign_or_broken_file_is_refused(tuned: Tuning) -> None:
     data = tuned.to_dict()
     with pytest.raises(ModelError, match="pan, tilt"):
-        controller_from(data, Rig.load("turret"))
+        stored(data, Rig.load("turret"))
     for broken in ({}, {**data, "joints": None}, {**data, "wish": {"bandwith": 3}}, {**data, "model": {"phi": [1.0]}}):
         with pytest.raises(ModelError, match="controller"):
-            controller_from(broken, Rig.load("thesis"))
+            stored(broken, Rig.load("thesis"))
 
 
 def test_plot_shows_every_loop(tuned: Tuning) -> None:

@@ -18,9 +18,16 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.bodies import bodies, deviations, figures, slopes
 from gimbal_pin.estimation.estimators import Bootstrap, Estimate, ols, physical, weighted
-from gimbal_pin.estimation.estimators.components import Told, autocovariances, pieces, powers, scoring, told
+from gimbal_pin.estimation.estimators.components import (
+    Likelihood,
+    autocovariances,
+    pieces,
+    powers,
+    restricted_likelihood,
+    scoring,
+)
 from gimbal_pin.estimation.identification import Identified, identify
-from gimbal_pin.estimation.rows import Block, kept, over_phi
+from gimbal_pin.estimation.rows import Block, over_phi, regression
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.consistency import likeliest, spread
 from gimbal_pin.rig.files import bundled_rigs
@@ -65,7 +72,7 @@ def test_repetition_changes_deviations_alone_and_follows_its_seed(found: Identif
 def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None:
     rig = Rig.load("turret")
     log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.1)
-    blocks = kept(rows_of(rig, log))
+    blocks = regression(rows_of(rig, log))
     told = Bootstrap(physical, np.random.default_rng(0), 20, 0.5)(blocks)
     assert told.phi is not None and np.all(told.std < 3 * physical(blocks).std) and told.std.min() > 0
     with pytest.raises(DataError, match="fewer than"):
@@ -210,25 +217,25 @@ def test_powers_of_a_mixture_are_those_that_were_planted_and_most_likely() -> No
     blocks = [short(rng, 300, planted) for _ in range(2)]
     parts = pieces(blocks, [block.A for block in blocks], np.zeros(6), 100)
     found = powers(parts, 2)
-    here = told(parts, found)
+    here = restricted_likelihood(parts, found)
     sure = np.sqrt(np.diag(np.linalg.inv(here.information)).reshape(2, 5))
     assert np.all(np.abs(found - planted) < 4 * sure)
     for j, k in np.ndindex(2, 5):
         for factor in (0.8, 1.25):
             other = found.copy()
             other[j, k] *= factor
-            assert told(parts, other).likelihood <= here.likelihood + 1e-3
+            assert restricted_likelihood(parts, other).likelihood <= here.likelihood + 1e-3
 
 
 def test_slope_of_the_likelihood_is_its_derivative() -> None:
     rng, power = np.random.default_rng(2), np.array([[1.0, 0.3, 0.5, 0.2, 0.6], [0.4, 0.1, 2.0, 0.3, 5.0]])
     block = short(rng, 50, power)
     parts = pieces([block], [block.A], np.zeros(6), 30)
-    slope = told(parts, power).slope.reshape(2, 5)
+    slope = restricted_likelihood(parts, power).slope.reshape(2, 5)
     for j, k in np.ndindex(2, 5):
         step = np.zeros((2, 5))
         step[j, k] = 1e-5
-        above, below = (told(parts, power + way * step).likelihood for way in (1, -1))
+        above, below = (restricted_likelihood(parts, power + way * step).likelihood for way in (1, -1))
         assert (above - below) / 2e-5 == pytest.approx(slope[j, k], rel=1e-4, abs=1e-5)
 
 
@@ -236,7 +243,7 @@ def test_a_step_is_finite_where_rounding_makes_a_curvature_negative() -> None:
     """Pure noise for angles, rates and torque: a spectrum without power, an information that is no more definite."""
     curvature = np.diag([1.0, 1e-3, -1e-12, 0.0, 2.0])
     now = np.array([[1.0, 0.2, 0.0, 0.0, 0.3]])
-    assert np.all(np.isfinite(scoring(Told(0.0, np.array([0.1, -0.2, 0.0, 0.0, 0.3]), curvature), now)))
+    assert np.all(np.isfinite(scoring(Likelihood(0.0, np.array([0.1, -0.2, 0.0, 0.0, 0.3]), curvature), now)))
 
 
 def test_torque_without_any_noise_leaves_nothing_uncertain() -> None:

@@ -24,10 +24,10 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimation.channel_assignment import agreement, check_wiring, tried
+from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, trials
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.rows import Filtering, Regression, Rows, kept
+from gimbal_pin.estimation.rows import Filtering, Regression, Rows, regression
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
@@ -138,24 +138,24 @@ def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:
     """Its torque is zero, and so is what a turned sign makes of it; the other's is told all the same."""
     rig = Rig.load("turret")
     log = recorded(rig, 2)
-    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
+    blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
     idle = Regression(blocks.rows, tuple(b._replace(A=b.A * [[[1], [0]]], b=b.b * [1, 0]) for b in blocks))
-    check_wiring(idle, weighted(idle))
+    check_assignment(idle, weighted(idle))
     turned = Regression(blocks.rows, tuple(b._replace(b=-b.b) for b in idle))
     with pytest.raises(LogError, match=r"tau_pan has the wrong sign"):
-        check_wiring(turned, weighted(turned))
+        check_assignment(turned, weighted(turned))
 
 
 def test_no_sign_is_turned_that_the_given_rig_agrees_with() -> None:
     """A command far beyond a limit on one side is mostly not what acts: bodies may fit it better turned round."""
     rig = Rig.load("thesis")
     log = recorded(rig, 4)
-    blocks = kept(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
+    blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
     assert np.all(agreement(blocks) > 0.9)
-    assert not any("sign" in trial.words for trial in tried(blocks))
+    assert not any("sign" in trial.words for trial in trials(blocks))
     turned = Regression(blocks.rows, tuple(b._replace(b=b.b * [1, -1, 1]) for b in blocks))
     np.testing.assert_allclose(agreement(turned), agreement(blocks) * [1, -1, 1])
-    assert [trial.words for trial in tried(turned) if "sign" in trial.words] == [
+    assert [trial.words for trial in trials(turned) if "sign" in trial.words] == [
         "tau_roll has the wrong sign (or the angle has)"
     ]
 

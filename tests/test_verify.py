@@ -10,27 +10,23 @@ import pytest
 
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.laws import ComputedTorque, JointPid
-from gimbal_pin.control.laws.uncertainty import base_columns
+from gimbal_pin.control.laws.uncertainty import estimate
 from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.identification.bound import SHAKEN
+from gimbal_pin.estimation.identification.fitting import SHAKEN
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.bench import WANTED, shaken_log, unbalanced
-from gimbal_pin.pointing.contest import Contest, Row
-from gimbal_pin.pointing.demand import AFTER, BEFORE, Demand
-from gimbal_pin.pointing.least import least
-from gimbal_pin.pointing.measures import jitter
-from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.demand import AFTER, BEFORE, Demand, least
+from gimbal_pin.pointing.result import Contest, Pointing, Row, jitter
 from gimbal_pin.pointing.roster import NAMES
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.steps import BANDWIDTH, JUDGED, STANDING, Followed, laws, step_targets
-from gimbal_pin.pointing.sweep import Sweep, heavier
-from gimbal_pin.pointing.trust import along, doubtful
+from gimbal_pin.pointing.sweep import Sweep, along, doubtful, heavier
+from gimbal_pin.pointing.targets import BANDWIDTH, JUDGED, STANDING, Followed, laws, step_targets
 from gimbal_pin.pointing.verify import Asked, grounds
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
@@ -217,7 +213,7 @@ def test_models_that_are_wrong_on_purpose() -> None:
     known, moves = identify(rig, [log], holdout="none").model, profile_s(t, rng)
     way, deviation = doubtful(known, WANTED, moves), known.estimated.covariance
     assert way @ np.linalg.solve(deviation, way) == pytest.approx(1.0, rel=1e-6)
-    Y = along(known, base_columns(known, known.estimated), WANTED, moves)[2]
+    Y = along(known, estimate(known)[1], WANTED, moves)[2]
     most = np.mean((Y @ way) ** 2)
     for other in rng.standard_normal((50, len(way))):
         other = np.linalg.cholesky(deviation) @ (other / np.linalg.norm(other))

@@ -18,17 +18,14 @@ import tyro
 from gimbal_pin.cli import paths
 from gimbal_pin.cli.animate import animate
 from gimbal_pin.cli.auto import auto
-from gimbal_pin.cli.base import base
-from gimbal_pin.cli.check import check
 from gimbal_pin.cli.demo import demo
 from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.export import export
 from gimbal_pin.cli.identify import identify
 from gimbal_pin.cli.inspect import inspect
-from gimbal_pin.cli.new_rig import new_rig
 from gimbal_pin.cli.present import complain, say
-from gimbal_pin.cli.rigs import rigs
+from gimbal_pin.cli.rigs import base, check, new_rig, rigs
 from gimbal_pin.cli.simulate import simulate
 from gimbal_pin.cli.track import track
 from gimbal_pin.cli.tune import tune

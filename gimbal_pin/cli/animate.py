@@ -15,16 +15,18 @@ from gimbal_pin.cli.paths import logs as files_of_logs
 from gimbal_pin.cli.present import noted, say
 from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import UsageError
+from gimbal_pin.report import PRESETS, VIEWS
 
 if TYPE_CHECKING:
     from gimbal_pin.log.log import Array, Log
     from gimbal_pin.rig.rig import Rig
 
 USUAL_SIZE = (960, 540)
-SCALE = "residual: red from 10 % of the joint's torque"
-"""As `diagnosis.heat` colours it."""
-View = Literal["three-quarter", "front", "side", "behind", "top", "over-the-shoulder"]
-Preset = Literal["social", "paper", "thumbnail"]
+if TYPE_CHECKING:
+    View = str
+    Preset = str
+else:
+    View, Preset = Literal[tuple(VIEWS)], Literal[tuple(PRESETS)]
 
 
 def films(output: str | Path, given: Mapping[str, Any]) -> list[Path]:
@@ -73,7 +75,7 @@ def animate(
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server."""
     from gimbal_pin.log.io import read_log, split_payload
     from gimbal_pin.report import view
-    from gimbal_pin.report.view.output import ENCODERS, FPS, PRESETS
+    from gimbal_pin.report.view.output import ENCODERS, FPS
 
     shown_somewhere(output, live)
     if not logs:
@@ -85,7 +87,11 @@ def animate(
     loaded = load_rig(rig, payload or split_payload(logs[0])[1] or mounted(residual))
     every = [read_log(log, loaded, map, need_tau=residual is not None) for log in logs]
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
-    colours = [None if residual is None else warmth(residual, loaded, read) for read in every]
+    scale, colours = "", [None if residual is None else warmth(residual, loaded, read) for read in every]
+    if residual is not None:
+        from gimbal_pin.diagnosis.heat import FULL
+
+        scale = f"residual: red from {100 * FULL:.0f} % of the joint's torque"
     if output is not None:
         suffix = output.suffix.lower()
         frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (chosen or FPS.get(suffix, 1.0))
@@ -106,7 +112,7 @@ def animate(
                 camera=camera,
                 written=written,
                 beside=other,
-                scale=SCALE,
+                scale=scale,
             )
             noted(told)
             say(f"{read.t[-1] - read.t[0]:.1f} s → {path}")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from gimbal_pin.cli.inputs import filtering, load_logs, play, run_of, typed
+from gimbal_pin.cli.inputs import filtering, load_logs, play, run_of
 from gimbal_pin.cli.options import (
     USUAL,
     Alignment,
@@ -21,6 +21,7 @@ from gimbal_pin.cli.options import (
     Payload,
     RigName,
     Seed,
+    Verbose,
 )
 from gimbal_pin.cli.present import noted, present
 from gimbal_pin.report import text
@@ -40,6 +41,7 @@ def auto(
     gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
     live: Annotated[bool, arg(help="show the result in a browser")] = False,
     seed: Seed = 0,
+    verbose: Verbose = False,
     json: Json = None,
 ) -> None:
     """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
@@ -61,8 +63,7 @@ def auto(
         wish=gains.wish,
         run=asked_for,
     )
-    asked = typed("diagnose", rig, logs, payload=payload, map=map, holdout=holdout)
     noted(found.notes)
-    present(text.auto(found, asked), found.to_dict(), json)
+    present(text.auto(found, verbose), found.to_dict(), json)
     if live:
         play(loaded, found.animated)

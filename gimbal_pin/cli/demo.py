@@ -8,7 +8,7 @@ from typing import Annotated
 from tyro.conf import arg
 
 from gimbal_pin.cli.inputs import load_rig, run_of
-from gimbal_pin.cli.options import Folder, Json, Payload, Seed, Yes, between
+from gimbal_pin.cli.options import Folder, Json, Payload, Seed, Verbose, Yes, between
 from gimbal_pin.cli.paths import Reads, rigs
 from gimbal_pin.cli.present import noted, present
 from gimbal_pin.cli.work import affordable
@@ -23,6 +23,7 @@ def demo(
     seconds: Annotated[float, between("--seconds", 1, 3600, "s"), arg(help="length of the simulated log")] = 22.0,
     seed: Seed = 0,
     yes: Yes = False,
+    verbose: Verbose = False,
     json: Json = None,
 ) -> None:
     """Run auto on a simulated log of a rig whose true parameters differ from its URDF; needs nothing."""
@@ -35,4 +36,4 @@ def demo(
     affordable(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)
     found = run(loaded, output, rng=np.random.default_rng(seed), seconds=seconds, run=asked_for)
     noted(found.notes)
-    present(text.auto(found), found.to_dict(), json)
+    present(text.auto(found, verbose), found.to_dict(), json)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from gimbal_pin.cli.inputs import filtering, load_logs, run_of, typed
+from gimbal_pin.cli.inputs import filtering, load_logs, run_of
 from gimbal_pin.cli.options import (
     BAND,
     Alignment,
@@ -61,9 +61,9 @@ def diagnose(
     from gimbal_pin.diagnosis import BAND, planned, usual
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.diagnosis.file import write_diagnosis
-    from gimbal_pin.estimation.identification import added, identify
+    from gimbal_pin.estimation.identification import identify, refittable_effects
     from gimbal_pin.log.io.files import atomic_write
-    from gimbal_pin.report import pages as report
+    from gimbal_pin.report import pages
 
     loaded, read = load_logs(rig, payload, logs, map)
     band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
@@ -73,12 +73,11 @@ def diagnose(
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     if urdf is not None:
-        causes, filters = added(found.after.model), filtering(None, alignment)
+        causes, filters = refittable_effects(found.after.model), filtering(None, alignment)
         bodied = identify(loaded, read, causes, holdout=holdout, filtering=filters)
         atomic_write(urdf, bodied.to_urdf())
-    asked = typed("diagnose", rig, logs, output=output, payload=payload, map=map, alignment=alignment, holdout=holdout)
     files: Mapping[str, Path] = {}
     if output is not None:
-        files, notes = write_diagnosis(found, output, report.diagnosed(loaded, read, found, asked), asked_for)
+        files, notes = write_diagnosis(found, output, pages.diagnosed(loaded, read, found), asked_for)
         noted(notes)
-    present(text.diagnosis(found, files, asked), found.to_dict(), json)
+    present(text.diagnosis(found, files), found.to_dict(), json)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
@@ -18,6 +20,10 @@ from gimbal_pin.report import text
 if TYPE_CHECKING:
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.effects import Effect
+    from gimbal_pin.rig.rig import Rig
+
+FIRST = 0.1
+"""Share of the rate and acceleration limits that a first motion uses: a hundredth of the kinetic energy."""
 
 
 def excite(
@@ -55,6 +61,15 @@ def excite(
         arg(metavar="CAUSE:JOINT:NAME=VALUE,…", help="a cause to be shown as well, as simulate plants it; of any size"),
     ] = (),
     model: ModelFile = None,
+    limit: Annotated[
+        UseAppendAction[tuple[str, ...]],
+        arg(
+            metavar="JOINT.QUANTITY=NUMBER",
+            help="a limit in place of the rig's own, e.g. pan.velocity=2: velocity "
+            "rad/s, acceleration rad/s^2, effort N m, lower and upper rad",
+        ),
+    ] = (),
+    first: Annotated[bool, arg(help="a first, slow motion: a tenth of every rate and acceleration limit")] = False,
     margin: Annotated[float, between("--margin", 0, 0.95), arg(help="share of every limit that is left free")] = 0.05,
     clearance: Annotated[
         float, between("--clearance", 0, 1, "m"), arg(help="distance that parts keep which can hit each other")
@@ -77,6 +92,7 @@ def excite(
     camera = payload or mounted(model)
     loaded, read = load_logs(rig, camera, after, map) if after else (load_rig(rig, camera), [])
     plant = plant_of(model, loaded)
+    plant = replace(plant, rig=with_limits(plant.rig, limit))
     shown = to_show(plant, effect)
     terms = (harmonics or 10) * plant.rig.n
     affordable(yes, squared_variable_of_a_start=starts * terms**2, sample_of_a_motion=seconds * rate)
@@ -90,13 +106,49 @@ def excite(
         effects=shown,
         torque_model=plant,
         margin=margin,
+        share=FIRST if first else 1.0,
         clearance=clearance,
         speed=speed,
         dt=1 / rate,
         rng=np.random.default_rng(seed),
     )
     write_motion(found.motion, found.joints, output)
-    present(text.excitation(found), found.to_dict(), json)
+    present(f"{text.excitation(found)}\n{next_step(rig, output, first, bool(read))}".rstrip(), found.to_dict(), json)
+
+
+def with_limits(rig: Rig, texts: Sequence[str]) -> Rig:
+    """Return the rig with limits such as ``pan.velocity=2`` in place of its own.
+
+    Raises:
+        UsageError: A text names no joint or limit of the rig, or no number that such a limit may have.
+    """
+    from gimbal_pin.rig.config import Limits
+    from gimbal_pin.rig.records import stated
+
+    limits = dict(zip(rig.joints, rig.limits))
+    for given in texts:
+        name, _, number = given.partition("=")
+        joint, _, quantity = name.rpartition(".")
+        place, mend = f"--limit {given}", f"write JOINT.velocity=NUMBER with a joint out of {', '.join(rig.joints)}"
+        if joint not in limits:
+            raise UsageError(place, f"the rig {rig.name} has no joint '{joint}'", mend)
+        try:
+            value = float(number)
+        except ValueError:
+            raise UsageError(place, f"'{number}' is no number", mend) from None
+        limits[joint] = replace(limits[joint], **stated(Limits, {quantity: value}, place, UsageError))
+    return replace(rig, limits=tuple(limits.values()))
+
+
+def next_step(rig: str, output: Path, first: bool, later: bool) -> str:
+    """Return what to do next: after a first motion the design from its log, before one the motion itself."""
+    if first:
+        log = f"{output.stem}_log.csv"
+        return (
+            f"a tenth of the rate and acceleration limits: record it as {log}, 'identify {rig} {log} -o model.yaml', "
+            f"then 'excite {rig} --model model.yaml --after {log}' at the full limits"
+        )
+    return "" if later else "never moved this machine? --first designs a motion at a tenth of the limits"
 
 
 def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:

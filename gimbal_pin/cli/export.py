@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,14 +17,30 @@ from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.report import text
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.tuning import Stored
+    from gimbal_pin.export import Exported
     from gimbal_pin.rig.rig import Rig
 
 
 def sources(value: Path, given: Any) -> list[Path]:
-    """Files that `export` may put into a folder."""
+    """Files that `export` may put into the folder of `--c`."""
     from gimbal_pin.export import NAMES
 
     return in_folder(value, NAMES)
+
+
+def packaged(value: Path, given: Any) -> list[Path]:
+    """Files that `export` may put into the folder of `--ros2`."""
+    from gimbal_pin.export.ros2 import NAMES
+
+    return in_folder(value, NAMES)
+
+
+def headers(value: Path, given: Any) -> list[Path]:
+    """Files that `export` may put into the folder of `--simplefoc`."""
+    from gimbal_pin.export.tables import SIMPLEFOC
+
+    return in_folder(value, SIMPLEFOC)
 
 
 def export(
@@ -33,8 +49,29 @@ def export(
     ],
     *,
     c: Annotated[
-        Path, Writes(sources, run=True), arg(metavar="DIR", help="folder for the C99 sources, made if it is not there")
-    ],
+        Path | None, Writes(sources, run=True), optional("DIR", "folder for the C99 sources, made if it is not there")
+    ] = None,
+    ros2: Annotated[
+        Path | None,
+        Writes(packaged, run=True),
+        optional("DIR", "folder for a package of ros2_control: a plugin, its YAML and the identified URDF"),
+    ] = None,
+    simplefoc: Annotated[
+        Path | None,
+        Writes(headers, run=True),
+        optional(
+            "DIR", "folder for tables of cogging and friction, with a sketch of SimpleFOC that feeds them forward"
+        ),
+    ] = None,
+    odrive: Annotated[
+        Path | None,
+        Writes(suffixes=(".json",)),
+        optional("FILE", "the same tables as an ODrive indexes them, .json"),
+    ] = None,
+    live: Annotated[
+        str | None,
+        optional("ADDRESS", "send gains and feed-forward to a running gimbal: udp://HOST:PORT or serial:DEVICE@BAUD"),
+    ] = None,
     rig: Annotated[
         str | None, Reads(rigs), optional("RIG", "URDF or YAML of the rig", "the bundled rig that CONTROLLER names")
     ] = None,
@@ -51,21 +88,81 @@ def export(
     map: Map = (),
     json: Json = None,
 ) -> None:
-    """Write a controller as C99 for the gimbal's own processor."""
+    """Write a controller as C99, for ros2_control, SimpleFOC or ODrive; or tune a gimbal that runs."""
     asked_for = run_of("export", locals())
-    from gimbal_pin.export import export as run
-    from gimbal_pin.log.io.files import atomic_write, write_run
+    from gimbal_pin.export.tables import odrive as indexed
+    from gimbal_pin.export.tables import simplefoc as tabled
+    from gimbal_pin.log.io.files import to_json
 
+    if all(target is None for target in (c, ros2, simplefoc, odrive, live)):
+        raise UsageError("export", "is not told what to write", "add --c, --ros2, --simplefoc, --odrive or --live")
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
     loaded = rig_of(controller, rig, payload)
-    imu = None if platform_log is None else measured_motion(loaded, platform_log, map)
-    found = run(read_controller(controller, loaded), imu)
-    writers: dict[str, Callable[[Path], object]] = {
-        name: partial(atomic_write, content=content) for name, content in found.files.items()
-    }
-    write_run(c, writers, asked_for)
-    present(text.exported(found, c), found.to_dict(), json)
+    stored = read_controller(controller, loaded)
+    folders: list[tuple[Path, Mapping[str, str]]] = []
+    said: dict[str, Any] = {"schema": 1}
+    if simplefoc is not None:
+        folders.append((simplefoc, tabled(stored.model)))
+    table = None if odrive is None else to_json(indexed(stored.model), 1)
+    if c is not None or ros2 is not None or live is not None:
+        found = exported(stored, loaded, platform_log, map)
+        said = found.to_dict()
+        if c is not None:
+            folders.append((c, found.files))
+        if ros2 is not None:
+            from gimbal_pin.export.ros2 import package
+
+            folders.append((ros2, package(stored, found.files)))
+        if live is not None:
+            said["live"] = tuned(live, found.tuning)
+    lines = written(folders, odrive, table, asked_for)
+    if c is not None:
+        lines.append(text.exported(found, c))
+    if live is not None:
+        lines.append(f"{live}: gains and feed-forward are in force")
+    present("\n".join(lines), {**said, "written": [str(folder) for folder, _ in folders]}, json)
+
+
+def exported(stored: Stored, loaded: Rig, platform_log: Path | None, map: Map) -> Exported:
+    """Return the C99 sources of a controller, its forecast for a platform that moves as in a log."""
+    from gimbal_pin.export import export as run
+
+    return run(stored, None if platform_log is None else measured_motion(loaded, platform_log, map))
+
+
+def written(
+    folders: Sequence[tuple[Path, Mapping[str, str]]], odrive: Path | None, table: str | None, asked_for: Any
+) -> list[str]:
+    """Write every folder, each whole or not at all, and the table of ODrives; return a line for each."""
+    from gimbal_pin.log.io.files import atomic_write, write_run
+
+    for folder, content in folders:
+        writers: dict[str, Callable[[Path], object]] = {
+            name: partial(atomic_write, content=body) for name, body in content.items()
+        }
+        write_run(folder, writers, asked_for)
+    if odrive is not None and table is not None:
+        atomic_write(odrive, table)
+    return [f"{len(content)} files → {folder}" for folder, content in folders] + [f"→ {odrive}"] * (odrive is not None)
+
+
+def tuned(address: str, body: bytes) -> str:
+    """Send gains and feed-forward to a running gimbal.
+
+    Raises:
+        UsageError: It refuses them, or the address is none.
+        LogError: It cannot be reached, or does not answer.
+    """
+    from gimbal_pin.log.io.link import tune
+
+    status = tune(address, body)
+    if status == 1:
+        raise UsageError(address, "runs a controller of other joints or terms", "flash the sources that --c writes")
+    if status:
+        what = "refuses these gains or terms: out of the range that gimbal_link.h states"
+        raise UsageError(address, what, "tune for the delay of the gimbal that runs")
+    return address
 
 
 def rig_of(controller: str, rig: str | None, payload: str | None) -> Rig:

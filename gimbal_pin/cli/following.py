@@ -29,7 +29,8 @@ class Following:
     """Options of a log that is still being written."""
 
     follow: Annotated[
-        bool, arg(help="learn from one growing CSV file, or from - (standard input), as it is written; Ctrl-C ends it")
+        bool,
+        arg(help="learn from a growing CSV file, - (standard input), or a gimbal: udp://HOST:PORT, serial:DEVICE@BAUD"),
     ] = False
     forget: Annotated[
         float | None,

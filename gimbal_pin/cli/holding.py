@@ -128,7 +128,7 @@ class Holding:
         machine: Machine | None = None,
     ) -> Verified:
         """Hold the camera, and judge it; what is given beside the rig is what `Asked` calls so, `late` its delay."""
-        from gimbal_pin.pointing.faults import parse_fault
+        from gimbal_pin.pointing.measurement import parse_fault
         from gimbal_pin.pointing.verify import Asked, verify
 
         asked = Asked(
@@ -176,8 +176,8 @@ class Pages:
         """Write them."""
         from gimbal_pin.log.io.files import atomic_write, replacing
         from gimbal_pin.pointing.chart import chart
-        from gimbal_pin.report.pages.full import carried as whole
-        from gimbal_pin.report.pages.full import moving
+        from gimbal_pin.report.pages import carried as whole
+        from gimbal_pin.report.pages import moving
 
         if self.plot is not None and held is not None:
             with replacing(self.plot) as temporary:

@@ -37,7 +37,7 @@ from gimbal_pin.report import text
 if TYPE_CHECKING:
     from gimbal_pin.effects import Effect
     from gimbal_pin.estimation.estimators import Estimator
-    from gimbal_pin.estimation.hausman_check import Asked
+    from gimbal_pin.estimation.estimators.hausman import WhenTested
     from gimbal_pin.estimation.identification import Identified
     from gimbal_pin.log.log import Log
     from gimbal_pin.rig.rig import Rig
@@ -96,7 +96,7 @@ def identify(
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.estimation.balance import reported
     from gimbal_pin.estimation.bodies import TRUST
-    from gimbal_pin.estimation.identification import added
+    from gimbal_pin.estimation.identification import refittable_effects
     from gimbal_pin.estimation.model_file import read_model
     from gimbal_pin.estimation.rows import Filtering
 
@@ -127,7 +127,7 @@ def identify(
         return
     loaded, read = load_logs(rig, payload, logs, map)
     affordable(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
-    causes = () if extended is None else added(read_model(extended, loaded))
+    causes = () if extended is None else refittable_effects(read_model(extended, loaded))
     found = identified(loaded, read, fit, bias, refit, trusted, causes)
     write(found, output, urdf)
     present(text.identified(found), reported(found), json)
@@ -140,7 +140,7 @@ def identified(
     from gimbal_pin.estimation.identification import identify as run
     from gimbal_pin.estimation.identification import refitted
 
-    examined: Asked = "always" if bias else "noisy"
+    examined: WhenTested = "always" if bias else "noisy"
     found = run(rig, logs, causes, **vars(fit), examined=examined, trust=trust)
     if not refit:
         return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
@@ -53,15 +52,6 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
     read = [read_log(log, loaded, mapping) for log in logs]
     noted([event for log in read for event in log.events])
     return loaded, read
-
-
-def typed(verb: str, rig: str, logs: Sequence[str], **options: object) -> str:
-    """Return a call of a verb on logs as one types it, with the options that are given: what is None is not."""
-    words = ["gimbal-pin", verb, rig, *logs]
-    for name, given in options.items():
-        several = given if isinstance(given, tuple) else () if given is None else (given,)
-        words += [word for each in several for word in (f"--{name}", str(each))]
-    return shlex.join(words)
 
 
 def run_of(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -47,11 +47,12 @@ def inspect(
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
-        from gimbal_pin.report import pages as report
+        from gimbal_pin.report.html import render
+        from gimbal_pin.report.sections.data import inspection
 
-        report.write("What the logs hold", [report.inspection(one) for one in found], output)
+        atomic_write(output, render("What the logs hold", [inspection(one) for one in found]))
     elif output is not None:
-        from gimbal_pin.report.pages.sections.inspection import draw
+        from gimbal_pin.report.sections.data import draw
 
         with replacing(output) as temporary:
             draw(found[0], temporary)

@@ -99,6 +99,7 @@ ModelFile = Annotated[
     optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
 Yes = Annotated[bool, arg(help="begin even what takes over ten minutes, or over half of the memory")]
+Verbose = Annotated[bool, arg(help="print all that was found, not the outcome alone")]
 Seed = Annotated[int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")]
 # A filter of 0.1 Hz remembers longer than most logs last; over 1 kHz no gimbal's mechanics answer.
 BAND = between("--cutoff", 0.1, 1000, "Hz")

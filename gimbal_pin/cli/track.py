@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
-from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed, optional
+from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed, Verbose, optional
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.control.controllers import COMPILED
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.dynamics.simulation import Controller
     from gimbal_pin.export import Library
-    from gimbal_pin.pointing import Verified
     from gimbal_pin.rig.rig import Rig
 
 
@@ -56,6 +55,7 @@ def track(
     held: Annotated[Holding, OmitArgPrefixes] = STILL,
     pages: Annotated[Pages, OmitArgPrefixes] = NO_PAGES,
     seed: Seed = 0,
+    verbose: Verbose = False,
     json: Json = None,
 ) -> None:
     """Step tracking against a PID; on a platform that moves, every camera-holding controller at equal margins."""
@@ -78,7 +78,11 @@ def track(
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
         verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None, machine)
     pages.write(loaded, verified, steps, stood)
-    present(*found(steps, verified, stood), json)
+    told = [] if steps is None else [text.tracking(steps, stood, loaded if verbose else None)]
+    told += [] if verified is None else [text.verified(verified, verbose)]
+    own, more = ({} if one is None else one.to_dict() for one in (steps, verified))
+    experiments = [*own.get("experiments", ()), *more.get("experiments", ())]
+    present("\n\n".join(told), {"schema": 1, **own, **more, "experiments": experiments}, json)
 
 
 def rivals(tuned: Stored) -> dict[str, Law]:
@@ -109,13 +113,3 @@ def stepped(tuned: Stored, machine: Library | None, plant: Model, late: int, see
 
     twin: dict[str, Controller] = {} if machine is None else {COMPILED: machine.law}
     return run(plant, {**rivals(tuned), **twin}, rng=np.random.default_rng(seed), delay=late)
-
-
-def found(steps: Tracking | None, held: Verified | None, plant: str) -> tuple[str, dict[str, Any]]:
-    """Return what is told and what JSON holds (CONTRACT, `track`)."""
-    told = [] if steps is None else [text.tracking(steps, plant)]
-    told += [] if held is None else [text.verified(held)]
-    own = {} if steps is None else steps.to_dict()
-    more = {} if held is None else held.to_dict()
-    experiments = [*own.get("experiments", ()), *more.get("experiments", ())]
-    return "\n\n".join(told), {"schema": 1, **own, **more, "experiments": experiments}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
-from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeYaml, Payload, Plotted, RigName
+from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeYaml, Payload, Plotted, RigName, Verbose
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 from gimbal_pin.report import text
@@ -29,6 +29,7 @@ def tune(
     cutoff: Cutoff = None,
     gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
     plot: Annotated[Plotted, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
+    verbose: Verbose = False,
     json: Json = None,
 ) -> None:
     """Gains, margins and robust term from logs or from a model."""
@@ -42,7 +43,7 @@ def tune(
     if plot is not None:
         with replacing(plot) as temporary:
             found.plot().savefig(temporary)
-    present(text.tuning(found), found.to_dict(), json)
+    present(text.tuning(found, verbose), found.to_dict(), json)
 
 
 def model_of(

@@ -1,23 +1,95 @@
-"""Step tracking (THESIS ch. 6): all axes together, and one at a time."""
+"""Step tracking (THESIS ch. 6): minimum-jerk references, all axes together, and one at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from math import isnan, nan
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gimbal_pin.control.laws.uncertainty import home
-from gimbal_pin.control.trajectories import minimum_jerk, within
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.rig.rig import Rig
+
+PEAK_RATE = 15 / 8
+"""Largest rate of a minimum-jerk move, in distance per duration."""
+PEAK_ACCELERATION = 10 / 3**0.5
+"""Largest acceleration of a minimum-jerk move, in distance per duration squared."""
+ROOM = 0.9
+"""Share of a torque limit that a step's own torque may take: the rest is the feedback's."""
+
+
+def minimum_jerk(
+    start: Array, goal: Array, *, dt: float, move: float = 0.5, before: float = 0.1, after: float = 0.6
+) -> Motion:
+    """Rest, move, rest: ``q = start + (goal - start)(10 s³ - 15 s⁴ + 6 s⁵)``, s from 0 to 1 (Flash and Hogan 1985).
+
+    Args:
+        start: Angles at first, rad, (n,).
+        goal: Angles at last, rad, (n,).
+        dt: Sampling interval, s.
+        move: Duration of the move, s.
+        before: Rest before it, s.
+        after: Rest after it, s.
+
+    Raises:
+        UsageError: The interval or the move is not positive, or a rest is negative.
+    """
+    if not (dt > 0 and move > 0 and before >= 0 and after >= 0):
+        what = f"has dt {dt:g} s, move {move:g} s, rests {before:g} and {after:g} s"
+        raise UsageError("minimum-jerk step", what, "give a positive interval and move, and rests of at least zero")
+    t = dt * np.arange(round((before + move + after) / dt) + 1, dtype=np.float64)
+    s = np.clip((t - before) / move, 0.0, 1.0)[:, None]
+    distance: Array = np.asarray(goal, np.float64) - np.asarray(start, np.float64)
+    q = start + distance * s**3 * (10 - 15 * s + 6 * s**2)
+    v: Array = distance / move * 30 * (s * (1 - s)) ** 2
+    a = distance / move**2 * 60 * s * (1 - s) * (1 - 2 * s)
+    return Motion(t, q, v, a)
+
+
+def within(plant: Model, steps: Sequence[float], move: float) -> Array:
+    """Return steps from home, rad, (n,), made smaller where limits (angle, rate, acceleration, torque) ask for it."""
+    start, limits = home(plant.rig), plant.rig.limits
+    goal: Array = np.clip(start + np.array(steps), [x.lower for x in limits], [x.upper for x in limits]) - start
+    largest = [min(x.velocity * move / PEAK_RATE, x.acceleration * move**2 / PEAK_ACCELERATION) for x in limits]
+    goal = np.clip(goal, -np.array(largest), largest)
+    for _ in range(40):
+        reference = minimum_jerk(start, start + goal, dt=move / 50, move=move)
+        share = np.abs(plant.inverse(reference.q, reference.v, reference.a)).max(axis=0) / plant.rig.tau_max
+        if (share <= ROOM).all():
+            break
+        goal = np.where(share > ROOM, 0.9 * goal, goal)
+    return goal
+
+
+def tour(plant: Model, dt: float, size: float = 0.5, move: float = 1.2) -> Motion:
+    """From home to one side of every axis, to the other, and back, by minimum jerk, within all limits.
+
+    Args:
+        plant: Model whose torque limits hold.
+        dt: Sampling interval, s.
+        size: Angle to each side, rad; smaller where a limit asks for it.
+        move: Duration of each move, s.
+    """
+    start = home(plant.rig)
+    signs = (-1.0) ** np.arange(plant.rig.n)
+    # The middle leg goes from side to side: what fits it twice over fits the others.
+    sides = [within(plant, list(2 * side * size * signs), move) / 2 for side in (1, -1)]
+    goals = [start, *(start + side for side in sides), start]
+    legs = [minimum_jerk(a, b, dt=dt, move=move, before=0.2, after=0.2) for a, b in pairwise(goals)]
+    parts = [
+        np.concatenate([getattr(leg, name)[: -1 if k < len(legs) - 1 else None] for k, leg in enumerate(legs)])
+        for name in "qva"
+    ]
+    return Motion(dt * np.arange(len(parts[0])), *parts)
+
 
 STEPS_DEG = (30.0, 20.0, -25.0)
 """The thesis's steps, degrees; a rig with more joints cycles through them."""
@@ -123,6 +195,23 @@ def or_null(value: float) -> float | None:
     return None if isnan(value) else value
 
 
+@dataclass(frozen=True, eq=False)
+class Witness(Sensors):
+    """Sensors that keep the true angles that they were asked to measure: metrics should not see the encoder's steps."""
+
+    seen: list[Array] = field(default_factory=list)
+
+    @staticmethod
+    def of(rig: Rig, dt: float, torque_std: float = 0.0) -> Witness:
+        """The rig's own sensors, as a witness."""
+        return Witness(**vars(Sensors.of(rig, dt, torque_std)))
+
+    def angle(self, q: Array) -> Array:
+        """The angle as the encoder reports it."""
+        self.seen.append(q.copy())
+        return super().angle(q)
+
+
 def track(
     plant: Model,
     controllers: Mapping[str, Controller],
@@ -160,61 +249,25 @@ def track(
     single = [(joint, steps * (np.arange(rig.n) == j)) for j, joint in enumerate(rig.joints)]
     plan = [("all-axes", steps), *(single if one_by_one and rig.n > 1 else [])]
     seeds = rng.integers(2**63, size=len(plan))
-    stand = Stand(plant, seconds, move, sensors, delay)
-    experiments = tuple(
-        stand.run(name, goal, label, controller, np.random.default_rng(seed))
-        for (name, goal), seed in zip(plan, seeds)
-        for label, controller in controllers.items()
-    )
-    return Tracking(rig.name, rig.payload, dict(zip(rig.joints, steps.tolist())), experiments)
 
-
-@dataclass(frozen=True, eq=False)
-class Witness(Sensors):
-    """Sensors that keep the true angles that they were asked to measure: metrics should not see the encoder's steps."""
-
-    seen: list[Array] = field(default_factory=list)
-
-    @staticmethod
-    def of(rig: Rig, dt: float, torque_std: float = 0.0) -> Witness:
-        """The rig's own sensors, as a witness."""
-        return Witness(**vars(Sensors.of(rig, dt, torque_std)))
-
-    def angle(self, q: Array) -> Array:
-        """The angle as the encoder reports it."""
-        self.seen.append(q.copy())
-        return super().angle(q)
-
-
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """What all experiments of one `track` share; the attributes are its arguments."""
-
-    plant: Model
-    seconds: float
-    move: float
-    sensors: Sensors | None
-    delay: int
-
-    def run(self, name: str, goal: Array, label: str, controller: Controller, rng: np.random.Generator) -> Experiment:
-        """Run one step from home by `goal` rad, (n,), with one controller."""
-        rig, dt = self.plant.rig, controller.dt
-        start, after = home(rig), self.seconds - BEFORE - self.move
-        reference = minimum_jerk(start, start + goal, dt=dt, move=self.move, before=BEFORE, after=after)
-        witness = Witness(**vars(self.sensors or Sensors.of(rig, dt)))
-        title = f"{name}, {label}"
-        log = simulate(self.plant, controller, reference, rng=rng, sensors=witness, delay=self.delay, name=title)
+    def run(name: str, goal: Array, seed: int, label: str, controller: Controller) -> Experiment:
+        start, after = home(rig), seconds - BEFORE - move
+        reference = minimum_jerk(start, start + goal, dt=controller.dt, move=move, before=BEFORE, after=after)
+        witness = Witness(**vars(sensors or Sensors.of(rig, controller.dt)))
+        own, title = np.random.default_rng(seed), f"{name}, {label}"
+        log = simulate(plant, controller, reference, rng=own, sensors=witness, delay=delay, name=title)
         q = np.array(witness.seen)
-        rows = dict(zip(rig.joints, measured(rig, reference, q, log, goal)))
-        still = [row.peak_error for row, distance in zip(rows.values(), goal) if distance == 0]
-        return Experiment(name, label, rows, max(still, default=nan), q, log)
+        shares = at_limit(rig.joints, np.asarray(log.tau), rig.tau_max).values()
+        rows = [metrics(reference.t, *own) for own in zip(reference.q.T, q.T, goal.tolist(), shares)]
+        still = [row.peak_error for row, distance in zip(rows, goal) if distance == 0]
+        return Experiment(name, label, dict(zip(rig.joints, rows)), max(still, default=nan), q, log)
 
-
-def measured(rig: Rig, reference: Motion, q: Array, log: Log, goal: Array) -> list[StepMetrics]:
-    """Return every joint's metrics."""
-    shares = at_limit(rig.joints, np.asarray(log.tau), rig.tau_max).values()
-    columns = zip(reference.q.T, q.T, goal.tolist(), shares)
-    return [metrics(reference.t, wanted, angle, distance, share) for wanted, angle, distance, share in columns]
+    experiments = [
+        run(name, goal, seed, *controller)
+        for (name, goal), seed in zip(plan, seeds.tolist())
+        for controller in controllers.items()
+    ]
+    return Tracking(rig.name, rig.payload, dict(zip(rig.joints, steps.tolist())), tuple(experiments))
 
 
 def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: float) -> StepMetrics:
@@ -223,7 +276,8 @@ def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: f
     rise = overshoot = settling = nan
     if distance:
         share = (angle - wanted[0]) / distance
-        rise = first(t, share >= 0.9) - first(t, share >= 0.1)
+        low, high = (float(t[np.argmax(share >= x)]) if (share >= x).any() else nan for x in (0.1, 0.9))
+        rise = high - low
         overshoot = 100 * max(0.0, float(share.max()) - 1)
         outside = np.flatnonzero(np.abs(share - 1) > BAND)
         settling = float(t[outside[-1] + 1] - BEFORE) if outside[-1] + 1 < len(t) else nan
@@ -236,8 +290,3 @@ def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: f
         peak_error=float(np.abs(error).max()),
         saturated=saturated,
     )
-
-
-def first(t: Array, reached: NDArray[np.bool_]) -> float:
-    """Time of the first True, s; nan if there is none."""
-    return float(t[np.argmax(reached)]) if reached.any() else nan

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
-from gimbal_pin.control.laws.bandwidth import granted
-from gimbal_pin.control.laws.design import Wish, braking, inner, layered, seen_inertia
-from gimbal_pin.control.laws.drawn import DRAWS, Ratios, drawn, widened
-from gimbal_pin.control.laws.lyapunov import lyapunov
+from gimbal_pin.control.laws.computed_torque import lyapunov
+from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, seen_inertia
 from gimbal_pin.control.laws.reasons import about_inertia, about_layer, about_loops, about_model, doubts, grouped
+from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
 from gimbal_pin.dynamics.model import Model, model_from, plain_model
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.errors import ModelError, UsageError
@@ -94,7 +93,7 @@ class Tuning:
         return chart(joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON and YAML hold (CONTRACT, `tune`); `controller_from` reads it back.
+        """Return what JSON and YAML hold (CONTRACT, `tune`); `stored` reads it back.
 
         Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind: times `inertia` they are N m/rad and so on.
         `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null, and
@@ -253,12 +252,7 @@ class Stored:
     bandwidth_hz: Mapping[str, float | None]
 
 
-def controller_from(data: Any, rig: Rig, place: str = "controller") -> Law:
-    """Return the control law that `Tuning.to_dict` wrote; see `stored`."""
-    return stored(data, rig, place).law
-
-
-def stored(data: Any, rig: Rig, place: str) -> Stored:
+def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
     """Return the controller that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
 
     Raises:
@@ -287,16 +281,12 @@ def stored(data: Any, rig: Rig, place: str) -> Stored:
         inertia = tuple(row.inertia for row in rows)
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
         model = model_from(filed.model, rig, f"{place}: model")
-        law = law_of(wish, model, gains, inertia, brakes, redesign(filed.robust, gains))
+        robust = None
+        if filed.robust is not None:
+            known = {key: x for key, x in vars(filed.robust).items() if key != "gain"}
+            robust = Robust(lyapunov(gains), Bounds(**known), filed.robust.gain)
+        law = law_of(wish, model, gains, inertia, brakes, robust)
         return Stored(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
-
-
-def redesign(layer: Layer | None, gains: tuple[Pid, ...]) -> Robust | None:
-    """Return the Lyapunov redesign of a controller file."""
-    if layer is None:
-        return None
-    rest = {key: x for key, x in vars(layer).items() if key != "gain"}
-    return Robust(lyapunov(gains), Bounds(**rest), layer.gain)
 
 
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:

@@ -27,9 +27,9 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.audit import Audit, Fault, audit
-from gimbal_pin.estimation.channel_assignment import check_columns
-from gimbal_pin.estimation.identification import moved, split, within
-from gimbal_pin.estimation.rows import Filtering, chosen
+from gimbal_pin.estimation.channel_assignment import check_assignment_of_logs
+from gimbal_pin.estimation.identification import check_log, greatest_base_motion, split
+from gimbal_pin.estimation.rows import Filtering, excerpt
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
@@ -54,12 +54,12 @@ def diagnose(
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
-    Of a long log some stretches are looked at, see `rows.chosen`; a note says which. The band is `band.usual` where no
+    Of a long log some stretches are looked at, see `rows.excerpt`; a note says which. The band is `band.usual` where no
     filtering is given.
 
     Args and errors: as `examined`.
     """
-    shown = [chosen(log) for log in logs]
+    shown = [excerpt(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
     found = examined(rig, [one.log for one in shown], causes, rng, holdout, band)
     return replace(found, notes=(*(one.note for one in shown if one.note), *found.notes))
@@ -89,7 +89,7 @@ def examined(
         DataError: The logs are too short, or a joint never moved.
     """
     for log in logs:
-        within(log, filtering)
+        check_log(log, filtering)
     calibrated = [rectified(rig, log) for log in logs]
     encoders = {one.log.name: one.encoders for one in calibrated}
     audits = [audit(rig, one.log) for one in calibrated]
@@ -141,8 +141,8 @@ def searched(
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
-    base = moved(rig, train)
-    check_columns(rig, train, base, Filtering())
+    base = greatest_base_motion(rig, train)
+    check_assignment_of_logs(rig, train, base, Filtering())
     held = judged(rig, test, filtering, origins, {one.log.name: one.log for one in audits}) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(

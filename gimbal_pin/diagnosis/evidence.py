@@ -29,11 +29,11 @@ from gimbal_pin.estimation.rows import (
     Flags,
     Logged,
     Stretch,
-    carrying,
     dilated,
     impulse,
     mask,
     memory,
+    moving_base_link,
     settling,
     sliding,
     slow,
@@ -335,7 +335,7 @@ def part(
     length = 2 * step * half
     if 4 * int(np.ceil(settling(filtering) / stretch.dt)) > length:
         return None
-    channels = smoothed(stretch, filtering, 0, length, carrying(rig, stretch.log))
+    channels = smoothed(stretch, filtering, 0, length, moving_base_link(rig, stretch.log))
     gate = gated(channels, filtering, taper)
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)

@@ -7,8 +7,7 @@ from math import degrees, nan
 
 import numpy as np
 
-from gimbal_pin.control.tracking import Witness
-from gimbal_pin.control.trajectories import tour
+from gimbal_pin.control.tracking import Witness, tour
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.heldout import massive

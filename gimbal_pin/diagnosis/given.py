@@ -21,6 +21,8 @@ SURE = 0.003
 TOLD = 2.0
 """Standard deviations from which a direction is spoken of, 95 %."""
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
+TRIAL, FAINT = 0.03, 0.05
+"""Share of a mass, and the millimetres from which it is said what that much more of it does."""
 MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
 
@@ -36,7 +38,9 @@ class Given:
             only what shows without them is said.
         stated: The mass that its URDF states, kg.
         mass: Difference from it, kg, one value, or none where it does not show.
-        shift: Of the centre of mass, m, forms (3,) with its directions.
+        shift: Of the centre of mass at the mass above, m, forms (3,) with its directions.
+        per_mass: Change of that shift if the payload has a kilogram more, m/kg, (3,): a body that carries it off the
+            joints' axes pulls as one that sits further out.
         products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
         words: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
         gyration: The payload's radius of gyration as stated, m.
@@ -49,6 +53,7 @@ class Given:
     stated: float
     mass: Seen
     shift: Seen
+    per_mass: Array
     products: Seen
     words: Array
     gyration: float
@@ -89,12 +94,19 @@ class Given:
     def weight(self) -> str:
         """Say what it weighs."""
         if not len(self.mass.value):
-            return f"its mass does not show: taken as the stated {digits(1e3 * self.stated, 4)} g"
+            return f"its mass does not show: taken as the stated {digits(1e3 * self.stated, 4)} g{self.otherwise()}"
         extra, std = 1e3 * float(self.mass.change[0]), 1e3 * float(self.mass.std[0])
         if self.mass.chance > SURE:
             return f"it weighs the stated {digits(1e3 * self.stated, 4)} g, to {digits(TOLD * std, 2)} g"
         way = "heavier" if extra > 0 else "lighter"
         return f"it is {digits(abs(extra))} ± {digits(std, 2)} g {way} than the stated {digits(1e3 * self.stated, 4)} g"
+
+    def otherwise(self) -> str:
+        """Say how the place changes with a mass that the log does not show; nothing where it does not."""
+        grams = 10.0 ** round(np.log10(TRIAL * 1e3 * self.stated))
+        change = grams * self.words.T @ self.per_mass  # mm
+        ways = [f"{digits(abs(x), 2)} mm {names[x < 0]}" for x, names in zip(change.tolist(), AXES) if abs(x) > FAINT]
+        return f"; every {grams:g} g more would mean {', '.join(ways)} of that" if ways else ""
 
     def skew(self) -> str:
         """Say that the body's products of inertia are others than stated, or nothing."""
@@ -115,6 +127,7 @@ class Given:
             "com_mm": [float(x) if yes else None for x, yes in zip(com, shown)],
             "std": float(max(s for s, yes in zip(std, shown) if yes)) if any(shown) else None,
             "sentence": self.sentence,
+            "com_mm_per_g": (self.per_mass).tolist(),
             "com_std_mm": [float(s) if yes else None for s, yes in zip(std, shown)],
             "mass_std": 1e3 * float(self.mass.std[0]) if weighed else None,
             "stated_mass": 1e3 * self.stated,
@@ -148,16 +161,25 @@ def given(found: Difference) -> Given | None:
     alone = found.lack_of_fit(own) > SURE
     rest = np.zeros((len(own), 0)) if alone else others
     moments = inertia.mass * own[:, MOMENTS] @ frame.rotation
-    heavier = own @ (inertia.toDynamicParameters() / inertia.mass)[:, None]
+    phi = inertia.toDynamicParameters()
+    heavier = own @ (phi / inertia.mass)[:, None]
     moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
     radius = gyration(inertia)
     mass = found.seen(heavier, np.hstack([moments, own[:, INERTIA], rest]), SHOWN * inertia.mass)
     unsure = heavier if len(mass.value) else heavier[:, :0]
-    shift = found.seen(moments, np.hstack([unsure, own[:, INERTIA], rest]), SHOWN * radius)
-    known = shifted(inertia, frame, shift.change) + inertia.toDynamicParameters() * mass.change / inertia.mass
-    left = replace(found, change=found.change - own @ known)
+    beside, fine = np.hstack([unsure, own[:, INERTIA], rest]), SHOWN * radius
+    shift = found.seen(moments, beside, fine)
+    per_mass = replace(found, change=-heavier[:, 0] * (not len(mass.value))).seen(moments, beside, fine).change
+
+    def placed(extra: float) -> Array:
+        """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
+        more = float(mass.change[0]) + extra
+        return shifted(inertia, frame, shift.change + extra * per_mass) + phi * more / inertia.mass
+
+    left = replace(found, change=found.change - own @ placed(0.0))
+    hidden = own @ (placed(TRIAL * inertia.mass) - placed(0.0))[:, None]  # an unknown mass makes products, too
     diagonal = np.delete(own, PRODUCTS, axis=1)
-    products = left.seen(own[:, PRODUCTS], np.hstack([diagonal, rest]), SHOWN * moment)
+    products = left.seen(own[:, PRODUCTS], np.hstack([diagonal, rest, hidden[:, len(mass.value) :]]), SHOWN * moment)
     return Given(
         link=carried(rig),
         body=rig.links[body],
@@ -165,6 +187,7 @@ def given(found: Difference) -> Given | None:
         stated=float(inertia.mass),
         mass=mass,
         shift=shift,
+        per_mass=per_mass,
         products=products,
         words=np.asarray(frame.rotation.T @ facing(rig)),
         gyration=radius,

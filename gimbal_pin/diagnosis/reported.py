@@ -22,6 +22,7 @@ from gimbal_pin.diagnosis.heldout import Figures, measured
 from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.off_centre import joined
 from gimbal_pin.diagnosis.platform_motion import Ridden
+from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.diagnosis.untestable import untestable
 from gimbal_pin.dynamics.model import nominal
@@ -103,6 +104,8 @@ def immaterial(found: Explained) -> tuple[Slight, ...]:
     torque = level(state)
     small = []
     for cause in promising(state, search):
+        if any(same(cause, one) for one in state.causes):  # another harmonic of what was found
+            continue
         new = fitted(search.problem, together(state.causes, cause), state)
         clear = criterion(state) - criterion(new) > search.threshold
         if clear and not matters(new, state) and not better(new, state, search):

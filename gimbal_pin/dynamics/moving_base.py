@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from struct import Struct
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +20,10 @@ NODE = 1e-6
 HEAVY = 2.0**60
 """Inertia of a base that nothing on it moves, kg and kg m²: what the joints push it by is lost in it (1e-15). A power
 of two: the force that gives it the prescribed acceleration has that acceleration's digits."""
+
+
+FIXED = 7 * 8
+"""Bytes of the base's place and attitude, before what changes."""
 
 
 class Carrier:
@@ -40,23 +46,23 @@ class Carrier:
         self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
         # The middle of a step is asked for twice, and its end again as the next one's start.
         self.near, self.row = -1, halves(self.samples[0])
-        # One array holds configuration, rates and what drives them: one assignment fills what changes in them.
+        # One array holds configuration, rates and what drives them: packed at once, but for the base's place.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
         self.q, self.v, self.drive = np.split(scratch, [7 + n, 13 + 2 * n])
-        self.changing = scratch[7:]
+        self.fill = partial(Struct(f"{12 + 3 * n}d").pack_into, scratch.data, FIXED)
 
-    def bias(self, t: float, x: Sequence[float]) -> list[float]:
-        """Torque at time t, s, angles and rates x, rad and rad/s, N m."""
-        (rates, pushes), n = self.at(t), self.n
-        self.changing[:] = [*x[:n], *rates, *x[n:], *[push / HEAVY for push in pushes], *self.still]
+    def bias(self, t: float, q: Sequence[float], v: Sequence[float]) -> list[float]:
+        """Torque at time t, s, angles and rates, rad and rad/s, N m."""
+        rates, pushes = self.at(t)
+        self.fill(*q, *rates, *v, *[push / HEAVY for push in pushes], *self.still)
         torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.drive).tolist()[6:]
         return torque
 
-    def accelerations(self, t: float, x: Sequence[float], net: Sequence[float]) -> list[float]:
-        """Joint accelerations at time t, s, angles and rates x, under the torques `net` on the rigid body, rad/s²."""
-        (rates, pushes), n = self.at(t), self.n
-        self.changing[:] = [*x[:n], *rates, *x[n:], *pushes, *net]
+    def accelerations(self, t: float, q: Sequence[float], v: Sequence[float], net: Sequence[float]) -> list[float]:
+        """Joint accelerations at time t, s, angles and rates, under the torques `net` on the rigid body, rad/s²."""
+        rates, pushes = self.at(t)
+        self.fill(*q, *rates, *v, *pushes, *net)
         found: list[float] = aba(self.pin, self.data, self.q, self.v, self.drive).tolist()[6:]
         return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -43,10 +44,17 @@ class Sensors:
         steps = np.array([motor.encoder_step for motor in rig.motors])
         return Sensors(steps, np.full(rig.n, rate), np.full(rig.n, torque_std), noise=rig.config.noise)
 
+    @cached_property
+    def steps(self) -> list[float]:
+        """`encoder_step` as floats; empty where all are exact."""
+        steps: list[float] = self.encoder_step.tolist()
+        return steps if any(steps) else []
+
     def angle(self, q: Array) -> Array:
         """The angle as the encoder reports it, rad, (n,)."""
-        angles, steps = q.tolist(), self.encoder_step.tolist()
-        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(angles, steps)])
+        if not self.steps:
+            return q
+        return np.array([round(x / step) * step if step > 0 else x for x, step in zip(q.tolist(), self.steps)])
 
 
 def imus(

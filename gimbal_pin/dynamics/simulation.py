@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -88,89 +87,44 @@ def simulate(
     dt, t = controller.dt, reference.t
     if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
-    sense = sensors if sensors is not None else Sensors.of(plant.rig, dt)
+    rig, sense = plant.rig, Sensors.of(plant.rig, dt) if sensors is None else sensors
     rate_noise = sense.rate_std * rng.standard_normal(reference.q.shape)
     torque_noise = sense.torque_std * rng.standard_normal(reference.q.shape)
     carried = None if platform is None else halved(platform, t)
-    motors = Drive((*plant.drive, *drive), plant.rig, dt, plant)
-    sinking = plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried)
-    loop = Loop(Plant(plant, sinking), motors, controller, sense, rate_noise, delay, name)
-    seen = loop.run(reference, State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start)
+    system = Plant(plant, plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried))
+    motors = Drive((*plant.drive, *drive), rig, dt, plant)
+    state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
+    q, v, tau, true_q, true_v = (np.empty(reference.q.shape) for _ in range(5))
+    lowest, highest, memory = -rig.tau_max, rig.tau_max, controller.start()
+    pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
+    rows = zip(t.tolist(), reference.q, reference.v, reference.a, q, v, tau, true_q, true_v, rate_noise)
+    bar = tqdm(rows, visible(name), len(t), unit="sample", disable=None, leave=False, delay=2)
+    for now, wanted_q, wanted_v, wanted_a, seen_q, seen_v, given, at_q, at_v, noise in bar:
+        if state.lost:
+            what = f"the closed loop diverged {now - t[0]:.3g} s after its start"
+            raise UsageError(name, what, "lower the controller's bandwidth or its delay")
+        at_q[:], at_v[:], seen_q[:] = state.q, state.v, sense.angle(state.q)
+        np.add(state.v, noise, out=seen_v)
+        wanted, memory = controller.torque(now, seen_q, seen_v, Reference(wanted_q, wanted_v, wanted_a), memory)
+        pending.append(wanted)
+        np.minimum(np.maximum(pending.popleft(), lowest), highest, out=given)
+        state = system.step(now, state, motors.acting(given, state), dt)
     base = None if carried is None else carried.part(slice(0, None, 2))
-    weak = limited(at_limit(plant.rig.joints, seen.tau, plant.rig.tau_max))
-    lost = past_stops(plant.rig.joints, seen.exact[0], *plant.rig.stops)
-    told = [f"at the torque limit, where a joint follows no reference: {weak} of the time"] if weak else []
+    weak = limited(at_limit(rig.joints, tau, rig.tau_max))
+    lost = past_stops(rig.joints, true_q, *rig.stops)
+    events = [f"at the torque limit, where a joint follows no reference: {weak} of the time"] if weak else []
     return Log(
         name=name,
-        joints=plant.rig.joints,
+        joints=rig.joints,
         t=t,
-        q=seen.q,
-        v=seen.v,
-        tau=seen.tau + torque_noise,
+        q=q,
+        v=v,
+        tau=tau + torque_noise,
         q_ref=reference.q,
-        imus=imus(plant.rig, sense, t, seen.exact, base, rng),
-        payload=plant.rig.payload,
-        events=(*told, *((THROUGH.format(lost),) if lost else ())),
+        imus=imus(rig, sense, t, np.array([true_q, true_v]), base, rng),
+        payload=rig.payload,
+        events=(*events, *((THROUGH.format(lost),) if lost else ())),
     )
-
-
-class Run(NamedTuple):
-    """What a loop left.
-
-    Attributes:
-        q: Measured angles, rad, (N, n).
-        v: Measured rates, rad/s, (N, n).
-        tau: Commanded torques, N m, (N, n).
-        exact: True angles and rates, (2, N, n).
-    """
-
-    q: Array
-    v: Array
-    tau: Array
-    exact: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """Plant, drives, controller and sensors, ready to run.
-
-    Attributes:
-        system: The plant, on its platform.
-        motors: The drives.
-        controller: The control law.
-        sense: The sensors.
-        rate_noise: What is added to every rate, rad/s, (N, n).
-        delay: Samples between measurement and torque.
-        name: What a bar and an error speak of.
-    """
-
-    system: Plant
-    motors: Drive
-    controller: Controller
-    sense: Sensors
-    rate_noise: Array
-    delay: int
-    name: str
-
-    def run(self, reference: Motion, state: State) -> Run:
-        """Follow a reference from a state."""
-        q, v, tau, states = *(np.empty(reference.q.shape) for _ in range(3)), list[State]()
-        dt, limit, memory = self.controller.dt, self.system.model.rig.tau_max, self.controller.start()
-        pending: deque[Array] = deque([np.zeros(len(limit))] * self.delay)
-        t, rows = reference.t.tolist(), zip(reference.q, reference.v, reference.a)
-        for k, wished in enumerate(
-            tqdm(rows, visible(self.name), len(t), unit="sample", disable=None, leave=False, delay=2)
-        ):
-            if state.lost:
-                what = f"the closed loop diverged {t[k] - t[0]:.3g} s after its start"
-                raise UsageError(self.name, what, "lower the controller's bandwidth or its delay")
-            states.append(state)
-            q[k], v[k] = self.sense.angle(state.q), state.v + self.rate_noise[k]
-            wanted, memory = self.controller.torque(t[k], q[k], v[k], Reference(*wished), memory)
-            pending.append(wanted)
-            tau[k] = np.minimum(np.maximum(pending.popleft(), -limit), limit)
-            state = self.system.step(t[k], state, self.motors.acting(tau[k], state), dt)
-        return Run(q, v, tau, np.array([[state.q for state in states], [state.v for state in states]]))
 
 
 def halved(platform: Platform, t: Array) -> Platform:

@@ -10,12 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value
-from gimbal_pin.effects.geared import ROTOR_SHARE
-from gimbal_pin.effects.loose import Loose
+from gimbal_pin.effects.loose import ROTOR_SHARE, Loose
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen
-from gimbal_pin.effects.signal import Borne, Memory
+from gimbal_pin.effects.signal import Memory
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 
@@ -32,13 +30,7 @@ class Backlash(Loose):
     With the encoder on the rotor x is what pushes on the gap: the command less the motor's friction, and ``r/(1 - r)``
     of what the link bears, as the link goes its own way while the rotor crosses. The landing is taken not to bounce.
 
-    Attributes:
-        joint: The joint that has the gap.
-        gap: Width of the gap, rad.
-        inertia: J, the rotor's inertia at the joint, kg m².
-        rotor_share: r; 0 for an encoder on the link.
-        flank: Frequency at which the link rings on a flank, its motor held, Hz; 0: it lands and does not bounce.
-        damping: ζ of that.
+    The fields are those of `Loose`.
     """
 
     name: ClassVar[str] = "backlash"
@@ -74,13 +66,6 @@ class Backlash(Loose):
     def abrupt(self) -> bool:
         """With the encoder on the link it is the command alone that drives the rotor."""
         return not self.rotor_share
-
-    def beside(self, borne: Borne) -> Value:
-        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
-
-        Nothing with the encoder on the link: the friction that a log shows by its rate's sign is then the link's.
-        """
-        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake if self.rotor_share else 0.0
 
     def start(self, level: float = 0.0) -> Memory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""

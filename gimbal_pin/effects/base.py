@@ -90,8 +90,6 @@ class Effect(Cause):
     """True if its basis may read `weight`, which is worked out where an effect does."""
     rising: ClassVar[bool] = False
     """True if it is friction that grows faster than the rate, beside viscous friction."""
-    lasting: ClassVar[bool] = False
-    """True if it changes with time or temperature, whatever the motion."""
     compensation: ClassVar[str] = "its torque at the reference is added to the controller's feed-forward"
 
     @property

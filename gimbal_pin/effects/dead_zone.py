@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
 
-import numpy as np
-
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import Value, cut, exp, size
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Flags, Static
-from gimbal_pin.log.log import Array
+from gimbal_pin.effects.signal import Static
 
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
@@ -100,10 +97,6 @@ class DeadZone(Static):
     def abrupt(self) -> bool:
         """True for a threshold."""
         return self.whole
-
-    def uncertain(self, command: Array, error: float) -> Flags:
-        """About the edge of a threshold."""
-        return np.asarray(self.whole & (np.abs(np.abs(command) - self.width) < error))
 
     def akin(self, seen: Seen) -> tuple[Cause, ...]:
         """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.

@@ -71,7 +71,6 @@ class FrictionDrift(Effect):
         ),
     )
     dry: ClassVar[bool] = True
-    lasting: ClassVar[bool] = True
     experiment: ClassVar[str] = "a long run from cold, its first minute repeated as the last"
     compensation: ClassVar[str] = "friction feed-forward by the time since the start; identify again once warm"
 

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import cos, exp, nan, pi, sin, sqrt
+from math import asinh, cos, exp, nan, pi, sin, sinh, sqrt
 from typing import ClassVar
 
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value
-from gimbal_pin.effects.geared import ROTOR_SHARE
+from gimbal_pin.effects.loose import ROTOR_SHARE, Geared
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Borne, Memory, Signal
-from gimbal_pin.effects.sprung import SHARE, Sprung
 from gimbal_pin.log.log import Array
 
 WITHIN = 1.2
 """Zero over band up to which the link is seen to swing."""
+SHARE = 0.25
+"""The rotor's share of a joint's inertia that is usual."""
 ZETA = 0.1
 """Damping of the link's swing that is tried: as wide as two of the zeros that are tried are apart."""
 
 
 @dataclass(frozen=True)
-class JointFlexibility(Sprung):
+class JointFlexibility(Geared):
     """``y = F(s) x``, ``F = (s²/(r ω²) + 2 ζ s/ω + 1)/(s²/ω² + 2 ζ s/ω + 1)``: what a torsion spring passes on.
 
     Two masses J (rotor) and I (link) on a spring k: from the motor's torque to the encoder's angle they are exactly
@@ -40,6 +40,11 @@ class JointFlexibility(Sprung):
         rotor_share: r; 0 for an encoder on the link.
         hardening: h, 1/(N m)²: bent by x the spring holds ``k x (1 + h (k x)²)``; 0 for a linear one.
     """
+
+    frequency: float
+    damping: float = 0.05
+    rotor_share: float = 0.0
+    hardening: float = 0.0
 
     name: ClassVar[str] = "joint-flexibility"
     shapes: ClassVar[tuple[Parameter, ...]] = (
@@ -59,6 +64,16 @@ class JointFlexibility(Sprung):
     experiment: ClassVar[str] = "a chirp to 100 Hz at small amplitude"
     compensation: ClassVar[str] = "a notch at the resonance, or a bandwidth of at most a third of it"
 
+    @property
+    def geared(self) -> bool:
+        """With the encoder on the rotor, whose friction the spring is behind."""
+        return self.rotor_share > 0
+
+    @property
+    def springy(self) -> bool:
+        """With the encoder on the rotor it is the link that no encoder sees."""
+        return self.geared
+
     def blurred(self, seen: Seen) -> tuple[str, ...]:
         """Far under its resonance a spring is a little more inertia, a little later."""
         return ("armature", "actuator-lag", "delay") if self.frequency > 2 * seen.band else ()
@@ -69,10 +84,6 @@ class JointFlexibility(Sprung):
             return super().moved(name, value)
         factor = value / self.frequency
         return self.altered(frequency=value, rotor_share=self.rotor_share / factor**2, damping=self.damping * factor)
-
-    def beside(self, borne: Borne) -> Value:
-        """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's."""
-        return self.rotor_share / (1 - self.rotor_share) * borne.load - borne.brake
 
     def leaning(self, memory: Memory) -> float | None:
         """What the spring is bent by and its damping, on a rotor."""
@@ -114,8 +125,11 @@ class JointFlexibility(Sprung):
         return np.asarray(command + load + inertial - felt - swings @ begun)
 
     def start(self, level: float = 0.0) -> Memory:
-        """Return the spring's deflection in N m and its rate in N m/s."""
-        return float(self.soft(np.array(level))), 0.0
+        """Return the spring's deflection z in N m and its rate in N m/s: ``z (1 + h z²) = level`` by Cardano."""
+        if not self.hardening:
+            return level, 0.0
+        half = 2 / sqrt(3 * self.hardening)
+        return half * sinh(asinh(3 * level / half) / 3), 0.0
 
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """``z'' = ω² (x - z (1 + h z²)) - 2 ζ ω z'``; what speeds neither end up is passed on.

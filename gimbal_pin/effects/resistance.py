@@ -64,9 +64,9 @@ class Resistance:
         """What the memories hold at consecutive samples of a joint each, from rest and cold: (N,) or (k, N)."""
         return [term.effect.remembered(along(j)) for j, term in self.keeping]
 
-    def net(
+    def take(
         self,
-        left: Sequence[float],
+        net: list[float],
         t: float,
         q: Sequence[float],
         v: Sequence[float],
@@ -74,17 +74,15 @@ class Resistance:
         tau: Sequence[float],
         memory: Memory,
         weight: Sequence[float],
-    ) -> list[float]:
-        """Torque that the terms leave, N m, of `left` (see there), given the memory at this stage."""
-        out = [rest - c * rate for rest, c, rate in zip(left, self.per_rate, v)]
+    ) -> None:
+        """Take the torque of the terms that are not affine, N m, off `net`, given the memory at this stage."""
         for j, torques in self.torques:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
                 at = sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, weight[j], None))
                 taken += float(torque(at))
-            out[j] -= taken
-        return out
+            net[j] -= taken
 
     def level(
         self, t: float, q: float, tau: float, j: int, way: float, memory: Memory = (), weight: float = 0.0

@@ -83,10 +83,6 @@ class Signal(Cause):
         """True if it jumps with the command: it acts on each sample of a log, not on a smoothed torque."""
         return False
 
-    def uncertain(self, command: Array, error: float) -> Flags:
-        """Where it may pass all of a command or nothing, N m, (N,), that may be off by so much; nowhere for most."""
-        return np.zeros(len(command), dtype=bool)
-
     @property
     def springy(self) -> bool:
         """True if the link swings behind it, by what the link is asked for."""

@@ -15,9 +15,9 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.regressor import inertia
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation.estimators import Estimate, weighted
-from gimbal_pin.estimation.estimators.base import effective_rows, factor
+from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor
 from gimbal_pin.estimation.estimators.physical import bounded
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, kept
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
 from gimbal_pin.rig.consistency import LEANT
@@ -47,38 +47,38 @@ class Trial(NamedTuple):
     mend: str
 
 
-def check_wiring(blocks: Regression, estimate: Estimate, name: str = "") -> None:
+def check_assignment(blocks: Regression, estimate: Estimate, name: str = "") -> None:
     """Raise `LogError` if bodies that can exist explain the torque far better with other signs or columns exchanged.
 
-    Asked only where the estimate is impossible: it makes inertia or friction drive the joints, or misses the torque of
+    Tested only where the estimate is impossible: it makes inertia or friction drive the joints, or misses the torque of
     one. Signs alone cost least squares nothing where joints hardly feel each other; it then answers with negative
     masses, while bodies that can exist are left with the error.
 
     Args:
-        blocks: The rows that were fitted. Whose logs are gone, as while one is followed, are asked for signs alone.
+        blocks: The rows that were fitted. Without logs, as online, signs alone are tested.
         estimate: Their weighted or any other least squares.
         name: What to call their logs; nothing: as the first of them.
     """
     if not impossible(blocks, estimate):
         return
-    given, best = missed(blocks), min(tried(blocks), key=lambda one: one.missed, default=None)
+    given, best = unexplained(blocks), min(trials(blocks), key=lambda one: one.missed, default=None)
     if best is not None and best.missed < BETTER * given:
         gain = f"bodies that can exist then miss {100 * best.missed:.2g} % of the torque instead of {100 * given:.2g} %"
         raise LogError(name or blocks.rows.logs[0].name, f"{best.words}: {gain}", best.mend)
 
 
-def check_columns(rig: Rig, logs: Sequence[Log], base: BaseMotion, filtering: Filtering) -> None:
-    """Check the wiring of logs that nobody has fitted yet, on their first `EXAMINED` seconds; `LogError` as above."""
+def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, filtering: Filtering) -> None:
+    """Check the wiring of logs before any fit, on their first `EXAMINED` seconds; `LogError` as above."""
     parts = tuple(log.part(slice(0, int(np.searchsorted(log.t, log.t[0] + EXAMINED)))) for log in logs)
-    blocks = kept(Rows(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
+    blocks = regression(Rows(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
     if blocks and effective_rows(blocks).min() > blocks[0].A.shape[2]:
-        check_wiring(blocks, weighted(blocks))
+        check_assignment(blocks, weighted(blocks))
 
 
 def impossible(blocks: Regression, estimate: Estimate) -> bool:
-    """Whether a fit says what no rig can be: see `check_wiring`."""
+    """Whether a fit says what no rig can be: see `check_assignment`."""
     rows, count = blocks.rows, len(blocks.rows.reduction.independent)
-    if np.any(estimate.residual_std > POOR * size(blocks)):
+    if np.any(estimate.residual_std > POOR * torque_size(blocks)):
         return True
     pushing = estimate.theta[count : count + 2 * rows.rig.n].reshape(rows.rig.n, 2)
     rate = np.sqrt(np.mean(np.concatenate([block.v for block in blocks]) ** 2, axis=0))
@@ -94,7 +94,7 @@ def mass_matrices(rows: Rows, beta: Array) -> Array:
     return (matrices + matrices.transpose(0, 2, 1)) / 2
 
 
-def tried(blocks: Regression) -> Iterator[Trial]:
+def trials(blocks: Regression) -> Iterator[Trial]:
     """Yield every pattern of signs, and every two joints' columns exchanged where there are logs to do it in.
 
     No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent.
@@ -108,21 +108,21 @@ def tried(blocks: Regression) -> Iterator[Trial]:
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
         turned = Regression(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
-        yield Trial(missed(turned), words, "turn it: " + " ".join(f"--map {name}=COLUMN*-1" for name in wrong))
+        yield Trial(unexplained(turned), words, "turn it: " + " ".join(f"--map {name}=COLUMN*-1" for name in wrong))
     for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
         mend = f"exchange them: --map {first}=COLUMN with the column that is {second} now, and the other way round"
-        yield Trial(missed(kept(exchanged(rows, pair))), words, mend)
+        yield Trial(unexplained(regression(exchanged(rows, pair))), words, mend)
 
 
 def agreement(blocks: Regression) -> Array:
     """``<b τ> / sqrt(<b²> <τ²>)``, (n,): torques against what the given rig asks for."""
     beta = blocks.rows.mixing @ blocks.rows.rig.phi
-    asked = np.concatenate([block.A[:, :, : len(beta)] @ beta for block in blocks])
+    expected = np.concatenate([block.A[:, :, : len(beta)] @ beta for block in blocks])
     given = np.concatenate([block.b for block in blocks])
-    norms = np.linalg.norm(asked, axis=0) * np.linalg.norm(given, axis=0)
-    return np.asarray(np.sum(asked * given, axis=0) / np.maximum(norms, 1e-300))
+    norms = np.linalg.norm(expected, axis=0) * np.linalg.norm(given, axis=0)
+    return np.asarray(np.sum(expected * given, axis=0) / np.maximum(norms, 1e-300))
 
 
 def patterns(n: int) -> list[tuple[int, ...]]:
@@ -141,14 +141,14 @@ def exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:
     return replace(rows, logs=tuple(replace(log, tau=np.asarray(log.tau)[:, order]) for log in rows.logs))
 
 
-def missed(blocks: Regression) -> float:
+def unexplained(blocks: Regression) -> float:
     """Share of the torque that the best bodies that can exist do not explain, rms over the joints.
 
     Errors count in shares of each joint's torque and not of its noise: a fit that is wrong by thousands of deviations
     would take a hundred times as long to settle, for a figure that is not needed to so many digits.
     """
     count, width = effective_rows(blocks), blocks[0].A.shape[2]
-    weight = 1.0 / (ROUGH * np.sqrt(np.maximum(count, 1.0)) * size(blocks))
+    weight = 1.0 / (ROUGH * np.sqrt(np.maximum(count, 1.0)) * torque_size(blocks))
     factors = factor(blocks) * weight[:, None, None]
     try:
         phi, friction = bounded(blocks.rows, factors.reshape(-1, width + 1), LEANT)
@@ -158,7 +158,7 @@ def missed(blocks: Regression) -> float:
     return float(ROUGH * np.sqrt(np.sum((factors @ theta) ** 2) / len(count)))
 
 
-def size(blocks: Sequence[Block]) -> Array:
+def torque_size(blocks: Sequence[Block]) -> Array:
     """Rms of each joint's torque where it is not masked out, N m, (n,); of one that nothing drives some of others'."""
     b, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share"))
     rms = np.sqrt(np.sum(b**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300))

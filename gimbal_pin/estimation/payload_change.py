@@ -7,8 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import fdtri
 
-from gimbal_pin.estimation.estimators.base import covariance, effective_rows, factor, residual_power, solve
-from gimbal_pin.estimation.estimators.weighted import reweighted
+from gimbal_pin.estimation.estimators.least_squares import (
+    covariance,
+    effective_rows,
+    factor,
+    residual_power,
+    reweighted,
+    solve,
+)
 from gimbal_pin.estimation.rows import Block, Rows, camera_body
 from gimbal_pin.log.log import Array
 
@@ -20,7 +26,7 @@ TELLING = 3.0
 """Rows per parameter that each half must have."""
 
 
-def cut(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
+def halves(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
     """Return the first and the second half of the rows, in the order in which they stand."""
     parts: tuple[list[Block], list[Block]] = ([], [])
     left = sum(len(block.t) for block in blocks) // 2
@@ -33,13 +39,13 @@ def cut(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
     return parts
 
 
-def half(blocks: Sequence[Block], scale: Array) -> tuple[Array, Array]:
+def half_estimate(blocks: Sequence[Block], scale: Array) -> tuple[Array, Array]:
     """Return parameters and covariance of one half, with the weights of the whole."""
     theta, information, _ = solve(factor(blocks), scale)
     return theta, covariance(blocks, theta, information, scale)
 
 
-def directions(rows: Rows) -> Array:
+def payload_directions(rows: Rows) -> Array:
     """How the parameters of the camera's body, as far as they show, move all parameters, orthonormal, (k, r)."""
     body = camera_body(rows.rig)
     own = rows.mixing[:, 10 * body : 10 * body + 10]
@@ -49,26 +55,26 @@ def directions(rows: Rows) -> Array:
     return out
 
 
-def apart(blocks: Sequence[Block], directions: Array) -> float:
+def compare_halves(blocks: Sequence[Block], rows: Rows) -> float:
     """``dᵀP⁻¹D (DᵀP⁻¹D)⁻¹ DᵀP⁻¹d / r`` over the limit for it: above one, the halves are of two rigs (Chow 1960).
 
     d is the difference of the two halves' parameters and P the sum of their covariances under coloured residuals; of it
     only what lies along D counts, what a payload can move: friction that warms up is no other rig. Zero where a half
-    tells too little.
+    has too few rows.
 
-    `directions`: D, (k, r).
+    `rows`: what the blocks are of.
     """
-    parts, k = cut(blocks), len(directions)
-    if any(effective_rows(part).sum() < TELLING * k for part in parts if part) or not all(parts):
+    parts = halves(blocks)
+    if any(effective_rows(part).sum() < TELLING * len(rows.names) for part in parts if part) or not all(parts):
         return 0.0
     count = effective_rows(blocks)
     factors = factor(blocks)
     *_, scale = reweighted(factors, lambda theta: residual_power(factors, theta, count))
-    return score([half(part, scale) for part in parts], directions)
+    return score([half_estimate(part, scale) for part in parts], payload_directions(rows))
 
 
 def score(parts: Sequence[tuple[Array, Array]], directions: Array) -> float:
-    """Return what `apart` does, of parameters (k,) and covariance (k, k) of two halves."""
+    """Return what `compare_halves` does, of parameters (k,) and covariance (k, k) of two halves."""
     (first, one), (second, two) = parts
     P = one + two
     seen = np.isfinite(np.diag(P)) & (np.diag(P) > 0)

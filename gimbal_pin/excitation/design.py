@@ -19,7 +19,7 @@ from gimbal_pin.excitation.columns import Columns, condition_number
 from gimbal_pin.excitation.criteria import Criterion, Sequential, named, softened
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.interior import descent
-from gimbal_pin.excitation.limits import QUANTITIES, Envelope
+from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.rig import Rig
@@ -147,6 +147,7 @@ def excite(
     criterion: str | Criterion = "condition",
     effects: Sequence[Effect] = (),
     margin: float = 0.05,
+    share: float = 1.0,
     clearance: float = CLEARANCE,
     speed: float = SPEED,
     torque_model: Model | None = None,
@@ -161,7 +162,7 @@ def excite(
 
     Args:
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
-            way; rate, acceleration and torque are free where the rig states no limit.
+            way; an acceleration without a limit is bounded by the motor's torque.
         seconds: Length, s.
         periods: Periods in it, one or more: what differs between them is noise, see `fourier.repeats`.
         harmonics: Harmonics of one over the period, two or more; None: up to half a hertz, at least five, a period of
@@ -171,6 +172,7 @@ def excite(
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
         margin: Share of every limit that is left free.
+        share: Share of the rate and acceleration limits that the motion may use: a tenth for the first on a machine.
         clearance: Distance that parts keep which can hit each other, by the URDF's collision geometry, m.
         speed: Rms rate that every joint should reach so that friction shows, as a share of its rate limit (without one:
             of what half a hertz over its travel takes), under one; limits go first.
@@ -181,7 +183,7 @@ def excite(
         The motion, its condition number, and what it uses of the limits.
 
     Raises:
-        UsageError: An argument is out of range, or the rig cannot move within its limits.
+        UsageError: An argument is out of range, the rig cannot move within its limits, or states no limit.
     """
     if not seconds >= SHORTEST * max(periods, 1):
         least = f"give at least {SHORTEST:g} for each period: no rig shows itself in less"
@@ -196,7 +198,8 @@ def excite(
         raise UsageError("clearance", f"is {clearance:g}", "give a distance in metres, zero or more")
     if not 0 <= speed < 1:
         raise UsageError("speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1")
-    envelope = Envelope.of(rig, margin)
+    envelope = Envelope.of(rig, margin, share)
+    check_stated(rig)
     problem = Problem(
         model,
         Series.of(seconds, harmonics, periods),

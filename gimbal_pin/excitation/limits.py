@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import numpy as np
 
@@ -35,21 +36,23 @@ class Envelope:
     torque: Array
 
     @staticmethod
-    def of(rig: Rig, margin: float = 0.0) -> Envelope:
-        """The rig's limits, each but for the share `margin`.
+    def of(rig: Rig, margin: float = 0.0, share: float = 1.0) -> Envelope:
+        """The rig's limits, each but for the share `margin`; of rate and acceleration the given share of that.
 
         Angle limits that are not stated are those of `configurations.travel`.
 
         Raises:
-            UsageError: The margin is not in [0, 1), or a joint is left with no room to move.
+            UsageError: The margin is not in [0, 1), the share not in (0, 1], or a joint is left with no room to move.
         """
         if not 0 <= margin < 1:
             raise UsageError("margin", f"is {margin}", "give a share of the limits from 0 up to under 1")
+        if not 0 < share <= 1:
+            raise UsageError("share", f"is {share}", "give a share of the rate and acceleration limits, over 0 up to 1")
         ends = np.array([travel(rig, j, limit) for j, limit in enumerate(rig.limits)])
         limits = {
             "travel": (ends[:, 1] - ends[:, 0]) / 2,
-            "velocity limit": np.array([limit.velocity for limit in rig.limits]),
-            "acceleration limit": np.array([limit.acceleration for limit in rig.limits]),
+            "velocity limit": share * np.array([limit.velocity for limit in rig.limits]),
+            "acceleration limit": share * np.array([limit.acceleration for limit in rig.limits]),
             "torque limit": rig.tau_max,
         }
         for name, values in limits.items():
@@ -104,6 +107,20 @@ class Envelope:
         return np.vstack(
             [np.abs(self.kinematic(motion)).max(axis=1), np.maximum(self.torques(model, motion).max(axis=(0, 1)), 0.0)]
         )
+
+
+def check_stated(rig: Rig) -> None:
+    """Raise `UsageError` where nothing bounds a joint's rate or torque: a motion must not be designed on a guess.
+
+    An acceleration that is not stated is bounded by the motor's torque limit.
+    """
+    missing = []
+    for joint, limit, torque in zip(rig.joints, rig.limits, rig.tau_max):
+        missing += [f"{joint}.velocity"] * (not isfinite(limit.velocity))
+        missing += [f"{joint}.effort"] * (not isfinite(torque) and not isfinite(limit.acceleration))
+    if missing:
+        mend = f"give --limit {missing[0]}=NUMBER (rad/s, N m) for each, or state them in its YAML under limits"
+        raise UsageError(f"rig {rig.name}", f"states no limit for {', '.join(missing)}", mend)
 
 
 def pushed(model: Model, motion: Motion, sign: float, rigid: Array | None = None) -> Array:

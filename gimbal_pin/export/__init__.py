@@ -1,4 +1,4 @@
-"""Controllers for a gimbal's own processor: C99 sources, and a compiled controller back in the simulation."""
+"""Controllers for a gimbal's own processor: C99 sources, a package for ros2_control, tables for drives; and back."""
 
 from gimbal_pin.export.compiled import CompiledLaw, CompiledPointer, Library
 from gimbal_pin.export.sources import NAMES, Exported, export, holder

@@ -15,9 +15,9 @@ import pinocchio as pin
 from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
+from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.seen import Seen
 from gimbal_pin.rig.rig import Rig
 
 MEND = "build it from what 'gimbal-pin export' wrote: cmake -S DIR -B DIR/build && cmake --build DIR/build"
@@ -137,7 +137,7 @@ class CompiledMemory(NamedTuple):
     state: bytes
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def events(self) -> tuple[str, ...]:
         """What happened, in sentences: the C side keeps flags and counts, which `Pointing` has no use for."""
         return ()
 
@@ -159,7 +159,7 @@ class CompiledPointer:
         """Sampling interval, s."""
         return float(self.library.about["dt"])
 
-    def start(self, seen: Seen, camera: Array, base: Array) -> CompiledMemory:
+    def start(self, seen: Measurement, camera: Array, base: Array) -> CompiledMemory:
         """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
         code = self.library.code
         state = ctypes.create_string_buffer(code.gimbal_holding_size())
@@ -168,7 +168,7 @@ class CompiledPointer:
         code.gimbal_holding_start(self.library.parameters, state, at(sensors), at(known))
         return CompiledMemory(state.raw)
 
-    def torque(self, seen: Seen, memory: CompiledMemory) -> tuple[Array, CompiledMemory]:
+    def torque(self, seen: Measurement, memory: CompiledMemory) -> tuple[Array, CompiledMemory]:
         """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
         state = ctypes.create_string_buffer(memory.state, len(memory.state))
         tau, sensors = np.empty(self.library.n, np.float32), sampled(seen)
@@ -186,7 +186,7 @@ def single(*parts: Array) -> np.ndarray:
     return np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
 
 
-def sampled(seen: Seen) -> np.ndarray:
+def sampled(seen: Measurement) -> np.ndarray:
     """Return ``struct gimbal_sensors``: a stamp in microseconds, which wraps around, and single-precision readings."""
     links = seen.links if len(seen.links) else np.zeros(3)
     out = single(np.zeros(1), seen.q, seen.gyro, seen.w, seen.f, links)

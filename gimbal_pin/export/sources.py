@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,24 +16,23 @@ import numpy as np
 from gimbal_pin.control.laws import ComputedTorque, JointPid
 from gimbal_pin.control.laws.base import Outer
 from gimbal_pin.control.laws.carried import MOST, PAID, CarriedTorque
-from gimbal_pin.control.laws.lyapunov import Robust
+from gimbal_pin.control.laws.computed_torque import Robust
 from gimbal_pin.control.tuning import Stored
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
 from gimbal_pin.export.symbolic import Chain, checked, table, terms
 from gimbal_pin.log.log import Imu
 from gimbal_pin.pointing import guard
-from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED, rehearsed
-from gimbal_pin.pointing.forecast import FALL, RISE, TAPS
+from gimbal_pin.pointing.forecast import FALL, RISE, TAPS, Spectrum
+from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.seen import Station
-from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between
-from gimbal_pin.pointing.spectrum import Spectrum
+from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between, unable
 
-SAME = (
+C_SOURCES = (
     "gimbal_controller.h",
+    "gimbal_sizes.h",
     "gimbal_attitude.h",
     "gimbal_attitude.c",
     "gimbal_guard.h",
@@ -40,14 +40,13 @@ SAME = (
     "gimbal_law.h",
     "gimbal_law.c",
     "gimbal_holding.c",
-    "main.c",
-    "CMakeLists.txt",
-    "platformio.ini",
+    "gimbal_model.h",
+    "gimbal_model.c",
+    "gimbal_parameters.c",
 )
-"""Files that are copied as they are."""
-MADE = ("gimbal_sizes.h", "gimbal_model.h", "gimbal_model.c", "gimbal_parameters.c", "gimbal_about.c", "README.md")
-"""Files that are made from templates."""
-NAMES = (*SAME, *MADE)
+"""What a controller is compiled from."""
+BESIDE = ("gimbal_link.h", "gimbal_link.c", "gimbal_about.c", "main.c", "CMakeLists.txt", "platformio.ini", "README.md")
+NAMES = (*C_SOURCES, *BESIDE)
 """All files of an exported controller."""
 
 
@@ -61,6 +60,7 @@ class Exported:
         memory: Bytes of the state of a controller that holds the camera.
         difference: Largest difference of the equations from Pinocchio in double precision, relative over one.
         pointer: The Python controller that holds the camera with the same parameters.
+        tuning: Body of a TUNE that gives a running gimbal its gains and terms, see `gimbal_link.h`.
     """
 
     files: Mapping[str, str]
@@ -68,6 +68,7 @@ class Exported:
     memory: int
     difference: float
     pointer: Pointer
+    tuning: bytes
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -114,9 +115,9 @@ def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
     kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
     difference = checked(rig, kinematics, sight, np.random.default_rng(0))
     rest, coefficients = terms(model)
-    made = [c_function(function, SAYS[function.name()]) for function in (*kinematics, rest)]
+    equations = [c_function(function, SAYS[function.name()]) for function in (*kinematics, rest)]
     links, points = gyros_between(rig), [table(*drive) for drive in drives(stored)]
-    context = {
+    context: dict[str, Any] = {
         "joints": rig.n,
         "links": len(links),
         "leads": len(pointer.navigator.forecast.leads),
@@ -125,7 +126,7 @@ def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
         "others": max(len(coefficients), 1),
         "loaded": int(model.loaded),
         "weighed": int(model.weighed),
-        "functions": made,
+        "functions": equations,
         "joint_names": [quoted(name) for name in rig.joints],
         "link_names": [quoted(name) for name in links or ("",)],
         "points": [point for own in points for point in own] or [(0.0, 0.0)],
@@ -136,10 +137,11 @@ def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
         "unable": unable(rig, WANTED),
         "stored": stored,
     }
-    counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), made)}
+    counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), equations)}
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
     memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
-    return Exported(rendered({**context, "operations": cost, "memory": memory}), cost, memory, difference, pointer)
+    made = rendered({**context, "operations": cost, "memory": memory}, NAMES)
+    return Exported(made, cost, memory, difference, pointer, tuning(context["parameters"]))
 
 
 PER_TAP = 18
@@ -263,6 +265,14 @@ def parameters(
     }
 
 
+def tuning(values: Mapping[str, Any]) -> bytes:
+    """Return the body of a TUNE with the gains and terms of ``struct gimbal_parameters``."""
+    loops = [loop[key] for kind in ("holding", "tracking") for loop in values[kind] for key in ("kp", "ki", "kd")]
+    terms = [x for key in ("constant", "per_slide", "per_rate", "others") for x in values["terms"][key]]
+    numbers = np.array([*loops, *terms], "<f4").tobytes()
+    return struct.pack("<HH", len(values["limit"]), len(values["terms"]["others"])) + numbers
+
+
 def inertia(law: Any, n: int) -> Sequence[float]:
     """Return what a law multiplies the accelerations of its outer loop by, kg m²; one where it has a model for that."""
     return law.inertia if isinstance(law, JointPid) else (1.0,) * n
@@ -315,15 +325,17 @@ def quoted(text: str) -> str:
     return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'
 
 
-def rendered(context: Mapping[str, Any]) -> dict[str, str]:
-    """Return every file's name and content."""
+def rendered(context: Mapping[str, Any], names: Sequence[str]) -> dict[str, str]:
+    """Return name → content of templates; a file without ``.j2`` is copied as it is."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(  # it writes C: nothing to escape
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     environment.filters |= {"c": written, "string_c": quoted}
-    folder = files("gimbal_pin.export") / "templates"
-    read = {name: (folder / name).read_text("utf-8") for name in SAME}
-    made = {name: (folder / f"{name}.j2").read_text("utf-8") for name in MADE}
-    return {**read, **{name: environment.from_string(text).render(context) for name, text in made.items()}}
+    out, folder = dict[str, str](), files("gimbal_pin.export") / "templates"
+    for name in names:
+        made = folder / f"{name}.j2"
+        text = (made if made.is_file() else folder / name).read_text("utf-8")
+        out[name] = environment.from_string(text).render(context) if made.is_file() else text
+    return out

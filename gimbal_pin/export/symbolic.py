@@ -76,6 +76,27 @@ def joints_of(model: pin.Model) -> list[Joint]:
     return out
 
 
+def lumped(joints: Sequence[Joint]) -> tuple[list[Array], list[Array]]:
+    """Return every body's first moment, kg m, (3,), and inertia, kg m², (3, 3), about its own origin.
+
+    What is beyond a joint of the body counts as a mass in that joint.
+    """
+    beyond = [joint.mass for joint in joints]
+    firsts = [joint.mass * joint.lever for joint in joints]
+    inertias = [joint.inertia + joint.mass * spread(joint.lever) for joint in joints]
+    for j, joint in reversed(list(enumerate(joints))):
+        if joint.parent >= 0:
+            beyond[joint.parent] += beyond[j]
+            firsts[joint.parent] = firsts[joint.parent] + beyond[j] * joint.place
+            inertias[joint.parent] = inertias[joint.parent] + beyond[j] * spread(joint.place)
+    return firsts, inertias
+
+
+def spread(r: Array) -> Array:
+    """Inertia of one kilogram at r about the origin: ``|r|² I - r rᵀ``."""
+    return float(r @ r) * np.eye(3) - np.outer(r, r)
+
+
 def rounded(x: Array) -> Array:
     """Return an array with entries of `ROUNDING` set to zero."""
     return np.where(np.abs(x) < ROUNDING, 0.0, x)
@@ -111,35 +132,40 @@ class Chain:
     def torque(self) -> casadi.Function:
         """``tau = D(q) a + C(q, v) v + G`` on a base of specific force f, rate w and angular acceleration dw.
 
-        Newton and Euler's recursion, with classical accelerations: no velocity of a point is needed.
+        Newton and Euler's recursion about every joint's own origin: what is beyond a joint counts as a mass in it
+        (first moment ``h``, inertia ``I``), and the origin's whole acceleration acts on ``h`` alone. No weight runs
+        out to the tip and back, to cancel there but for the rounding of its parts.
         """
         ca = self.ca
         v, a = ca.SX.sym("v", self.n), ca.SX.sym("a", self.n)
         f, w, dw = (ca.SX.sym(name, 3) for name in ("f", "w", "dw"))
-        rates, swings, forces = list[Symbols](), list[Symbols](), list[Symbols]()
+        rates, swings, origins, offsets = list[Symbols](), list[Symbols](), list[Symbols](), list[Symbols]()
         for j, joint in enumerate(self.joints):
-            rate, swing, force = (w, dw, f) if joint.parent < 0 else (x[joint.parent] for x in (rates, swings, forces))
+            rate, swing, origin = (
+                x[joint.parent] if joint.parent >= 0 else y for x, y in zip((rates, swings, origins), (w, dw, f))
+            )
             place, axis, back = ca.SX(joint.place), ca.SX(joint.axis), self.turns[j].T
-            at_joint = force + ca.cross(swing, place) + ca.cross(rate, ca.cross(rate, place))
-            forces.append(ca.mtimes(back, at_joint))
+            offsets.append(ca.cross(swing, place) + ca.cross(rate, ca.cross(rate, place)))
+            origins.append(ca.mtimes(back, origin + offsets[j]))
             own = axis * v[j]
             carried = ca.mtimes(back, rate)
             rates.append(carried + own)
             swings.append(ca.mtimes(back, swing) + axis * a[j] + ca.cross(carried, own))
-        pushes, moments, tau = [ca.SX(3, 1)] * self.n, [ca.SX(3, 1)] * self.n, [ca.SX(0)] * self.n
+        firsts, inertias = lumped(self.joints)
+        h, tau = [ca.SX(x) for x in firsts], [ca.SX(0)] * self.n
+        pushes, moments = [ca.SX(3, 1)] * self.n, [ca.SX(3, 1)] * self.n
         for j in reversed(range(self.n)):
             joint, rate, swing = self.joints[j], rates[j], swings[j]
-            lever, inertia = ca.SX(joint.lever), ca.SX(joint.inertia)
-            at_centre = forces[j] + ca.cross(swing, lever) + ca.cross(rate, ca.cross(rate, lever))
-            force = joint.mass * at_centre
-            push = pushes[j] + force
-            spin = ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
-            moment = moments[j] + spin + ca.cross(lever, force)
-            tau[j] = ca.dot(ca.SX(joint.axis), moment)
+            first, inertia = ca.SX(firsts[j]), ca.SX(inertias[j])
+            push = pushes[j] + ca.cross(swing, first) + ca.cross(rate, ca.cross(rate, first))
+            moment = moments[j] + ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
+            tau[j] = ca.dot(ca.SX(joint.axis), moment + ca.cross(h[j], origins[j]))
             if joint.parent >= 0:
-                k, through = joint.parent, ca.mtimes(self.turns[j], push)
-                pushes[k] = pushes[k] + through
-                moments[k] = moments[k] + ca.mtimes(self.turns[j], moment) + ca.cross(ca.SX(joint.place), through)
+                k, place = joint.parent, ca.SX(joint.place)
+                beyond, through, turned = (ca.mtimes(self.turns[j], x) for x in (h[j], push, moment))
+                h[k] += beyond
+                pushes[k] += through
+                moments[k] += turned + ca.cross(beyond, offsets[j]) + ca.cross(place, through)
         return self.function("rigid_torque", dict(q=self.q, v=v, a=a, f=f, w=w, dw=dw), dict(tau=ca.vertcat(*tau)))
 
     def camera(self) -> casadi.Function:

@@ -1,26 +1,32 @@
 """Gyros on several links against the encoders between them: misalignment and bias of each, and joint rates from them.
 
-``w_i = R_iᵀ w_0 + J_i q̇`` (THESIS 4.5.1): what the base's gyro and the encoders say of link i, its own gyro repeats.
+``w_i = R_iᵀ w_0 + J_i q̇`` (THESIS 4.5.1): the gyro of link i against the base's gyro and the encoders.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.log import signals
 from gimbal_pin.log.eccentricity import Eccentricity, centred, eccentricities
-from gimbal_pin.log.gyros import compared, kinematics
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.rig.rig import Rig
 
+CUTOFF = 15.0
+"""Low-pass on encoders' rates and gyros before they are compared, Hz."""
+PRIOR = (0.1, 0.02)
+"""Prior deviations of misalignment, rad, and bias, rad/s: what the log hardly shows stays near zero."""
+FAINT = 3.0
+"""A misalignment is estimated from rates above so many deviations of the differences."""
 PASSES = 4
 """Linear steps to the misalignments: the third no longer changes them."""
 CONTRADICTION = (0.3, 0.02)
-"""A gyro is not believed whose difference is above this share of its rate, and above this, rad/s rms."""
+"""A gyro is left out whose difference is above this share of its rate, and above this, rad/s rms."""
 SHORTEST = 50
 """Fewest samples that are compared."""
 
@@ -33,7 +39,7 @@ class Mounting:
         turn: M, from the IMU's axes to the link's, (3, 3).
         bias: b, rad/s, (3,).
         std: Standard deviations of M's rotation vector, rad, and of b, rad/s, (6,).
-        before: Gyro less what base and encoders say of it, rad/s rms per axis, taken as it is; nan for the base's own.
+        before: Gyro less the rate from base and encoders, rad/s rms per axis, uncorrected; nan for the base's own.
         after: The same with M and b.
         rate: The gyro's rate itself, rad/s rms per axis.
     """
@@ -47,7 +53,7 @@ class Mounting:
 
     @property
     def contradicts(self) -> bool:
-        """Whether it tells of another motion than base and encoders do."""
+        """Whether it shows another motion than base and encoders do."""
         return self.after > max(CONTRADICTION[0] * self.rate, CONTRADICTION[1])
 
     def to_dict(self) -> dict[str, Any]:
@@ -78,21 +84,25 @@ def mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     links = gyros(rig, log)
     if len(links) < 2 or len(log) < SHORTEST:
         return {}
-    seen = compared(rig, log, links)
+    gyro, turned, relative = filtered(rig, log, links)
+
+    def difference(now: Array) -> Array:
+        """Gyros less the rates from base and encoders, rad/s, (L - 1, m, 3)."""
+        return now[1:] - np.einsum("lmij,mj->lmi", turned, now[0]) - relative
+
     turns, biases = [np.eye(3)] * len(links), [np.zeros(3)] * len(links)
-    first = seen.difference(seen.gyro)
-    noise = float(np.sqrt(np.mean(first**2)))
-    now = seen.gyro
+    first = last = difference(gyro)
+    now = gyro
     for _ in range(PASSES):
         known = np.array([[*pin.log3(M), *b] for M, b in zip(turns, biases)])
-        step, std = seen.step(now, known, max(noise, 1e-9))
+        noise = max(float(np.sqrt(np.mean(last**2))), 1e-9)
+        step, std = correction(now, last, turned, known, noise)
         biases = [b + M.T @ change[3:] for b, M, change in zip(biases, turns, step)]
         turns = [pin.exp3(change[:3]) @ M for M, change in zip(turns, step)]
-        now = np.stack([(g - b) @ M.T for g, M, b in zip(seen.gyro, turns, biases)])
-        last = seen.difference(now)
-        noise = float(np.sqrt(np.mean(last**2)))
+        now = np.stack([(g - b) @ M.T for g, M, b in zip(gyro, turns, biases)])
+        last = difference(now)
     before, after = ([np.nan, *np.sqrt(np.mean(x**2, axis=(1, 2)))] for x in (first, last))
-    rate = np.sqrt(np.mean(seen.gyro**2, axis=(1, 2)))
+    rate = np.sqrt(np.mean(gyro**2, axis=(1, 2)))
     rows = zip(links, turns, biases, std, before, after, rate)
     return {link: Mounting(M, b, s, float(x), float(y), float(z)) for link, M, b, s, x, y, z in rows}
 
@@ -100,6 +110,78 @@ def mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
 def gyros(rig: Rig, log: Log) -> tuple[str, ...]:
     """Links with a gyro, the base first: it is there whether it has one or not."""
     return (rig.base, *(link for link, imu in log.imus.items() if imu.gyro is not None and link != rig.base))
+
+
+def rates_of(log: Log, link: str) -> Array:
+    """Return what the gyro of a link reports, rad/s, (N, 3); zero where it has none."""
+    imu = log.imus.get(link)
+    return np.zeros((len(log), 3)) if imu is None or imu.gyro is None else imu.gyro
+
+
+def filtered(rig: Rig, log: Log, links: Sequence[str]) -> tuple[Array, Array, Array]:
+    """Filter gyros and encoders alike, and thin them out to m rows that are nearly independent.
+
+    Returns:
+        Rates of the links' gyros, the base's first, rad/s, (L, m, 3); of the others R_iᵀ, (L - 1, m, 3, 3), and J_i q̇,
+        rad/s, (L - 1, m, 3).
+    """
+    grid = np.linspace(log.t[0], log.t[-1], len(log))
+    dt = float(grid[1] - grid[0])
+    sections = signals.lowpass(CUTOFF, 1 / dt)
+    edge = min(round(signals.settling(CUTOFF) / dt), len(grid) // 4)
+    keep = slice(edge, len(grid) - edge, max(1, round(1 / (2 * CUTOFF * dt))))
+    gyro = [signals.zero_phase(signals.resample(log.t, rates_of(log, x), grid), sections)[keep] for x in links]
+    q = signals.zero_phase(signals.resample(log.t, log.q, grid), sections)
+    turned, jacobians = kinematics(rig, q[keep], links[1:])
+    return np.stack(gyro), turned, np.einsum("lmij,mj->lmi", jacobians, signals.differentiate(q, dt)[keep])
+
+
+def correction(gyro: Array, difference: Array, turned: Array, known: Array, noise: float) -> tuple[Array, Array]:
+    """Small turns, rad, and biases, rad/s, that explain the differences best, and their deviations, (L, 6) each.
+
+    Args:
+        gyro: Rates with what is known so far taken out, rad/s, (L, m, 3).
+        difference: Their differences from base and encoders, rad/s, (L - 1, m, 3).
+        turned: R_iᵀ of the links but the base, (L - 1, m, 3, 3).
+        known: Turns and biases so far, which `PRIOR` pulls to zero, (L, 6).
+        noise: Deviation of the differences, rad/s.
+    """
+    links, m = gyro.shape[:2]
+    base = np.concatenate([turned @ skew(gyro[0]), turned], axis=3)
+    deviations = np.tile(np.repeat(PRIOR, 3), links)
+    information, right = np.diag(1 / deviations**2), -known.ravel() / deviations**2
+    for i in range(1, links):
+        columns = np.zeros((m, 3, 6 * links))
+        columns[:, :, :6] = -base[i - 1]
+        columns[:, :, 6 * i : 6 * i + 3] = skew(gyro[i])
+        columns[:, :, 6 * i + 3 : 6 * i + 6] = np.eye(3)
+        flat = columns.reshape(3 * m, -1) / noise
+        information += flat.T @ flat
+        right += flat.T @ (difference[i - 1].ravel() / noise)
+    # A gyro's own noise, turned, looks like information: a turn that only noise supports stays zero.
+    shown = np.diag(information) > np.tile(np.repeat([FAINT**2 * m, 0.0], 3), links)
+    covariance = np.linalg.inv(information[np.ix_(shown, shown)])
+    step, std = np.zeros(6 * links), deviations.copy()
+    step[shown], std[shown] = covariance @ right[shown], np.sqrt(np.diag(covariance))
+    return step.reshape(links, 6), std.reshape(links, 6)
+
+
+def skew(w: Array) -> Array:
+    """``[w]×``, (m, 3, 3), of vectors (m, 3)."""
+    return np.cross(w[:, None], np.eye(3)).swapaxes(1, 2)
+
+
+def kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array, Array]:
+    """``R_iᵀ`` (L, m, 3, 3) and the Jacobians of the links' rates in their own axes, (L, m, 3, n)."""
+    data, frames = rig.model.createData(), [rig.model.getFrameId(link, pin.FrameType.BODY) for link in links]
+    turned, jacobians = np.empty((len(links), len(q), 3, 3)), np.empty((len(links), len(q), 3, rig.n))
+    for k, angles in enumerate(q):
+        pin.computeJointJacobians(rig.model, data, angles)
+        pin.updateFramePlacements(rig.model, data)
+        for i, frame in enumerate(frames):
+            turned[i, k] = data.oMf[frame].rotation.T
+            jacobians[i, k] = pin.getFrameJacobian(rig.model, data, frame, pin.LOCAL)[3:].reshape(3, -1)  # n = 1: (6,)
+    return turned, jacobians
 
 
 def gyro_rates(rig: Rig, log: Log) -> Array | None:
@@ -111,10 +193,8 @@ def gyro_rates(rig: Rig, log: Log) -> Array | None:
     if len(links) < 2:
         return None
     turned, jacobians = kinematics(rig, log.q, links[1:])
-    base = log.imus.get(rig.base)
-    carried = np.zeros((len(log), 3)) if base is None or base.gyro is None else base.gyro
-    own = np.stack([np.asarray(log.imus[link].gyro) for link in links[1:]])
-    relative = own - np.einsum("lmij,mj->lmi", turned, carried)
+    own = np.stack([rates_of(log, link) for link in links[1:]])
+    relative = own - np.einsum("lmij,mj->lmi", turned, rates_of(log, rig.base))
     normal = np.einsum("lmia,lmib->mab", jacobians, jacobians)
     if np.linalg.cond(normal).max() > 1e6:
         return None

@@ -1,4 +1,4 @@
-"""Encoders mounted off their joint's centre, found where a log holds rates of its own."""
+"""Encoders mounted off their joint's centre, estimated from a log whose rates do not come from the angles."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from scipy.special import fdtrc
 from gimbal_pin.log.log import Array, Log
 
 WINDOW = 0.1
-"""Time between the angles that are compared, s: long enough for a turn that shows over the noise of either."""
+"""Time between the angles that are compared, s: long enough for a turn larger than the noise of either."""
 BLOCKS = 40
-"""Blocks of windows by whose scatter errors are counted."""
+"""Blocks of windows from whose scatter the covariance is estimated."""
 CHANCE = 1e-6
-"""Chance from which an encoder is taken to be centred."""
+"""p-value from which an encoder counts as centred."""
 CLEAR = 10.0
-"""Standard deviations of its size by which an eccentricity must be known before angles are mended by it."""
+"""Standard deviations from zero that an eccentricity must have before angles are corrected by it."""
 LEAST = 5e-4
-"""Size, rad, under which it does not matter."""
+"""Smallest size, rad, that is corrected."""
 PASSES = 8
-"""Rounds in which the angles that its sine is taken of are mended themselves."""
+"""Fixed-point iterations for the true angle in the sine of its own error."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,15 @@ def eccentricities(log: Log) -> Mapping[str, Eccentricity]:
 
 
 def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
-    """Fit ``Δq_read - ∫v dt = a Δcos q + b Δsin q + c Δt + d Δq + e Δv`` over windows; None where it is none.
+    """Fit ``Δq_read - ∫v dt = a Δcos q + b Δsin q + c Δt + d Δq + e Δv`` over windows; None where a, b may be zero.
 
-    The last three take up a rate's bias, its scale, and time between the two sensors. The scale is that of the angles,
-    which hardly have noise: of the rates' integral, whose noise is in what is explained, it would take a part for it.
+    The last three take up a rate's bias, its scale, and a delay between the two sensors. The scale multiplies the
+    angles, which have little noise: a regressor made of the noisy rates would bias it.
 
     Args:
         t: Time, s, (N,).
         q: Angles as they were read, rad, (N,).
-        v: Rates of a sensor of their own, rad/s, (N,); such as were made from the angles agree with them.
+        v: Rates of another sensor, rad/s, (N,); rates that were made from the angles show no eccentricity.
     """
     at = np.flatnonzero(np.diff(np.floor((t - t[0]) / WINDOW), prepend=-1.0))
     turned = cumulative_trapezoid(v, t, initial=0.0)[at]

@@ -9,18 +9,18 @@ import numpy as np
 from gimbal_pin.log.log import Array
 
 SPOKEN = 0.05
-"""Share of the time from which on it is spoken of."""
+"""Least share of the time that is reported."""
 NEARLY = 0.03
-"""Share of a motor's limit by which a measured torque may be off it and is at it, for what noise the sensor has."""
+"""Relative distance within which a measured torque, with its sensor's noise, counts as at the limit."""
 MOSTLY = 0.5
-"""Share of the time at the limit from which little else is in a log."""
+"""Share of the time at the limit from which a log shows little of the rig."""
 PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
-"""What follows for who holds a camera."""
+"""What that means for a held camera."""
 THROUGH = (
     "past its stops, through which a simulation lets it pass: {} of the time; no rig writes such a log: plant a weaker "
     "effect, or lower the controller's bandwidth"
 )
-"""What is told of joints that a simulated loop has lost, and what to do about it."""
+"""Message on joints that a simulated loop has lost, and the mend."""
 
 
 def near_limit(tau: Array, tau_max: Array) -> Array:
@@ -41,19 +41,19 @@ def at_limit(joints: Sequence[str], tau: Array, tau_max: Array) -> dict[str, flo
 
 
 def limited(shares: Mapping[str, float]) -> str:
-    """Return ``yaw 45 %, roll 12 %``, the longest first; nothing where no share is worth a word."""
+    """Return ``yaw 45 %, roll 12 %``, the longest first; empty where no share reaches `SPOKEN`."""
     weak = sorted((pair for pair in shares.items() if pair[1] >= SPOKEN), key=lambda pair: -pair[1])
     return ", ".join(f"{joint} {100 * share:.0f} %" for joint, share in weak)
 
 
 def past_stops(joints: Sequence[str], q: Array, lower: Array, upper: Array) -> str:
-    """Return ``tilt 62 %``, the share of the samples past a stop; nothing where no joint went there.
+    """Return ``tilt 62 %``, the share of the samples past a stop; empty where no joint went there.
 
     Args:
         joints: Joint names.
         q: True angles, rad, (N, n).
-        lower: Where the stops are, rad, (n,); not finite: nowhere.
-        upper: The same at the other end.
+        lower: The lower stops, rad, (n,); infinite where there is none.
+        upper: The upper stops.
     """
     shares = np.mean((q < lower) | (q > upper), axis=0).tolist()
     return ", ".join(f"{joint} {100 * share:.2g} %" for joint, share in zip(joints, shares) if share > 0)

@@ -14,11 +14,11 @@ from gimbal_pin.errors import LogError
 from gimbal_pin.rig.arrays import Array
 
 PAUSE = 10.0
-"""Time between two samples from which nobody was recording, s: no clock loses so many samples and then goes on."""
+"""Interval between two samples, s, from which the recording was paused: no clock loses so many samples."""
 
 
 class Reach(NamedTuple):
-    """What a channel can be on any machine, in its unit."""
+    """The range of a channel on any machine, in its unit."""
 
     lower: float
     upper: float
@@ -48,9 +48,9 @@ REACH: Mapping[str, Reach] = MappingProxyType(
         "quat": Reach(-1.1, 1.1, "1"),
     }
 )
-"""Channel → what it can be; beyond that is another unit or a fault. Their squares' squares are numbers still."""
+"""Channel → its range; beyond that is another unit or a fault. Fourth powers of these do not overflow."""
 NOTHING = 1e-40
-"""What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and the squares' squares divide yet."""
+"""What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and fourth powers do not underflow."""
 SOONEST = 1e-9
 """Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
 LONGEST = 1e6
@@ -58,11 +58,11 @@ LONGEST = 1e6
 
 
 def implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None:
-    """Return row, column, what and mend of the first value that a channel has on no machine; None where there is none.
+    """Return row, column, what and mend of the first value outside a channel's range; None where there is none.
 
     Args:
         channel: One of `REACH`.
-        values: Its values, (N,) or (N, k); nan is none that a machine has.
+        values: Its values, (N,) or (N, k); nan is outside.
     """
     lower, upper, unit = REACH[channel]
     if not values.size or (values.min() >= lower and values.max() <= upper):
@@ -80,7 +80,7 @@ def implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None
 
 
 def untimely(t: Array) -> tuple[int, str, str] | None:
-    """Return row, what and mend of the first sample that cannot follow the one before, by their times, s, (N,)."""
+    """Return row, what and mend of the first of the times, s, (N,), that cannot follow the one before; else None."""
     steps = np.diff(t)
     if not steps.size:
         return None
@@ -101,7 +101,7 @@ def untimely(t: Array) -> tuple[int, str, str] | None:
 def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
     """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length).
 
-    What nobody can write to is not copied: a part of a long log costs no memory.
+    An array that cannot be written to is not copied: a part of a long log costs no memory.
     """
     copy = np.array(array, dtype=np.float64, copy=None if immutable(array) else True)
     if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
@@ -113,9 +113,9 @@ def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
-    """Return `frozen`, without what is nothing; `LogError` at the first value that this kind has on no machine.
+    """Return `frozen`, values below `NOTHING` as zero; `LogError` at the first value outside the range of its kind.
 
-    What nobody can write to was looked at when it was made: parts of a log are made by the thousand.
+    An array that cannot be written to was checked when it was made: parts of a log are made by the thousand.
     """
     kept = frozen(array, shape, name)
     if kept is not array and (wrong := implausible(kind, kept)) is not None:
@@ -170,7 +170,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Imu:
-    """What an IMU fixed to a link reports, in the link's frame.
+    """The readings of an IMU fixed to a link, in the link's frame.
 
     Attributes:
         gyro: Angular rate, rad/s, shape (N, 3), or None.
@@ -190,7 +190,7 @@ class Imu:
 
     @property
     def channels(self) -> dict[str, Array]:
-        """What it reports, by name."""
+        """The readings that there are, by name."""
         return {name: x for name in ("gyro", "accel", "quat") if (x := getattr(self, name)) is not None}
 
     def part(self, rows: slice | NDArray[np.integer[Any]]) -> Imu:
@@ -203,7 +203,7 @@ class Log:
     """One trajectory as it was recorded or simulated (CONTRACT.md, "A log").
 
     Attributes:
-        name: Where it came from; errors and reports speak of it by this name.
+        name: The file or simulation that it is from, as errors and reports name it.
         joints: Joint names, in the order of the arrays' columns.
         t: Time, s, strictly increasing, shape (N,).
         q: Measured joint angle, rad, shape (N, n).
@@ -211,7 +211,7 @@ class Log:
         tau: Motor torque, N m, shape (N, n): `tau[k]` is held from `t[k]` to `t[k+1]`. None for a bare trajectory.
         q_ref: Reference angle, rad, shape (N, n), or None.
         temperature: Motor temperature, °C, shape (N, n), or None.
-        imus: Link name → what the IMU fixed to it reported.
+        imus: Link name → readings of the IMU fixed to it.
         payload: Name of the payload that was mounted, or None if not stated.
         events: Sentences about what happened while recording (limits hit, fallbacks).
     """

@@ -1,4 +1,4 @@
-"""What carries a rig: the motion of its base link, prescribed, in the base link's own frame."""
+"""Prescribed motion of a rig's base link, in the base link's own frame."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from gimbal_pin.log.log import Array, Imu, frozen
 from gimbal_pin.rig.rig import GRAVITY
 
 BaseMotion = Literal["fixed", "tilted", "rotating"]
-"""What the base does, as far as it decides what the joint torques show: stands upright, leans or shifts, turns."""
+"""Motion of the base, by what the joint torques show of it: stands upright, leans or shifts, turns."""
 
 MOTIONS: tuple[BaseMotion, ...] = ("fixed", "tilted", "rotating")
-"""From the least to the greatest: what a lesser one shows, a greater one shows, too."""
+"""From the least to the greatest: each shows all parameters that the ones before it show."""
 
 LEANS = 0.1
-"""Specific force that is off what an upright base at rest feels by more than this counts as a lean, m/s² rms."""
+"""Difference of specific force from that of an upright base at rest, m/s² rms, from which the base leans."""
 TURNS = 0.02
-"""A rate that varies by more than this counts as turning, rad/s rms; a constant one is the gyro's own bias."""
+"""Variation of the rate, rad/s rms, from which the base turns; a constant one is the gyro's own bias."""
 SWAYS = 0.002
-"""The same of its means over `SWAY`: slower motion stands clear of the gyro's noise where it is smaller. A gyro of
-0.01 °/s/√Hz has 0.0004 rad/s there, and a base that sways by more moves what it carries by more than drives err."""
+"""The same of its means over `SWAY`, which have less of the gyro's noise: a gyro of 0.01 °/s/√Hz has 0.0004 rad/s
+there, and a base that sways by more moves what it carries by more than drives err."""
 SWAY = 0.1
 """Time over which a rate is averaged to see slow turning, s."""
 CUTOFF = 20.0

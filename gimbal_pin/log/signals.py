@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 from gimbal_pin.log.log import Array
 
 KEPT, KEPT_POWER = 0.98, 0.8735
-"""Share of the samples that a noise estimate keeps, and the mean square that a unit Gaussian has left then."""
+"""Share of the samples that a noise estimate keeps, and the mean square of that share of a unit Gaussian."""
 ORDER = 3
 """Order of the Butterworth low-pass; run forwards and backwards it falls by 6 dB at the cutoff."""
 
@@ -71,7 +71,7 @@ def noise_std(signal: Array) -> Array:
 
 
 def jumping_noise_std(signal: Array) -> Array:
-    """The same of one that may jump all the time: without third differences across a step of more than its own rms.
+    """`noise_std` of a signal that may jump often: no third differences across steps of more than its own rms.
 
     No sensor's noise is as large as what it measures. A torque that chatters in a gap changes its sign so often that
     more than two per cent of the differences hold a jump.

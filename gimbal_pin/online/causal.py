@@ -1,19 +1,8 @@
-"""Frames of samples → rows ``A theta = b``, causally: what `rows.Rows` does to a whole log, as it is recorded.
-
-Every filter of the batch runs here forwards twice instead of forwards and backwards: the same magnitude, a delay
-instead of none. What keeps the equation free of bias is that everything in it is delayed alike:
-
-- Angle and torque pass the same smoother; rate and acceleration are differences of the smoothed angle, the other
-  channels waiting for the samples ahead that a central difference takes. The smoother's delay is all but constant over
-  the band of the motion (its phase is 2x³/3 rad from a line at x times its cutoff), so that ``Y(q, v, a)`` of smoothed
-  channels is the smoothed Y.
-- Columns that jump where a joint turns are smoothed, too, as the batch does, and taken that delay ahead of the others.
-- The mask around a standstill looks ahead; the channels wait for it.
-- The low-pass at the cutoff runs over columns and torque alike; of its output every half period one row is kept.
-"""
+"""Samples to frames on a uniform grid to rows, causally: what `rows.Rows` does to a whole log, as it is recorded."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -23,17 +12,113 @@ from scipy.signal import lfilter, sosfilt, sosfilt_zi
 from gimbal_pin.dynamics.reduction import samples
 from gimbal_pin.estimation.rows import MEMORY, TAPER, Channels, Filtering, Rows, mask, settling, standstill
 from gimbal_pin.log import signals
-from gimbal_pin.log.log import Array
-from gimbal_pin.online.grid import Frame
+from gimbal_pin.log.log import Array, Log
 
+FIRST = 64
+"""Samples whose intervals tell the sampling interval."""
+BEHIND, AHEAD = 3, 3.0
+"""Samples kept before a frame, and intervals waited for after it: the interpolation looks at two on either side."""
 SETTLING = 1.5
 """Time to skip after a start, in memories of the batch's filters: what runs forwards twice forgets later."""
 NOISE = 64
-"""Samples before a frame that its noise is told from, too."""
+"""Samples before a frame from which its noise is estimated, too."""
 AVERAGED = 5.0
 """Time over which the noise of the sensors is averaged, s."""
 CENTRAL = 4
 """Samples that a central difference of a central difference looks ahead and back."""
+
+
+class Frame(NamedTuple):
+    """Consecutive samples of the grid: time, s, (F,), and the channels side by side (q, tau, and v where there is one).
+
+    `fresh` says that they do not continue the frame before.
+    """
+
+    t: Array
+    channels: Array
+    fresh: bool
+
+
+class Grid(NamedTuple):
+    """What has come and is not in a frame yet.
+
+    Attributes:
+        joints: n; the channels are n angles, n torques, and n rates where there are some.
+        raw: Time and channels of the newest samples, (m, 1 + c).
+        dt: Interval of the grid, s; 0 until it is known.
+        start: Time of the first sample since the last gap, s.
+        passed: Samples of the grid since then.
+    """
+
+    joints: int
+    raw: Array
+    dt: float = 0.0
+    start: float = 0.0
+    passed: int = 0
+
+    def with_logs(self, logs: Sequence[Log]) -> Grid:
+        """Return the grid with more samples."""
+        names = ("q", "tau") if logs[0].v is None else ("q", "tau", "v")
+        t = np.concatenate([log.t for log in logs])[:, None]
+        new = np.concatenate([t, *(np.concatenate([getattr(log, name) for log in logs]) for name in names)], axis=1)
+        if not len(self.raw):
+            return self._replace(raw=new, start=float(new[0, 0]))
+        return self._replace(raw=np.concatenate([self.raw, new]))
+
+    def due(self, count: int, alignment: float) -> float:
+        """Time after which a sample completes a frame of `count`, s."""
+        return self.start + self.dt * (self.passed + count - 1 + AHEAD) + abs(alignment)
+
+
+def interval(t: Array) -> float:
+    """Sampling interval of the first samples, s: the mean of those intervals that are not lost samples."""
+    steps = np.diff(t)
+    return float(np.mean(steps[steps < 1.5 * np.median(steps)]))
+
+
+def next_frame(grid: Grid, count: int, alignment: float, gap: float) -> tuple[Frame | None, Grid]:
+    """Return the next frame, None if it is not complete yet, and the grid after it.
+
+    Where two samples are more than `gap` s apart, the grid starts anew at the second; what was no whole frame is lost.
+
+    Args:
+        grid: Its `dt` is known.
+        count: Samples per frame.
+        alignment: Time by which the torque acts later than its stamp, s.
+        gap: As above, s.
+    """
+    while True:
+        t = grid.raw[:, 0]
+        last = int(np.searchsorted(t, grid.due(count, alignment), side="right"))
+        # What is looked at ends there, whatever else has come: the frame does not depend on it.
+        seen = grid.raw[: last + 1]
+        gaps = np.flatnonzero(np.diff(seen[:, 0]) > gap)
+        if not len(gaps):
+            break
+        cut = int(gaps[0]) + 1
+        grid = grid._replace(raw=grid.raw[cut:], start=float(t[cut]), passed=0)
+    if last == len(t):
+        return None, grid
+    return resampled(grid, seen, count, alignment), advanced(grid, count, alignment)
+
+
+def advanced(grid: Grid, count: int, alignment: float) -> Grid:
+    """Return the grid after a frame, without the samples that no later one looks at."""
+    passed = grid.passed + count
+    oldest = grid.start + grid.dt * passed - abs(alignment)
+    first = max(int(np.searchsorted(grid.raw[:, 0], oldest)) - BEHIND, 0)
+    return grid._replace(raw=grid.raw[first:], passed=passed)
+
+
+def resampled(grid: Grid, raw: Array, count: int, alignment: float) -> Frame:
+    """Interpolate a frame; the torque at the time at which it acts."""
+    at = grid.start + grid.dt * (grid.passed + np.arange(count))
+    n = grid.joints
+    # One call for both: its cost is that of calling.
+    both = signals.resample(raw[:, 0], raw[:, 1:], np.concatenate([at, at - alignment]))
+    channels = both[:count].copy()
+    channels[:, n : 2 * n] = both[count:, n : 2 * n]
+    return Frame(at, channels, grid.passed == 0)
 
 
 class Blockwise(NamedTuple):
@@ -198,7 +283,7 @@ class Running:
     passed: int = 0
 
 
-def begun(design: Design, frame: Frame) -> Running:
+def initial_state(design: Design, frame: Frame) -> Running:
     """Return the memory at a first frame: as if the first sample had stood for ever."""
     n, first = design.rows.rig.n, frame.channels[0]
     width = int(design.present.sum()) + 2 * n
@@ -215,10 +300,12 @@ def begun(design: Design, frame: Frame) -> Running:
     )
 
 
-def passed(design: Design, running: Running | None, noise: Noise, frame: Frame) -> tuple[Row | None, Running, Noise]:
+def process_frame(
+    design: Design, running: Running | None, noise: Noise, frame: Frame
+) -> tuple[Row | None, Running, Noise]:
     """Take one frame: its row, None while the filters settle, and the memory after it."""
     if running is None or frame.fresh:
-        running = begun(design, frame)
+        running = initial_state(design, frame)
     n, count = design.rows.rig.n, design.count
     measured = frame.channels[:, 2 * n :] if frame.channels.shape[1] > 2 * n else np.zeros((count, n))
     raw = np.concatenate([running.raw, np.column_stack([frame.channels[:, :n], measured])])
@@ -227,7 +314,7 @@ def passed(design: Design, running: Running | None, noise: Noise, frame: Frame) 
     state["raw"] = raw[-NOISE:]
     running = Running(**{**vars(running), **state})
     ready = len(running.waiting.t) >= 2 * design.look + count
-    row, running = emitted(design, running) if ready else (None, running)
+    row, running = emit_row(design, running) if ready else (None, running)
     return (row if running.passed > design.skip else None), running, noise
 
 
@@ -278,14 +365,14 @@ def fused(design: Design, noise: Noise, derived: Array, rate: Array, slow: Array
     return out, last, rate_std
 
 
-def emitted(design: Design, running: Running) -> tuple[Row, Running]:
+def emit_row(design: Design, running: Running) -> tuple[Row, Running]:
     """Turn the next frame that has waited long enough into columns, filter these, and keep the last as a row."""
     look, count, waiting = design.look, design.count, running.waiting
     here = slice(look, look + count)
     channels = waiting.every(here)
     moving = mask(standstill(waiting, design.filtering), design.taper)[here]
     ahead = waiting.every(slice(look + design.delay, look + design.delay + count))
-    jumping, memory = jumps(design, running.jumping, design.rows.effect_columns(ahead))
+    jumping, memory = smoothed_jumps(design, running.jumping, design.rows.effect_columns(ahead))
     A = np.concatenate([design.rows.rigid_columns(channels), jumping], axis=2) * moving[:, :, None]
     flat = np.column_stack([A[:, design.present], channels.tau * moving, moving])
     filtered, lowpass = design.lowpass(flat, running.lowpass)
@@ -299,7 +386,7 @@ def emitted(design: Design, running: Running) -> tuple[Row, Running]:
     return row, Running(**{**vars(running), **state})
 
 
-def jumps(design: Design, memory: Array | None, columns: Array) -> tuple[Array, Array]:
+def smoothed_jumps(design: Design, memory: Array | None, columns: Array) -> tuple[Array, Array]:
     """Smooth the effects' columns, (F, n, e), which jump where a joint turns, as the torque was smoothed."""
     felt = design.present[:, -columns.shape[2] :]
     flat = columns[:, felt]

@@ -17,8 +17,8 @@ from gimbal_pin.online.recursive import LAGS, Known, tapered
 WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
 LONGER = 7
-"""Consecutive rows that a change is told without, whichever they are: the filters spread one push, or a passage near
-standstill that the model does not describe, over six or so."""
+"""Consecutive rows without which, whichever they are, a change must still show: the filters spread one push, or a
+passage near standstill that the model does not describe, over six or so."""
 KEPT = (2, *WINDOWS)
 """Rows that are left of a window then."""
 LOOK = max(KEPT) + LONGER
@@ -115,10 +115,10 @@ def scores(rows: Array, watch: Watch) -> list[Score]:
         One per window.
     """
     white = whitened(rows[::-1], np.arange(len(rows)), watch)
-    return explained(squares_of(white, rows.shape[1], WINDOWS))
+    return explained(gram_matrices(white, rows.shape[1], WINDOWS))
 
 
-def spared(rows: Array, watch: Watch) -> list[Score]:
+def scores_without_transient(rows: Array, watch: Watch) -> list[Score]:
     """Return what `scores` does, of so many more rows, without those `LONGER` that tell most of a change.
 
     A push, or one passage that the model does not describe, then leaves nothing; a payload leaves what the other rows
@@ -135,12 +135,12 @@ def spared(rows: Array, watch: Watch) -> list[Score]:
     for begin in range(max(KEPT) + 1):
         at = np.delete(np.arange(LOOK), slice(begin, begin + LONGER))
         counts = [count for count in KEPT if count >= begin]
-        found.append(explained(squares_of(whitened(newest[at], at, watch), rows.shape[1], counts))[::-1])
+        found.append(explained(gram_matrices(whitened(newest[at], at, watch), rows.shape[1], counts))[::-1])
     each = ([one[k] for one in found if k < len(one)] for k in range(len(KEPT)))
     return [min(some, key=lambda score: score.mean) for some in each][::-1]
 
 
-def squares_of(white: Array, n: int, counts: Sequence[int]) -> Array:
+def gram_matrices(white: Array, n: int, counts: Sequence[int]) -> Array:
     """``[C e]ᵀ[C e]`` of the newest rows of n joints, as many as each count says, (len(counts), r + 1, r + 1)."""
     return np.stack([white[: n * count].T @ white[: n * count] for count in counts])
 

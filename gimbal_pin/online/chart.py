@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Array
-from gimbal_pin.online.progress import Progress
+from gimbal_pin.online.follower import Progress
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,22 +27,22 @@ def chart(history: Sequence[Progress]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    told = [one for one in history if not one.hidden]
-    if not told:
+    complete = [one for one in history if not one.hidden]
+    if not complete:
         raise DataError("plot", "would show nothing: the log has not shown every parameter", "go on recording")
-    shown = told[-1].telling[:SHOWN]
+    shown = complete[-1].telling[:SHOWN]
     figure = Figure(figsize=(10, 1.7 * (len(shown) + 1)), layout="constrained")
     *panels, last = figure.subplots(len(shown) + 1, 1, sharex=True)
     t = np.array([one.t for one in history])
     value, std = (np.array([getattr(one, name) for one in history]) for name in ("value", "std"))
     for axes, k in zip(panels, shown):
         band(axes, t, value[:, k], 1.96 * std[:, k])
-        axes.set_title(f"{told[-1].names[k]}, {told[-1].units[k]}", loc="left", fontsize="medium")
-    for joint in told[-1].torque_error:
+        axes.set_title(f"{complete[-1].names[k]}, {complete[-1].units[k]}", loc="left", fontsize="medium")
+    for joint in complete[-1].torque_error:
         last.semilogy(t, [one.torque_error.get(joint, np.nan) for one in history], label=joint)
     last.set(xlabel="time, s")
     last.set_title("torque mispredicted over two seconds, N m rms", loc="left", fontsize="medium")
-    if told[-1].torque_error:
+    if complete[-1].torque_error:
         last.legend(loc="upper left", fontsize="small")
     for event in history[-1].events:
         for axes in (*panels, last):

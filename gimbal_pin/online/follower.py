@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from math import inf
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimation.channel_assignment import check_wiring
+from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.identification import (
     DROWNED,
@@ -25,27 +25,42 @@ from gimbal_pin.estimation.identification import (
     check_sampling,
     to_model,
 )
-from gimbal_pin.estimation.payloads import Carried, estimated
+from gimbal_pin.estimation.payload_change import payload_directions
+from gimbal_pin.estimation.payloads import estimated
 from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, settling
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.online.causal import SETTLING, Design, Noise, Row, Running, designed, passed
+from gimbal_pin.online.causal import (
+    FIRST,
+    SETTLING,
+    Design,
+    Grid,
+    Noise,
+    Row,
+    Running,
+    designed,
+    interval,
+    next_frame,
+    process_frame,
+)
 from gimbal_pin.online.change import WINDOWS
-from gimbal_pin.online.grid import FIRST, Grid, interval, next_frame
 from gimbal_pin.online.learning import (
     DOUBT,
     Event,
     Learned,
     Task,
+    all_moments,
     answer,
-    few,
-    gathered,
-    hidden,
-    learned,
-    nothing,
+    hidden_parameters,
+    initial,
+    learn,
+    too_few,
     values,
 )
 from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
 from gimbal_pin.rig.rig import Rig
+
+EVERY = 1.0
+"""Time of the log from one progress to the next, s."""
 
 
 class Memory(NamedTuple):
@@ -139,7 +154,7 @@ class Online:
         everywhere = friction_effects(rig.joints) + tuple(effects)
         rows = Rows(rig, reduce(rig), everywhere, (), filtering or Filtering())
         directions = payload_directions(rows)
-        prior = None if known is None else beforehand(rows, directions, known)
+        prior = None if known is None else prior_of(rows, directions, known)
         return Online(rows, directions, everything, fading, prior)
 
     @property
@@ -150,7 +165,7 @@ class Online:
     def start(self, name: str = "online") -> Memory:
         """Return the memory before the first sample; `name` is what errors and results call the log."""
         n = self.rows.rig.n
-        known = nothing(n, len(self.rows.names), self.prior)
+        known = initial(n, len(self.rows.names), self.prior)
         return Memory(name, Grid(n, np.zeros((0, 0))), Noise(np.zeros((2, n)), 0), known)
 
     def advance(self, memory: Memory, log: Log) -> Memory:
@@ -166,7 +181,7 @@ class Online:
         """
         if not len(log):
             return memory
-        memory = joined(memory, log)
+        memory = appended(memory, log)
         if memory.t <= memory.due:
             return memory
         memory = memory._replace(grid=memory.grid.with_logs(memory.pending), pending=())
@@ -200,12 +215,12 @@ class Online:
         frame, grid = next_frame(memory.grid, design.count, design.alignment, design.gap)
         if frame is None:
             return memory if grid is memory.grid else memory._replace(grid=grid)
-        row, running, noise = passed(design, memory.running, memory.noise, frame)
+        row, running, noise = process_frame(design, memory.running, memory.noise, frame)
         memory = memory._replace(grid=grid, running=running, noise=noise)
         if row is None or memory.task is None:
             return memory
         now = float(frame.t[-1])
-        return memory._replace(known=learned(memory.task, memory.known, row, now), row=row)
+        return memory._replace(known=learn(memory.task, memory.known, row, now), row=row)
 
     def estimate(self, memory: Memory) -> Known:
         """Return the parameters from all samples so far, since the last change of payload.
@@ -218,14 +233,14 @@ class Online:
         task = memory.task
         if task is None:
             raise DataError(memory.name, "has too few samples so far", "go on")
-        moments, prior = gathered(task, memory.known), memory.known.prior
-        if few(task, moments, prior):
+        moments, prior = all_moments(task, memory.known), memory.known.prior
+        if too_few(task, moments, prior):
             what = f"has given {moments.rows} rows so far; they cannot show any of"
             raise DataError(memory.name, what, "go on moving every joint", task.names)
         torque, moving = np.linalg.norm(moments.factors[:, :, -2], axis=1), moments.count > DROWNED * moments.rows
         check_driven(memory.name, self.rows.rig.joints, torque, moving)
         known = solved(moments, prior)
-        if names := hidden(task, moments, known.estimate, prior):
+        if names := hidden_parameters(task, moments, known.estimate, prior):
             raise DataError(memory.name, "so far leaves no trace of", "move every joint, several at a time", names)
         return known
 
@@ -242,13 +257,13 @@ class Online:
 
         Raises:
             DataError: As `estimate`.
-            LogError: A torque has the wrong sign, see `channel_assignment.check_wiring`.
+            LogError: A torque has the wrong sign, see `channel_assignment.check_assignment`.
         """
         estimate = self.estimate(memory).estimate
         task = memory.task
         assert task is not None, "an estimate has a task"
-        block = gathered(task, memory.known).block()
-        check_wiring(Regression(self.rows, (block,)), estimate, memory.name)
+        block = all_moments(task, memory.known).block()
+        check_assignment(Regression(self.rows, (block,)), estimate, memory.name)
         found = assembled(self.rows, [block], estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
         swapped = any(event.what == "changed" for event in memory.events)
@@ -268,7 +283,7 @@ class Online:
         return dict(zip(self.joints, rms.tolist()))
 
 
-def joined(memory: Memory, log: Log) -> Memory:
+def appended(memory: Memory, log: Log) -> Memory:
     """Append samples; this is all that is done for most of them, so it is done with little."""
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
@@ -282,15 +297,7 @@ def joined(memory: Memory, log: Log) -> Memory:
     return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=samples, rates=rates)
 
 
-def payload_directions(rows: Rows) -> Array:
-    """How the parameters of the camera's body, as far as they show, move all parameters, (k, r)."""
-    columns = Carried.of(rows.rig, rows.reduction).columns
-    out = np.zeros((len(rows.names), columns.shape[1]))
-    out[: len(columns)] = columns
-    return out
-
-
-def beforehand(rows: Rows, directions: Array, model: Model) -> Prior:
+def prior_of(rows: Rows, directions: Array, model: Model) -> Prior:
     """Return what a model of the gimbal with another payload leaves known."""
     known = estimated(model)
     if known.names != rows.names:
@@ -310,3 +317,90 @@ def tested_accuracy(joints: Sequence[str], known: Learned) -> Accuracy | None:
     nowhere = np.zeros(lines.shape[:2])
     block = Block(np.zeros(3), lines[:, :, :1], lines[:, :, 1], nowhere, nowhere, lines[:, :, 2])
     return accuracy(joints, [block], np.ones(1), "predicted before it was learned")
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """The state at one time.
+
+    Attributes:
+        t: Time of the newest sample, s.
+        samples: How many there were.
+        names: Parameters.
+        units: Their units.
+        value: Their values, (k,); NaN while some of them do not show.
+        std: Their standard deviations, (k,).
+        torque: What each moves, N m rms, (k,).
+        hidden: What does not show yet; empty: `value` holds.
+        torque_error: Joint → rms by which the newest two seconds' torque was mispredicted, N m; empty before that.
+        events: All events so far.
+    """
+
+    t: float
+    samples: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    std: Array
+    torque: Array
+    hidden: tuple[str, ...]
+    torque_error: Mapping[str, float]
+    events: tuple[Event, ...]
+
+    @property
+    def telling(self) -> list[int]:
+        """Places of the parameters, those that move the most torque first."""
+        return [int(k) for k in np.argsort(-self.torque, kind="stable")]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a line of JSON."""
+        rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units)
+        parameters = [{"name": n, "value": x, "std": s, "unit": u} for n, x, s, u in rows]
+        return {
+            "schema": 1,
+            "kind": "progress",
+            "t": self.t,
+            "samples": self.samples,
+            "ready": not self.hidden,
+            "hidden": list(self.hidden),
+            "base_parameters": [] if self.hidden else parameters,
+            "torque_error": dict(self.torque_error),
+            "events": [asdict(event) for event in self.events],
+        }
+
+
+def progress(online: Online, memory: Memory) -> Progress:
+    """Return what is known now."""
+    names, nothing = online.rows.names, np.full(len(online.rows.names), np.nan)
+    hidden: tuple[str, ...] = ()
+    value, std, torque = nothing, nothing, np.zeros(len(names))
+    try:
+        known, task = online.estimate(memory), memory.task
+        value, std = known.estimate.theta, known.estimate.std
+        assert task is not None, "an estimate has a task"
+        columns = all_moments(task, memory.known).block().A
+        torque = np.abs(value) * np.sqrt(np.mean(columns**2, axis=0)).max(axis=0)
+    except DataError as error:
+        hidden = error.unseen or names
+    error_now = online.torque_error(memory)
+    units = online.rows.units
+    return Progress(memory.t, memory.samples, names, units, value, std, torque, hidden, error_now, memory.events)
+
+
+def steps(online: Online, logs: Iterable[Log], name: str, every: float = EVERY) -> Iterator[Memory]:
+    """Take logs in as they come; yield the memory at least once each `every` seconds of them, and at each one's end.
+
+    Args:
+        online: The estimator.
+        logs: Blocks of one log, in the order of time.
+        name: What the log is called.
+        every: As above, s.
+    """
+    memory = online.start(name)
+    yield memory
+    for log in logs:
+        spans = np.maximum(np.ceil((log.t - 1e-6) / every), np.floor(log.t[0] / every) + 1)
+        cuts = np.append(np.flatnonzero(np.diff(spans, prepend=-np.inf)), len(log))
+        for begin, end in zip(cuts[:-1].tolist(), cuts[1:].tolist()):
+            memory = online.advance(memory, log.part(slice(begin, end)))
+            yield memory

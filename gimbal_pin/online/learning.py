@@ -11,7 +11,7 @@ from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.identification import unseen
 from gimbal_pin.log.log import Array
 from gimbal_pin.online.causal import Row
-from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, spared
+from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, scores_without_transient
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
 
 WINDOW = LOOK + 5
@@ -50,7 +50,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is asked: constants.
+    """Constants of an online estimate.
 
     Attributes:
         names: Names of the parameters.
@@ -79,7 +79,7 @@ class Task:
 class Learned:
     """What is kept of the rows: arrays of fixed sizes, and the events.
 
-    The newest rows stay apart in a window until it is plain that nothing changed: `gathered` counts them in.
+    The newest rows stay apart in a window until it is plain that nothing changed: `all_moments` counts them in.
 
     Attributes:
         settled: Rows before the window, since the last change.
@@ -118,12 +118,12 @@ class Learned:
         return min(rows, len(self.window))
 
 
-def nothing(n: int, width: int, prior: Prior | None) -> Learned:
+def initial(n: int, width: int, prior: Prior | None) -> Learned:
     """Return what is known before the first row."""
     return Learned(Moments.empty(n, width), (), prior, np.zeros((n, 3, 3)))
 
 
-def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
+def learn(task: Task, known: Learned, row: Row, now: float) -> Learned:
     """Take a row in, and see whether it fits.
 
     Args:
@@ -134,25 +134,25 @@ def learned(task: Task, known: Learned, row: Row, now: float) -> Learned:
     """
     if row.t < known.since:
         return known
-    known = taken(task, predicted(known, row), row)
+    known = with_row(task, predicted(known, row), row)
     reference, watch = known.reference, known.watch
     if reference is None or watch is None:
         return announced(task, known, now)
     rows, few_squares = values(known.window[-LOOK:]), squares(task, known)
     found = scores(rows[-max(WINDOWS) :], watch)
     alarms = [one.alarms(known.dispersion, few_squares) for one in found]
-    beyond = tuple(counted(*three) for three in zip(known.beyond, found, alarms))
+    # Rows at standstill, without freedom, leave the count as it is.
+    counts = zip(known.beyond, found, alarms)
+    beyond = tuple(before + 1 if alarm else before * (one.freedom == 0) for before, one, alarm in counts)
     known = replace(known, beyond=beyond)
-    lasting = any(count >= window + LONGER for count, window in zip(beyond, WINDOWS))
-    if lasting or (any(alarms) and plain(spared(rows, watch), known.dispersion, few_squares)):
+    if any(count >= window + LONGER for count, window in zip(beyond, WINDOWS)):
+        return changed(task, known, reference, watch, now)
+    # A score that is so far beyond chance even without a push need not last.
+    doubted = PLAIN * known.dispersion
+    if any(alarms) and any(one.alarms(doubted, few_squares) for one in scores_without_transient(rows, watch)):
         return changed(task, known, reference, watch, now)
     tried = known.settled.rows >= TRIED and not any(alarms)
-    return announced(task, watched(known, found[-1]) if tried else known, now)
-
-
-def plain(found: list[Score], dispersion: float, squares: float) -> bool:
-    """Whether a score is so far beyond chance that a change need not last to be told."""
-    return any(one.alarms(PLAIN * dispersion, squares) for one in found)
+    return announced(task, with_dispersion(known, found[-1]) if tried else known, now)
 
 
 def squares(task: Task, known: Learned) -> float:
@@ -163,19 +163,9 @@ def squares(task: Task, known: Learned) -> float:
     return float((count.min() - len(task.names) / len(count)) / ALIKE)
 
 
-def counted(before: int, found: Score, alarm: bool) -> int:
-    """For how many rows a score has been beyond chance; rows at standstill tell nothing."""
-    return before + 1 if alarm else before if found.freedom == 0 else 0
-
-
 def values(window: tuple[Row, ...]) -> Array:
     """``[A b share]`` of some rows, (m, n, k + 2)."""
     return np.stack([row.values for row in window])
-
-
-def row_shape(row: Row) -> tuple[int, int]:
-    """Joints and parameters of a row."""
-    return row.values.shape[0], row.values.shape[1] - 2
 
 
 def predicted(known: Learned, row: Row) -> Learned:
@@ -188,38 +178,38 @@ def predicted(known: Learned, row: Row) -> Learned:
     return replace(known, predicted=squares, count=known.count + 1)
 
 
-def taken(task: Task, known: Learned, row: Row) -> Learned:
+def with_row(task: Task, known: Learned, row: Row) -> Learned:
     """Put a row into the window; the oldest leaves it and is learned for good."""
     window, before = (*known.window, row), known.settled.rows
     leaving = max(0, len(window) - (HELD if known.doubtful else WINDOW))
     if not leaving:
         return replace(known, window=window)
-    settled = absorbed(task, known.settled, window[:leaving])
+    settled = with_rows_of(task, known.settled, window[:leaving])
     if window[leaving].t - window[leaving - 1].t > 1.5 * task.step:
         settled = settled.broken()
     known = replace(known, settled=settled, window=window[leaving:])
     if settled.rows // REFRESHED == before // REFRESHED:
         return known
-    reference = found(task, settled, known.prior)
+    reference = solved_if_shown(task, settled, known.prior)
     watch = None if reference is None else Watch.of(reference, task.directions, task.doubt)
     return replace(known, reference=reference, watch=watch)
 
 
-def found(task: Task, moments: Moments, prior: Prior | None) -> Known | None:
+def solved_if_shown(task: Task, moments: Moments, prior: Prior | None) -> Known | None:
     """Solve, if there are rows enough and nothing stays hidden."""
-    if few(task, moments, prior):
+    if too_few(task, moments, prior):
         return None
     known = solved(moments, prior)
-    return None if hidden(task, moments, known.estimate, prior) else known
+    return None if hidden_parameters(task, moments, known.estimate, prior) else known
 
 
-def few(task: Task, moments: Moments, prior: Prior | None) -> bool:
+def too_few(task: Task, moments: Moments, prior: Prior | None) -> bool:
     """Whether there are fewer rows than three per parameter that is not known beforehand."""
     free = len(task.names) if prior is None else task.directions.shape[1]
     return float(moments.count.sum()) < 3 * free
 
 
-def hidden(task: Task, moments: Moments, estimate: Estimate, prior: Prior | None) -> tuple[str, ...]:
+def hidden_parameters(task: Task, moments: Moments, estimate: Estimate, prior: Prior | None) -> tuple[str, ...]:
     """Return the parameters whose uncertainty alone moves more torque than the rows have."""
     block = moments.block()
     names = unseen(task.names, [block], estimate)
@@ -230,7 +220,7 @@ def hidden(task: Task, moments: Moments, estimate: Estimate, prior: Prior | None
     return tuple(name for name in names if not at_rest[task.names.index(name)])
 
 
-def watched(known: Learned, newest: Score) -> Learned:
+def with_dispersion(known: Learned, newest: Score) -> Learned:
     """Average the score: a model that leaves structure in its residual has larger ones without any change."""
     looks = known.looks + 1
     step = max(1 / looks, 1 / REMEMBERED)
@@ -245,12 +235,12 @@ def changed(task: Task, known: Learned, reference: Known, watch: Watch, now: flo
     """
     since = known.window[onset(values(known.window), watch, known.dispersion)].t
     resumed = known.window[-1].t + task.transition
-    n, width = row_shape(known.window[-1])
+    n, columns = known.window[-1].values.shape
     prior = None if task.everything else loosened(reference, task.directions)
     loose = "everything" if task.everything else "its parameters"
     said = f"the payload changed at {since:.1f} s: {loose} are estimated anew"
     event = Event(now, "changed", since, said)
-    start = replace(nothing(n, width, prior), since=resumed, events=(*known.events, event))
+    start = replace(initial(n, columns - 2, prior), since=resumed, events=(*known.events, event))
     return replace(start, dispersion=known.dispersion, looks=known.looks)
 
 
@@ -265,12 +255,12 @@ def announced(task: Task, known: Learned, now: float) -> Learned:
     return replace(known, ready=True, events=(*known.events, event))
 
 
-def gathered(task: Task, known: Learned) -> Moments:
+def all_moments(task: Task, known: Learned) -> Moments:
     """All rows so far since the last change, but for the newest while they seem to be of another payload."""
-    return absorbed(task, known.settled, known.window[: len(known.window) - known.doubtful])
+    return with_rows_of(task, known.settled, known.window[: len(known.window) - known.doubtful])
 
 
-def absorbed(task: Task, moments: Moments, rows: tuple[Row, ...]) -> Moments:
+def with_rows_of(task: Task, moments: Moments, rows: tuple[Row, ...]) -> Moments:
     """Add rows; where two of them are apart, nothing is correlated across."""
     first = 0
     for end in range(1, len(rows) + 1):
@@ -283,4 +273,4 @@ def absorbed(task: Task, moments: Moments, rows: tuple[Row, ...]) -> Moments:
 
 def answer(task: Task, known: Learned) -> Known | None:
     """Return the estimate from all rows so far; None while they hide something."""
-    return found(task, gathered(task, known), known.prior)
+    return solved_if_shown(task, all_moments(task, known), known.prior)

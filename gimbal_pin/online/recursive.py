@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.estimators.weighted import reweighted
+from gimbal_pin.estimation.estimators.least_squares import reweighted
 from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
 
@@ -131,7 +131,7 @@ class Known:
 def solved(moments: Moments, prior: Prior | None = None) -> Known:
     """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖z - U theta‖²``, exactly `weighted` of all rows if no prior.
 
-    Its covariance is `estimators.base.covariance` of the same rows, summed as they came instead of from all of them.
+    Its covariance is `least_squares.covariance` of the same rows, summed as they came instead of from all of them.
     """
     factors, count = moments.of_rows, moments.count
     width = factors.shape[2] - 1

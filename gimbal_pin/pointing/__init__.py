@@ -1,27 +1,27 @@
-"""Holding the camera still while the platform moves (CONTROL): ``verify(rig, Asked())`` runs all of it."""
+"""Holding the camera still while the platform moves.
 
-from gimbal_pin.pointing.contest import Contest, Course, Row, compete
-from gimbal_pin.pointing.faults import ClockStep, Dropped, Frozen, Missing, parse_fault
+`Controller` runs in one's own loop: ``torque = controller.step(measurement)``. ``verify(rig, Asked())`` compares all
+controllers on a simulated platform.
+"""
+
+from gimbal_pin.pointing.controller import Controller
+from gimbal_pin.pointing.measurement import Measurement, Station, parse_fault
 from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.result import Contest, Pointing, Row
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.run import point
-from gimbal_pin.pointing.seen import Seen, Station
+from gimbal_pin.pointing.run import Course, compete, point
 from gimbal_pin.pointing.verify import Asked, Verified, verify
 
 __all__ = [
     "Asked",
-    "ClockStep",
     "Contest",
+    "Controller",
     "Course",
-    "Dropped",
-    "Frozen",
-    "Missing",
+    "Measurement",
     "Pointer",
     "Pointing",
     "Roster",
     "Row",
-    "Seen",
     "Station",
     "Verified",
     "compete",

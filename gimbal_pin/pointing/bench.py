@@ -13,20 +13,20 @@ import pinocchio as pin
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.dynamics.imu import noisy
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.effects import Effect, Signal
+from gimbal_pin.effects import Signal
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import facing, payload
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import profile_s
-from gimbal_pin.pointing.contest import Course
+from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.seen import ACCELEROMETER, GYRO
+from gimbal_pin.pointing.run import Course
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.spectrum import Spectrum
-from gimbal_pin.pointing.trust import trusted
+from gimbal_pin.pointing.sweep import trusted
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
 
@@ -136,19 +136,19 @@ def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0
     return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
 
-def learned(rig: Rig, log: Log, effects: Sequence[Effect] = (), model: Model | None = None) -> Learned:
+def learned(rig: Rig, log: Log, model: Model | None = None, wanted: Array = WANTED) -> Learned:
     """Identify a model from a log, and learn how the platform moves: from its base's IMU, if it has one.
 
     Args:
         rig: The rig.
         log: Its log.
-        effects: Effects that are known to be in it.
         model: The model, where it is known already.
+        wanted: The camera's attitude in the world, (3, 3).
     """
-    known = identify(rig, [log], effects, holdout="none").model if model is None else model
+    known = identify(rig, [log], holdout="none").model if model is None else model
     t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
     spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), log.name)
-    return Learned(log, known, spectrum, trusted(known, WANTED, Platform.measured(t, imu, log.name)))
+    return Learned(log, known, spectrum, trusted(known, wanted, Platform.measured(t, imu, log.name)))
 
 
 def rehearsed(rig: Rig) -> tuple[Array, Imu]:

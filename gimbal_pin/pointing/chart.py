@@ -9,10 +9,7 @@ import numpy as np
 
 from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS, TUNED
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.budget import Budget
-from gimbal_pin.pointing.contest import Contest, Row
-from gimbal_pin.pointing.measures import cumulative, split
-from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.result import Budget, Contest, Pointing, Row, cumulative, split
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""What a platform's motion asks of the motors: where no controller holds the camera, however much it knows."""
+"""What a platform's motion asks of the motors: where no controller holds the camera, and loops that ask for more."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import welch
 
 from gimbal_pin.control.laws.uncertainty import inertia
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.least import LONGEST, least
-from gimbal_pin.pointing.measures import SETTLING, split
-from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.trust import holding
+from gimbal_pin.pointing.result import SETTLING, Pointing, Swing, split
+from gimbal_pin.pointing.sight import Sight, holding
 
 if TYPE_CHECKING:
-    from gimbal_pin.pointing.contest import Contest
-    from gimbal_pin.pointing.result import Pointing
+    from gimbal_pin.pointing.result import Contest, Pointing
+
 
 BEFORE, AFTER = 0.1, 0.6
 """Around a moment at which a motor is too weak, what is not counted either, s: the loop has to find back."""
@@ -104,7 +103,7 @@ class Demand:
     def left(self, rows: slice, j: int, foreseen: bool) -> Array:
         """Least error of the line of sight over some samples by a joint's weak motor, rad."""
         asked, limit = self.tau[rows, j], float(self.tau_max[j])
-        if len(asked) > LONGEST:
+        if len(asked) > LONGEST_STRETCH:
             return np.full(len(asked), np.nan)
         known = 0 if foreseen else int(np.argmax(np.abs(asked) > limit))
         return least(float(self.t[1] - self.t[0]), asked, limit, self.answer[rows, j], known)
@@ -138,3 +137,90 @@ class Demand:
             "jitter_rms_deg_within": {name: None if isnan(x) else degrees(x) for name, x in still.items()},
             "least_jitter_rms_deg": {name: None if isnan(x) else degrees(x) for name, x in self.least.items()},
         }
+
+
+LONGEST_STRETCH = 600
+"""Samples of the longest stretch that is worked out, in about a second."""
+
+
+def least(dt: float, asked: Array, limit: float, answer: Array, first: int) -> Array:
+    """``min Σ e²`` over all torques within the limit, ``ë = b (τ - τ_d)``: a bounded least-squares problem.
+
+    No law of any kind gets below it, unless other joints turn the camera in this one's stead, which tilts the horizon:
+    each of them is granted all the torque that it takes to stay.
+
+    Args:
+        dt: Sampling interval, s.
+        asked: τ_d, torque that follows the motion exactly, N m, (N,).
+        limit: Largest torque, N m.
+        answer: b, acceleration of what is to be kept still, per torque, 1/(kg m²), (N,).
+        first: Sample before which nothing is foreseen, so that e is zero until then; 0: the whole motion is known.
+
+    Returns:
+        The error at the end of every interval, rad, (N,).
+    """
+    from scipy.optimize import lsq_linear
+
+    n = len(asked)
+    lowest, highest = -limit - asked, limit - asked
+    # Bounds must leave room: this much torque is nothing.
+    none = 1e-9 * limit
+    lowest[:first], highest[:first] = -none, none
+    summed = np.tril(np.ones((n, n)))
+    moved = dt**2 * (summed @ summed - summed / 2) * answer
+    found = lsq_linear(moved, np.zeros(n), (lowest, np.maximum(highest, lowest + none)), tol=1e-10)
+    return np.asarray(moved @ found.x)
+
+
+BAND = (2.0, 60.0)
+"""Frequencies at which a loop is looked for that swings, Hz: below are motions, above the propellers."""
+LINE = 0.1
+"""Half width of a line, in shares of its frequency."""
+SMALLEST = 0.05
+"""A line of less torque, rms in torque limits, is none."""
+BEYOND = 9.0
+"""Power beyond that which the motion asks for: a loop of disk margin 0.5 has less than five times as much."""
+LONGEST = 2.0
+"""Length of the stretches whose spectra are averaged, s; a run of fewer than two is looked at as one."""
+
+
+def swinging(plant: Model, wanted: Array, platform: Platform, run: Pointing) -> tuple[Swing, ...]:
+    """Return the joints that swing by themselves in the second half of a run, the one that swings most first.
+
+    What the motion asks for is inverse dynamics of the camera standing still; a stable loop gives that, times its
+    complementary sensitivity. Moments at which a motor is too weak for it are not looked at.
+
+    Args:
+        plant: The plant.
+        wanted: The camera's attitude in the world, (3, 3).
+        platform: What carried it.
+        run: What the camera did.
+    """
+    half = slice((run.counted.start + len(run.t)) // 2, None)
+    step = max(1, round(1 / RATE / run.dt))
+    rows = len(run.t[half]) // step
+    whole = np.column_stack([run.t[half], run.tau[half] / run.tau_max])[: rows * step]
+    t, *shares = whole.reshape(rows, step, -1).mean(axis=1).T
+    if len(t) < 8 or not any(lines(x, t)[1].max(initial=0.0) > SMALLEST**2 for x in shares):
+        return ()
+    asked = Demand.of(plant, wanted, platform.at(t))
+    fine, found = asked.within(t), []
+    for joint, own, torque, limit in zip(run.joints, shares, asked.tau.T, run.tau_max):
+        (f, power), (_, known) = lines(fine * own, t), lines(fine * torque / limit, t)
+        # Of the lines of at least half the power of the loudest one, that which exceeds the motion's most.
+        beyond = np.where(power >= power.max(initial=0.0) / 2, power / np.maximum(known, 1e-12), 0.0)
+        k = int(np.argmax(beyond)) if len(f) else 0
+        if len(f) and power[k] > SMALLEST**2 and beyond[k] > BEYOND:
+            found.append(Swing(joint, float(f[k]), float(np.sqrt(power[k]))))
+    return tuple(sorted(found, key=lambda swing: -swing.share))
+
+
+def lines(x: Array, t: Array) -> tuple[Array, Array]:
+    """Frequencies within `BAND`, Hz, and the power of a line at each of them, (K,)."""
+    rate = 1 / float(t[1] - t[0])
+    f, density = welch(x - x.mean(), rate, nperseg=min(len(x), round(LONGEST * rate)))
+    total = np.concatenate([[0.0], np.cumsum(density * (f[1] - f[0]))])
+    wide = np.maximum(LINE * f, 1.5 * f[1])  # a window smears a line over three bins at least
+    low, high = np.searchsorted(f, f - wide, "left"), np.searchsorted(f, f + wide, "right")
+    inside = (f >= BAND[0]) & (f <= BAND[1])
+    return f[inside], (total[high] - total[low])[inside]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.seen import Seen
+from gimbal_pin.pointing.measurement import Measurement
 
 NONE, KEPT = (0, 0, 0, 0, 0), (None, None, None, None, None)
 """Of the channels, that none fails or repeats, and that none is lost."""
@@ -55,8 +55,8 @@ class Watch(NamedTuple):
         events: What happened, in sentences.
     """
 
-    raw: Seen
-    good: Seen
+    raw: Measurement
+    good: Measurement
     failing: tuple[int, ...]
     repeating: tuple[int, ...]
     healthy: tuple[int | None, ...]
@@ -80,7 +80,7 @@ class Watch(NamedTuple):
         """Channels that are given up, or whose last reading was not used."""
         return self.lost | {name for name, failing in zip(CHANNELS, self.failing) if failing}
 
-    def told(self, event: str) -> Watch:
+    def with_event(self, event: str) -> Watch:
         """Return the memory with one event more, unless it is full."""
         return self._replace(events=(*self.events, event)) if len(self.events) < MOST else self
 
@@ -100,13 +100,13 @@ class Guard:
     dt: float
     noisy: bool = True
 
-    def start(self, seen: Seen) -> Watch:
+    def start(self, seen: Measurement) -> Watch:
         """Memory at the first sample; readings that fail there count as zero."""
         zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
         good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
         return Watch(seen, good, NONE, NONE, KEPT, still, still)
 
-    def step(self, seen: Seen, watch: Watch, v: Array, steep: bool = False) -> tuple[Seen, Watch]:
+    def step(self, seen: Measurement, watch: Watch, v: Array, steep: bool = False) -> tuple[Measurement, Watch]:
         """Return the sample as it may be used, and the next memory.
 
         Args:
@@ -119,11 +119,11 @@ class Guard:
         same = seen.q == watch.raw.q
         moved = (watch.moved + (t - watch.good.t) * v) * (same.all() if steep else same)
         if watch.calm and self.sound(seen, watch.raw, moved):
-            good = seen if t == seen.t else Seen(t, *seen[1:])
+            good = seen if t == seen.t else Measurement(t, *seen[1:])
             return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, watch.clock, watch.events)
         return self.sifted(t, seen, watch, v, moved)
 
-    def sound(self, seen: Seen, before: Seen, moved: Array) -> bool:
+    def sound(self, seen: Measurement, before: Measurement, moved: Array) -> bool:
         """Whether all readings are plausible, none is frozen, and none repeats: the quick way through.
 
         Sizes are looked at instead of entries, which is stricter; whatever is not quite sound is sifted.
@@ -139,13 +139,13 @@ class Guard:
             or any(map(eq, links.tolist()[::3], before.links.tolist()[::3]))
         )
 
-    def smoothed(self, good: Seen, watch: Watch) -> Array:
+    def smoothed(self, good: Measurement, watch: Watch) -> Array:
         """Joint rates from the encoders, rad/s, (n,)."""
         elapsed = good.t - watch.good.t
         share = min(1.0, elapsed / SMOOTHING)
         return np.asarray(watch.rates + share * ((good.q - watch.good.q) / elapsed - watch.rates))
 
-    def sifted(self, t: float, seen: Seen, watch: Watch, v: Array, moved: Array) -> tuple[Seen, Watch]:
+    def sifted(self, t: float, seen: Measurement, watch: Watch, v: Array, moved: Array) -> tuple[Measurement, Watch]:
         """Look at every channel by itself."""
         elapsed = t - watch.good.t
         replaced = {}
@@ -179,13 +179,13 @@ class Guard:
             t = watch.good.t + self.dt
             said = f"{t:.3f} s: the clock stepped by {elapsed - self.dt:.3g} s, it is taken as even"
             clock = t - stamp if isfinite(stamp) else watch.clock
-            return t, watch._replace(clock=clock).told(said)
+            return t, watch._replace(clock=clock).with_event(said)
         if elapsed > 1.5 * self.dt:
             lost = round(elapsed / self.dt) - 1
-            watch = watch.told(f"{watch.good.t + elapsed:.3f} s: {lost} sample{'s' * (lost > 1)} never came")
+            watch = watch.with_event(f"{watch.good.t + elapsed:.3f} s: {lost} sample{'s' * (lost > 1)} never came")
         return stamp + watch.clock, watch
 
-    def plausible(self, name: str, seen: Seen) -> bool:
+    def plausible(self, name: str, seen: Measurement) -> bool:
         """Whether a reading is one at all."""
         values = getattr(seen, name).tolist()
         if not isfinite(sum(values)):
@@ -196,14 +196,14 @@ class Guard:
         """Return for how long a lost channel has been good, None if it is not lost, and the memory."""
         if healthy is None:
             if failing == 1:
-                watch = watch.told(f"{t:.3f} s: {NAMES[name]} failed, the last reading is held")
+                watch = watch.with_event(f"{t:.3f} s: {NAMES[name]} failed, the last reading is held")
             if failing > HELD:
-                return 0, watch.told(f"{t:.3f} s: {NAMES[name]} given up: {FALLBACK[name]}")
+                return 0, watch.with_event(f"{t:.3f} s: {NAMES[name]} given up: {FALLBACK[name]}")
             return None, watch
         if failing:
             return 0, watch
         if healthy + 1 >= BACK:
-            return None, watch.told(f"{t:.3f} s: {NAMES[name]} believed again")
+            return None, watch.with_event(f"{t:.3f} s: {NAMES[name]} believed again")
         return healthy + 1, watch
 
 

@@ -2,19 +2,124 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import pi, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.control.laws.aim import Ahead, Aim, Carried
+from gimbal_pin.control.laws.base import Ahead, Aim, Carried
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast, Past
-from gimbal_pin.pointing.fusion import Fused, Fusion
-from gimbal_pin.pointing.seen import Seen
+from gimbal_pin.pointing.measurement import Measurement
+from gimbal_pin.pointing.result import SLOW
 from gimbal_pin.pointing.sight import Sight, View
+
+exp3, log3 = pin.exp3, pin.log3
+SPAN = 1 / (2 * pi * SLOW)
+"""Time over which gaps are looked at, s: what changes them slower than `SLOW` is drift."""
+SURE = 5.0
+"""Deviations of the sensors' noise beyond which a gap is none of it: by chance once in 43 h on nine channels, whose
+values are independent after `SPAN`."""
+FAINT = 1e-5
+"""Least deviation, rad: `SURE` times that is 0.003°, below which no gap harms."""
+
+
+class Fused(NamedTuple):
+    """What fusion remembers, one entry per other gyro.
+
+    Attributes:
+        attitudes: Attitudes in the world, each integrated from its own gyro, (3, 3).
+        rates: Rates at the last sample, rad/s, (L, 3).
+        gaps: What they make of the camera's attitude less what its own gyro makes of it, smoothed, rad, (L, 3).
+        turn: What to turn the camera's attitude by, rad, (3,).
+        rate: What to add to its rate, rad/s, (3,).
+        slow: The gaps behind a low-pass of `SPAN`, rad, (L, 3).
+        ended: Whether a gap was beyond the gyros' noise: then nothing is fused any more, and the turn stays.
+    """
+
+    attitudes: tuple[Array, ...]
+    rates: Array
+    gaps: Array
+    turn: Array
+    rate: Array
+    slow: Array
+    ended: bool = False
+
+    @staticmethod
+    def begun(attitudes: Sequence[Array], rates: Array) -> Fused:
+        """Memory for attitudes that are known, where the gyros read `rates`, rad/s, (L, 3)."""
+        still, zero = np.zeros_like(rates), np.zeros(3)
+        return Fused(tuple(attitudes), rates, still, zero, zero, still)
+
+    def on(self, rates: Array, elapsed: float) -> Fused:
+        """Return the memory after a sample."""
+        turns = (self.rates + rates) * (elapsed / 2)
+        attitudes = tuple([R.dot(exp3(turn)) for R, turn in zip(self.attitudes, turns)])
+        return Fused(attitudes, rates, *self[2:])
+
+
+@dataclass(frozen=True)
+class Fusion:
+    """``R̂ = R exp(Σ ŷ_i / M)``, ``ŷ_i⁺ = ŷ_i + k (log(Rᵀ R_i R_ic(q)) - ŷ_i)``: the mean of M gyros' attitudes.
+
+    The camera's own motion is in none of the gaps y: they hold the gyros' noise alone, which walks, and the encoders',
+    which is white. So k, Kalman's gain for that, may be as slow as it likes: it is in no loop, and costs no margin.
+    A gyro of a wrong scale, mounted askew or with a bias puts the motion into its gap: a gap that changes by more than
+    the noise of gyros and encoders explains ends the fusion.
+
+    Attributes:
+        gyro: Density of the gyros' noise, rad/s/√Hz.
+        step: Angle of one encoder step, rad.
+        dt: Sampling interval, s.
+    """
+
+    gyro: float
+    step: float
+    dt: float
+
+    @cached_property
+    def gain(self) -> float:
+        """k: of a walk whose steps are two gyros' noise over a sample, seen with an encoder's rounding."""
+        walk, white = self.gyro**2 * self.dt, max(self.step, 1e-9) ** 2 / 12
+        ratio = walk / white
+        return float((sqrt(ratio**2 + 4 * ratio) - ratio) / 2)
+
+    @property
+    def share(self) -> float:
+        """Share of a gap in its slow part, per sample."""
+        return min(1.0, self.dt / SPAN)
+
+    @cached_property
+    def bound(self) -> float:
+        """Largest change of a gap over `SPAN` that is noise, rad.
+
+        Two gyros' walks gain ``gyro²`` a second, of which a high-pass of that time leaves half; three encoders round.
+        """
+        return SURE * max(sqrt(self.gyro**2 * SPAN / 2 + 3 * self.step**2 / 12), FAINT)
+
+    def compared(self, memory: Fused, camera: Array, between: Sequence[Array]) -> Fused:
+        """Return the memory after a comparison.
+
+        Args:
+            memory: The memory at this sample.
+            camera: Attitude that the camera's own gyro gives, (3, 3).
+            between: Attitude of the camera in each other gyro's link, (3, 3).
+        """
+        if memory.ended:
+            return memory
+        own = camera.T
+        seen = np.array([log3(own.dot(R.dot(to))) for R, to in zip(memory.attitudes, between)])
+        gaps = memory.gaps + self.gain * (seen - memory.gaps)
+        slow = memory.slow + self.share * (gaps - memory.slow)
+        if max(map(abs, (gaps - slow).ravel().tolist())) > self.bound:
+            return memory._replace(rate=np.zeros(3), ended=True)
+        turn = np.add.reduce(gaps) / (len(gaps) + 1)
+        return Fused(memory.attitudes, memory.rates, gaps, turn, (turn - memory.turn) / self.dt, slow)
+
 
 exp3, log3 = pin.exp3, pin.log3
 ErrorFrom = Literal["camera", "platform"]
@@ -94,13 +199,13 @@ class Navigator:
         """R_dᵀ, (3, 3)."""
         return np.ascontiguousarray(self.wanted.T)
 
-    def start(self, seen: Seen, camera: Array, base: Array) -> Known:
+    def start(self, seen: Measurement, camera: Array, base: Array) -> Known:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
         own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
 
-    def fix(self, seen: Seen, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
+    def fix(self, seen: Measurement, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
         """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused.
 
         The Jacobian is that of the first moment ahead, which errors do not mind: it is worked out but once.
@@ -119,62 +224,47 @@ class Navigator:
         return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
 
     def attitude(
-        self, R: Array, view: View, seen: Seen, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
+        self, R: Array, view: View, seen: Measurement, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
     ) -> tuple[Array, Array, Array | float, Fused | None]:
-        """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory."""
+        """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory.
+
+        While a sensor is doubtful nothing is fused. Without the camera's gyro its attitude is the platform's with the
+        encoders between; without the platform's it is the other way round; and fusion begins anew.
+        """
         if self.fusion is None or fused is None:
             return R, R if self.source == "camera" else R.dot(view.R), 0.0, None
-        fused = fused.on(gyros(seen), elapsed)
-        if doubtful:
-            R, fused = self.unfused(R, seen, fused, doubtful)
-            return R, R, 0.0, fused
-        fused = self.fusion.compared(fused, R, self.sight.between(seen.q))
-        return R, R.dot(exp3(fused.turn)), fused.rate, fused
-
-    def unfused(self, R: Array, seen: Seen, fused: Fused, doubtful: frozenset[str]) -> tuple[Array, Fused]:
-        """Return the camera's attitude and the fused memory while some sensor is in doubt: each by what is left.
-
-        Without the camera's gyro its attitude is the platform's with the encoders between; without the platform's it
-        is the other way round, and fusion begins anew.
-        """
-        base, between = fused.attitudes[0], self.sight.between(seen.q)
+        fused, between = fused.on(gyros(seen), elapsed), self.sight.between(seen.q)
+        if not doubtful:
+            fused = self.fusion.compared(fused, R, between)
+            return R, R.dot(exp3(fused.turn)), fused.rate, fused
+        base = fused.attitudes[0]
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
             R = base @ between[0]
         elif "w" in doubtful and "q" not in doubtful:
             base = R @ between[0].T
-        return R, begun(base, between, seen)._replace(ended=fused.ended)
+        return R, R, 0.0, begun(base, between, seen)._replace(ended=fused.ended)
 
-    def ahead(self, seen: Seen, view: View, v: Array, past: Past) -> tuple[Ahead, ...]:
-        """Return where the model is to be evaluated, for every lead; `view` is that of the first one."""
-        out, true = [], seen.true if self.oracle else None
-        bases = self.forecast.ahead(past) if true is None else true
+    def ahead(self, seen: Measurement, view: View, v: Array, past: Past) -> tuple[Ahead, ...]:
+        """Return joint rates and accelerations that keep the camera's attitude, at every lead; `view`: at the first."""
+        bases = self.forecast.ahead(past) if not self.oracle or seen.true is None else seen.true
+        out = []
         for k, (lead, base) in enumerate(zip(self.forecast.leads, bases)):
             q = seen.q + lead * v
-            out.append(self.wished(q, self.sight.view(q) if k else view, base))
+            there = self.sight.view(q) if k else view
+            rates = there.against.dot(base.w.dot(there.R))
+            drift = self.sight.drift(q, rates, base.w, base.dw) if self.accelerates else np.zeros(3)
+            a = there.against.dot(drift)
+            out.append(Ahead(q, rates, a, base))
         return tuple(out)
 
-    def stand_in(self, seen: Seen, rates: Array, alone: bool) -> Array:
-        """Return what a lost camera gyro would say, rad/s, (3,), by the platform's gyro and the encoders' rates.
 
-        Where the platform's gyro is lost, too (`alone`), the platform counts as standing.
-        """
-        return self.sight.rate(seen.q, rates, np.zeros(3) if alone else seen.w)
-
-    def wished(self, q: Array, view: View, base: Carried) -> Ahead:
-        """Return the joints' rates and accelerations that keep the camera's attitude on a platform that moves so."""
-        v = view.against.dot(base.w.dot(view.R))
-        if not self.accelerates:
-            return Ahead(q, v, np.zeros_like(q), base)
-        return Ahead(q, v, view.against.dot(self.sight.drift(q, v, base.w, base.dw)), base)
-
-
-def begun(base: Array, between: tuple[Array, ...], seen: Seen) -> Fused:
+def begun(base: Array, between: tuple[Array, ...], seen: Measurement) -> Fused:
     """Return the memory of a fusion that begins with the platform's attitude in the world."""
     camera = base @ between[0]
     return Fused.begun([base, *[camera @ to.T for to in between[1:]]], gyros(seen))
 
 
-def gyros(seen: Seen) -> Array:
+def gyros(seen: Measurement) -> Array:
     """Rates of all gyros but the camera's, the platform's first, rad/s, (L, 3)."""
     return np.concatenate([seen.w, seen.links]).reshape(-1, 3)
 

@@ -10,10 +10,8 @@ import pinocchio as pin
 
 from gimbal_pin.control.controllers import BASELINE, OURS, TUNED
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.contest import Contest, Row
-from gimbal_pin.pointing.measures import split
-from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.seen import rotations
+from gimbal_pin.pointing.measurement import rotations
+from gimbal_pin.pointing.result import Contest, Pointing, Row, split
 
 SECONDS, RATE = 6.0, 60.0
 """Length of the stretch that is shown, s, and its frames per second: a few hundred of them."""

@@ -10,14 +10,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gimbal_pin.control.laws.aim import Law
-from gimbal_pin.control.laws.base import Memory
-from gimbal_pin.control.laws.pid import JointPid
+from gimbal_pin.control.laws.base import JointPid, Law, Memory
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.guard import Guard, Watch
+from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.navigator import Fix, Known, Navigator
-from gimbal_pin.pointing.seen import Seen
-from gimbal_pin.pointing.singular import lost_turn
+from gimbal_pin.pointing.sight import lost_turn
 
 NOTHING: frozenset[str] = frozenset()
 LIMITED = 50
@@ -35,7 +33,7 @@ class Held(NamedTuple):
         limited: Samples in a row at the torque limit, the joint's that has been there longest.
         steep: Whether the camera is near a singular pose.
         watch: The guard's memory; None without one.
-        events: What happened besides, in sentences.
+        noted: What happened besides what guard and forecast say, in sentences.
     """
 
     known: Known
@@ -45,12 +43,12 @@ class Held(NamedTuple):
     limited: int = 0
     steep: bool = False
     watch: Watch | None = None
-    events: tuple[str, ...] = ()
+    noted: tuple[str, ...] = ()
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def events(self) -> tuple[str, ...]:
         """Everything that happened."""
-        own = (*self.known.past.events, *self.events)
+        own = (*self.known.past.events, *self.noted)
         return own if self.watch is None else (*self.watch.events, *own)
 
 
@@ -65,10 +63,10 @@ class Holder(Protocol):
     def dt(self) -> float:
         """Sampling interval, s."""
 
-    def start(self, seen: Seen, camera: Array, base: Array) -> Any:
-        """Return the memory at the first sample, see `Pointer.start`; `told` of it says what happened."""
+    def start(self, seen: Measurement, camera: Array, base: Array) -> Any:
+        """Return the memory at the first sample, see `Pointer.start`; its `events` say what happened."""
 
-    def torque(self, seen: Seen, memory: Any) -> tuple[Array, Any]:
+    def torque(self, seen: Measurement, memory: Any) -> tuple[Array, Any]:
         """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
 
 
@@ -93,7 +91,7 @@ class Pointer:
         """Sampling interval, s."""
         return self.law.dt
 
-    def start(self, seen: Seen, camera: Array, base: Array) -> Held:
+    def start(self, seen: Measurement, camera: Array, base: Array) -> Held:
         """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
         watch = None if self.guard is None else self.guard.start(seen)
         first = seen if watch is None else watch.good._replace(t=seen.t)
@@ -101,7 +99,7 @@ class Pointer:
             self.navigator.start(first, camera, base), self.law.start(), False, np.zeros(len(seen.q)), watch=watch
         )
 
-    def torque(self, seen: Seen, memory: Held) -> tuple[Array, Held]:
+    def torque(self, seen: Measurement, memory: Held) -> tuple[Array, Held]:
         """Return the torque, N m, (n,), finite and within the limits, and the next memory.
 
         With neither encoders nor the camera's gyro it is zero.
@@ -113,7 +111,8 @@ class Pointer:
             if not watch.calm:
                 lost, doubtful = watch.lost, watch.doubtful
             if "gyro" in lost:
-                seen = seen._replace(gyro=self.navigator.stand_in(seen, watch.rates, "w" in lost))
+                base = np.zeros(3) if "w" in lost else seen.w  # without the platform's gyro it counts as standing
+                seen = seen._replace(gyro=self.navigator.sight.rate(seen.q, watch.rates, base))
         fix, known = self.navigator.fix(seen, memory.known, doubtful)
         back = self.fallback if self.fallback is not None and lost - {"q", "links"} else None
         law: Law = self.law if back is None else back
@@ -124,10 +123,10 @@ class Pointer:
         if {"q", "gyro"} <= lost:
             tau = np.zeros_like(tau)
         steep, limited = memory.steep, memory.limited
-        after = Held(known, own, back is not None, tau, limited, steep, watch, memory.events)
-        return self.told(seen.t, tau, fix, memory, after)
+        after = Held(known, own, back is not None, tau, limited, steep, watch, memory.noted)
+        return self.checked(seen.t, tau, fix, memory, after)
 
-    def told(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
+    def checked(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
         """Return torque and memory, with what there is to tell; a torque that is no number becomes none."""
         sizes = [abs(torque) for torque in tau.tolist()]
         # A law clips, and clipping may make a limit of what is no number: so what went in is looked at, too.
@@ -136,7 +135,7 @@ class Pointer:
         ended = after.known.ended and not before.known.ended
         if finite and not any(at_limit) and not before.limited and fix.steep == before.steep and not ended:
             return tau, after
-        events = list(after.events)
+        events = list(after.noted)
         if ended:
             events.append(f"{t:.3f} s: the gyros differ by more than their noise, the camera's own is used alone")
         if not finite:
@@ -150,7 +149,7 @@ class Pointer:
         if limited == LIMITED:
             joint = self.navigator.sight.rig.joints[at_limit.index(True)]
             events.append(f"{t:.3f} s: {joint} at its torque limit for {LIMITED * self.dt:g} s")
-        return tau, after._replace(limited=limited, steep=fix.steep, events=tuple(events[:LIMITED]))
+        return tau, after._replace(limited=limited, steep=fix.steep, noted=tuple(events[:LIMITED]))
 
     @cached_property
     def limits(self) -> list[float]:

@@ -1,25 +1,76 @@
-"""One run of one controller on one platform's motion."""
+"""How still the camera stood: one run, all runs of a controller, all controllers, and where the error goes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from math import degrees, sqrt
+from typing import Any
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
+from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS
 from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, frozen
-from gimbal_pin.pointing.measures import SETTLING, jitter
 
-if TYPE_CHECKING:
-    from gimbal_pin.pointing.swinging import Swing
+SLOW = 0.2
+"""Corner between jitter and drift, Hz (CONTROL, "Profile S")."""
+SETTLING = 2.0
+"""Beginning of a run that is not counted, s (the same)."""
+
+
+def split(error: Array, dt: float) -> tuple[Array, Array]:
+    """Part an error, (N, k), into what is faster than `SLOW`, by a second-order zero-phase high-pass, and the rest.
+
+    A run too short to show such slow motion is parted at its mean.
+    """
+    sections = butter(2, SLOW, btype="highpass", fs=1 / dt, output="sos")
+    pad = min(len(error) - 1, round(1 / SLOW / dt))
+    fast = sosfiltfilt(sections, error, axis=0, padlen=pad) if len(error) * dt > 1 / SLOW / 2 else error - error.mean(0)
+    return fast, error - fast
+
+
+def jitter(error: Array, dt: float) -> tuple[float, float, float]:
+    """Jitter rms, jitter max and drift (how far the slow part goes from its start) of (e_y, e_z), rad, (N, 2)."""
+    fast, slow = split(error, dt)
+    size = np.hypot(*fast.T)
+    return float(np.sqrt(np.mean(size**2))), float(size.max()), float(np.hypot(*(slow - slow[0]).T).max())
+
+
+def cumulative(error: Array, dt: float) -> tuple[Array, Array]:
+    """Frequencies, Hz, and the rms of the jitter up to each of them, both axes together, rad."""
+    fast, _ = split(error, dt)
+    power = np.sum(np.abs(np.fft.rfft(fast, axis=0)) ** 2, axis=1)
+    power[1:] *= 2
+    power[-1] /= 2 if len(fast) % 2 == 0 else 1
+    return np.fft.rfftfreq(len(fast), dt), np.sqrt(np.cumsum(power)) / len(fast)
+
+
+def summed(events: Iterable[str]) -> tuple[str, ...]:
+    """Return events ``TIME s: WHAT``, those that differ in figures only as the earliest of them with their count."""
+    kinds: dict[str, list[tuple[float, str]]] = {}
+    for event in events:
+        found = re.fullmatch(r"(-?[\d.]+) s: (.*)", event, re.DOTALL)
+        kind = re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", found[2] if found else event)
+        kinds.setdefault(kind, []).append((float(found[1]) if found else 0.0, event))
+    return tuple(min(same)[1] + f" ({len(same)} times)" * (len(same) > 1) for same in kinds.values())
+
+
+@dataclass(frozen=True)
+class Swing:
+    """An unstable joint: its loop swings at `hz`, Hz, with a torque of `share` torque limits, rms."""
+
+    joint: str
+    hz: float
+    share: float
 
 
 @dataclass(frozen=True, eq=False)
 class Pointing:
-    """What the camera did.
+    """One run of one controller on one platform's motion.
 
     Attributes:
         controller: The controller's name.
@@ -33,7 +84,7 @@ class Pointing:
         base: Attitude of the platform in the world, (w, x, y, z), (N, 4).
         tau_max: Largest torque of each motor, N m, (n,).
         events: What happened, in sentences.
-        swings: Joints whose loops swing by themselves.
+        swings: Unstable joints.
     """
 
     controller: str
@@ -83,5 +134,187 @@ class Pointing:
     @property
     def torque_rms(self) -> Mapping[str, float]:
         """Joint → torque over the samples that count, N m rms."""
-        rms = np.sqrt(np.mean(self.tau[self.counted] ** 2, axis=0))
-        return dict(zip(self.joints, rms.tolist()))
+        return dict(zip(self.joints, np.sqrt(np.mean(self.tau[self.counted] ** 2, axis=0)).tolist()))
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One controller's runs, one per seed."""
+
+    controller: str
+    runs: tuple[Pointing, ...]
+
+    @property
+    def jitter_rms(self) -> float:
+        """Over all runs, rad."""
+        return sqrt(float(np.mean([run.jitter[0] ** 2 for run in self.runs])))
+
+    @property
+    def jitter_max(self) -> float:
+        """The largest of all runs, rad."""
+        return max(run.jitter[1] for run in self.runs)
+
+    @property
+    def drift(self) -> float:
+        """Mean of the runs', rad."""
+        return float(np.mean([run.jitter[2] for run in self.runs]))
+
+    @property
+    def torque_rms(self) -> Mapping[str, float]:
+        """Joint → torque over all runs, N m rms."""
+        every = [run.torque_rms for run in self.runs]
+        return {joint: sqrt(float(np.mean([one[joint] ** 2 for one in every]))) for joint in self.runs[0].joints}
+
+    @property
+    def at_limit(self) -> Mapping[str, float]:
+        """Joint → share of the time at the motor's limit, mean of the runs."""
+        every = [run.at_limit for run in self.runs]
+        return {joint: float(np.mean([one[joint] for one in every])) for joint in self.runs[0].joints}
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """What happened in any of the runs, each once."""
+        return tuple(dict.fromkeys(event for run in self.runs for event in run.events))
+
+    @property
+    def happened(self) -> tuple[str, ...]:
+        """The events of all runs, each kind once, with its count."""
+        return summed(event for run in self.runs for event in run.events)
+
+    @property
+    def swings(self) -> tuple[Swing, ...]:
+        """Per joint that is unstable in any of the runs, the largest."""
+        every = sorted((swing for run in self.runs for swing in run.swings), key=lambda swing: swing.share)
+        return tuple(sorted({swing.joint: swing for swing in every}.values(), key=lambda swing: -swing.share))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds (CONTRACT, `track`)."""
+        return {
+            "controller": self.controller,
+            "platform": self.runs[0].platform,
+            "seeds": len(self.runs),
+            "jitter_rms_deg": degrees(self.jitter_rms),
+            "jitter_max_deg": degrees(self.jitter_max),
+            "drift_deg": degrees(self.drift),
+            "torque_rms": dict(self.torque_rms),
+            "at_limit": dict(self.at_limit),
+            "events": list(self.events),
+            "unstable": [asdict(swing) for swing in self.swings],
+        }
+
+
+FRICTION = "friction"
+STEPS = (
+    ("base motion", "without-hidden"),
+    ("hidden parameters", "computed-torque"),
+    (FRICTION, "with-friction"),
+    ("prediction", "with-prediction"),
+    ("several gyros", "with-gyros"),
+    ("foreknowledge", "oracle"),
+)
+"""What the controller of each name knows that the one before it does not, from the baseline on."""
+ORACLES, LEFT = "the oracle's own", "what is left"
+"""The last part: the oracle's error, or that of the last controller which ran."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The baseline's mean square jitter in parts that add up: what knowing one thing more takes off, and what is left.
+
+    Attributes:
+        baseline: Jitter of the world-frame PID, rad rms.
+        parts: What → its share of the mean square; negative where knowing it did harm; the last is what is left.
+        left: Jitter of the last of them, the oracle where it ran, rad rms.
+    """
+
+    baseline: float
+    parts: Mapping[str, float]
+    left: float
+
+    @property
+    def telling(self) -> bool:
+        """Whether it parts the error at all: one controller beside the baseline leaves one part and the rest."""
+        return len(self.parts) > 2
+
+    @property
+    def note(self) -> str:
+        """Why parts may be more than all of it, where one is; else nothing."""
+        harm = [what for what, share in self.parts.items() if share < 0]
+        return f"all parts are 100 %: {', '.join(harm)} did harm, which the others make up for" if harm else ""
+
+    @staticmethod
+    def of(jitter: Mapping[str, float], beside: Sequence[str] = ()) -> Budget | None:
+        """Part the error by controllers' jitter, rad rms; a step whose controller did not run is joined to the next.
+
+        `beside`: causes that are compensated with friction, as cogging: their share is in friction's.
+        """
+        if BASELINE not in jitter or not any(name in jitter for _, name in STEPS):
+            return None
+        whole, parts, before, since = jitter[BASELINE], {}, jitter[BASELINE], ""
+        for step, name in STEPS:
+            what = " and ".join(filter(None, [step, ", ".join(beside)])) if step == FRICTION else step
+            since = since or what
+            if name in jitter:
+                parts[what if since == what else f"{since} to {what}"] = (before**2 - jitter[name] ** 2) / whole**2
+                before, since = jitter[name], ""
+        parts[ORACLES if STEPS[-1][1] in jitter else LEFT] = before**2 / whole**2
+        return Budget(whole, parts, before)
+
+    def size(self, what: str) -> float:
+        """A part as jitter, rad rms, with the sign of its share."""
+        share = self.parts[what]
+        return self.baseline * (sqrt(share) if share >= 0 else -sqrt(-share))
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """Controllers side by side, one row each.
+
+    Attributes:
+        rig: Name of the rig.
+        payload: Its payload, or None.
+        rows: One per controller.
+        beside: Causes that the controllers compensate beside friction, which add torque.
+    """
+
+    rig: str
+    payload: str | None
+    rows: tuple[Row, ...]
+    beside: tuple[str, ...] = ()
+
+    @cached_property
+    def jitter(self) -> Mapping[str, float]:
+        """Controller → jitter, rad rms."""
+        return {row.controller: row.jitter_rms for row in self.rows}
+
+    @cached_property
+    def stable(self) -> Mapping[str, float]:
+        """The same of stable controllers."""
+        return {row.controller: row.jitter_rms for row in self.rows if not row.swings}
+
+    @property
+    def gain(self) -> float | None:
+        """Jitter of the world-frame PID over ours; None where one did not run, or is unstable."""
+        return self.ratio(BASELINE, OURS)
+
+    @property
+    def distance(self) -> float | None:
+        """Ours over the oracle's; None as for `gain`."""
+        return self.ratio(OURS, ORACLE)
+
+    def ratio(self, above: str, below: str) -> float | None:
+        """One controller's jitter over another's, None where one did not run, or is unstable."""
+        have = self.stable
+        return have[above] / have[below] if above in have and below in have else None
+
+    @property
+    def budget(self) -> Budget | None:
+        """Where the baseline's error goes, as far as controllers are stable."""
+        return Budget.of(self.stable, self.beside)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the rows and the budget, JSON's `pointing` and `pointing_budget`."""
+        budget = self.budget
+        parts = {} if budget is None else budget.parts
+        shown = {what: {"share": share, "deg": degrees(budget.size(what))} for what, share in parts.items() if budget}
+        return {"pointing": [row.to_dict() for row in self.rows], "pointing_budget": shown or None}

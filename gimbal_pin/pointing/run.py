@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 from tqdm import tqdm
 
-from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.simulation import Drive, halved
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.pointing.demand import swinging
+from gimbal_pin.pointing.measurement import Measurement, Station, rotations
 from gimbal_pin.pointing.navigator import carried
 from gimbal_pin.pointing.pointer import Holder
-from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.seen import Seen, Station, rotations
+from gimbal_pin.pointing.result import Contest, Pointing, Row
+from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.sight import Sight
 
 
@@ -32,17 +36,19 @@ class Sensed:
         self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
         noise = station.draws(len(t), len(self.sight.moved), float(t[1] - t[0]), rng)
         self.w = np.asarray(platform.w[::2])
-        self.told = np.stack([platform.w[::2], platform.f[::2]], axis=1) + noise[:, 1:3]
+        self.platform_imu = np.stack([platform.w[::2], platform.f[::2]], axis=1) + noise[:, 1:3]
         self.noise = np.delete(noise, (1, 2), axis=1).reshape(len(t), -1)
         self.rows = np.hstack([platform.w, platform.f, platform.dw])
-        self.before: Seen | None = None
+        self.before: Measurement | None = None
 
-    def see(self, k: int, state: State, leads: tuple[float, ...] = ()) -> Seen | None:
+    def see(self, k: int, state: State, leads: tuple[float, ...] = ()) -> Measurement | None:
         """Return what arrives of what the sensors say at sample k; the oracle sees `leads` half-samples ahead."""
         gyros = self.sight.rates(state.q, state.v, self.w[k]) + self.noise[k]
-        w, f = self.told[k]
+        w, f = self.platform_imu[k]
         true = tuple([carried(self.held(2 * k + lead)) for lead in leads]) or None
-        arrived: Seen | None = Seen(self.t[k], self.station.angles(state.q), gyros[:3], w, f, gyros[3:], true)
+        arrived: Measurement | None = Measurement(
+            self.t[k], self.station.angles(state.q), gyros[:3], w, f, gyros[3:], true
+        )
         for fault in self.station.faults:
             arrived = None if arrived is None else fault.apply(arrived, self.before)
         self.before = self.before if arrived is None else arrived
@@ -75,8 +81,8 @@ def point(
 ) -> Pointing:
     """Run the loop; the camera starts where it should look, turning with nothing.
 
-    At sample k the controller sees the sensors at `t[k]`; its torque acts `delay` samples later, clipped, for one
-    sample. The plant is integrated by RK4, one step per sample, the platform seen at half steps.
+    At sample k the controller gets the measurement at `t[k]`; its torque acts `delay` samples later, clipped, for one
+    sample. The plant is integrated by RK4, one step per sample, the platform looked at in half steps.
 
     Args:
         plant: The plant.
@@ -107,20 +113,27 @@ def point(
     return Pointing(name, motion, seed, rig.joints, t, error, q, tau, quat, rig.tau_max, events)
 
 
+class System(Protocol):
+    """A plant on its platform, as `Loop` integrates it."""
+
+    def step(self, t: float, state: State, tau: Array, dt: float) -> State:
+        """Return the state a sample later."""
+
+
 @dataclass(frozen=True, eq=False)
 class Loop:
     """Plant, drives and sensors, ready to run.
 
     Attributes:
-        system: The plant, on the platform.
+        system: The plant, on its platform.
         motors: The drives.
         sensed: The sensors.
         attitudes: Attitude of the platform in the world at every sample, (N, 3, 3).
         delay: Samples between measurement and torque.
-        name: What a bar and an error speak of.
+        name: For the progress bar and for errors.
     """
 
-    system: Plant
+    system: System
     motors: Drive
     sensed: Sensed
     attitudes: Array
@@ -129,10 +142,11 @@ class Loop:
 
     def run(self, pointer: Holder) -> tuple[Array, Array, tuple[str, ...]]:
         """Return true angles and commanded torques, (N, n) each, and what happened."""
-        t, dt, navigator, limit = self.sensed.t, pointer.dt, pointer.navigator, self.system.model.rig.tau_max
+        t, dt, navigator, sight = self.sensed.t, pointer.dt, pointer.navigator, self.sensed.sight
+        limit = sight.rig.tau_max
         leads = tuple([2 * lead / dt for lead in navigator.forecast.leads]) if navigator.oracle else ()
-        lowest = -limit
-        state = ready(self.sensed, self.attitudes[0], navigator.wanted)
+        view = sight.view(q0 := sight.reached(self.attitudes[0], navigator.wanted, sight.home))
+        state = State(q0, view.against @ view.R.T @ self.sensed.w[0])  # the camera looks as wanted and does not turn
         command: Array = np.zeros(len(limit))
         pending: deque[Array] = deque([command] * self.delay)
         memory, q, tau = None, np.empty((len(t), len(limit))), np.empty((len(t), len(limit)))
@@ -141,26 +155,78 @@ class Loop:
                 raise UsageError(self.name, f"diverged {t[k]:.3g} s after its start", "lower bandwidth or delay")
             seen = self.sensed.see(k, state, leads)
             if memory is None and seen is not None:
-                camera = self.attitudes[k] @ self.sensed.sight.attitude(state.q)
-                memory = pointer.start(seen, camera, self.attitudes[k])
+                memory = pointer.start(seen, self.attitudes[k] @ sight.attitude(state.q), self.attitudes[k])
             if memory is not None and seen is not None:
                 command, memory = pointer.torque(seen, memory)
             pending.append(command)
-            acting = np.minimum(np.maximum(pending.popleft(), lowest), limit)
+            acting = np.minimum(np.maximum(pending.popleft(), -limit), limit)
             q[k], tau[k] = state.q, acting
             state = self.system.step(t[k], state, self.motors.acting(acting, state), dt)
-        return q, tau, () if memory is None else memory.told
-
-
-def ready(sensed: Sensed, base: Array, wanted: Array) -> State:
-    """Return the state in which the camera looks as wanted and does not turn."""
-    sight = sensed.sight
-    q = sight.reached(base, wanted, sight.home)
-    view = sight.view(q)
-    return State(q, view.against @ view.R.T @ sensed.w[0])
+        return q, tau, () if memory is None else memory.events
 
 
 def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:
     """``log(R_dᵀ R)`` along a run, rad, (N, 3)."""
-    left = wanted.T @ base @ sight.attitudes(q)
-    return np.array([pin.log3(turn) for turn in left])
+    return np.array([pin.log3(turn) for turn in wanted.T @ base @ sight.attitudes(q)])
+
+
+Ground = Callable[[int], Platform]
+"""The platform's motion of a seed, sampled at half the control interval."""
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What all controllers of a contest meet.
+
+    Attributes:
+        plant: The plant.
+        ground: The platform's motion of a seed.
+        motion: What it is called: "S" or "log".
+        seconds: Length of a run, s.
+        station: The sensors.
+        drive: What stands between command and torque, after the plant's own.
+        delay: Samples from measurement to torque.
+    """
+
+    plant: Model
+    ground: Ground
+    motion: str
+    seconds: float
+    station: Station
+    drive: tuple[Signal, ...] = ()
+    delay: int = 1
+
+    def run(self, roster: Roster, name: str, seed: int) -> Pointing:
+        """Run one controller, by name, with one seed."""
+        return self.held(roster.holder(name), seed, name)
+
+    def held(self, pointer: Holder, seed: int, name: str = "pointing") -> Pointing:
+        """Run a controller with one seed."""
+        ground, rng = self.ground(seed), np.random.default_rng([seed, 1])
+        run = point(
+            self.plant, pointer, ground, rng=rng, seconds=self.seconds, station=self.station, delay=self.delay,
+            drive=self.drive, name=name, motion=self.motion, seed=seed,
+        )  # fmt: skip
+        # While sensors fail, the motion asks for no torque that the loop's could be compared with.
+        if self.station.faults:
+            return run
+        return replace(run, swings=swinging(self.plant, pointer.navigator.wanted, ground, run))
+
+
+Mapper = Callable[[Callable[[tuple[str, int]], Pointing], Iterable[tuple[str, int]]], Iterable[Pointing]]
+"""`map`, or a pool's."""
+
+
+def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, mapped: Mapper = map) -> Contest:
+    """Run every controller with every seed; `mapped` may run several at once."""
+    plan = [(name, seed) for seed in range(seeds) for name in names]
+    runs = list(mapped(partial(run_one, course, roster), plan))
+    rows = [Row(name, tuple(run for run in runs if run.controller == name)) for name in names]
+    plain = friction_effects(course.plant.rig.joints)
+    beside = dict.fromkeys(term.effect.name for term in roster.model.terms if term.effect not in plain)
+    return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows), tuple(beside))
+
+
+def run_one(course: Course, roster: Roster, plan: tuple[str, int]) -> Pointing:
+    """Run one entry of a plan, as a function that another process can be given."""
+    return course.run(roster, *plan)

@@ -1,4 +1,4 @@
-"""Kinematics of the camera on a base that moves: attitude, Jacobian, and the acceleration that the joints must undo."""
+"""Kinematics of the camera on a base that moves: attitude, Jacobian, the motion that holds it, singular poses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.log.log import Array
+from gimbal_pin.control.laws.uncertainty import home
+from gimbal_pin.errors import digits
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.pointing.measurement import rotations
 from gimbal_pin.rig.rig import Rig
 
 # Looked up once, as they run several times a sample.
@@ -53,7 +57,7 @@ class Sight:
 
     def __init__(self, rig: Rig) -> None:
         """Take the rig's floating model; a rig of two axes commands the line of sight alone, not the roll about it."""
-        self.rig, self.model, n = rig, rig.floating, rig.n
+        self.rig, self.model, n, self.home = rig, rig.floating, rig.n, home(rig)
         self.data = self.model.createData()
         self.fixed, self.own = rig.model, rig.model.createData()
         self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
@@ -149,11 +153,6 @@ class Sight:
         ways = [pin.getJointJacobian(self.fixed, self.own, j, world).reshape(6, -1)[3:, j - 1] for j in joints]
         return [np.eye(3) - np.outer(way, way) for way in ways], [self.own.oMi[j].translation.copy() for j in joints]
 
-    @cached_property
-    def home(self) -> Array:
-        """Angles from which a search for angles starts, rad, (n,)."""
-        return np.array([min(max(0.0, limit.lower), limit.upper) for limit in self.rig.limits])
-
 
 def gyros_between(rig: Rig) -> tuple[str, ...]:
     """Links with an IMU, by the rig's YAML, that are neither the base nor move with the camera."""
@@ -187,3 +186,63 @@ def cofactors(J: list[list[float]]) -> Array | None:
     if max(max(flat), -min(flat)) >= STEEP * abs(size) or abs(size) < 1e-9:
         return None
     return np.array([entry / size for entry in flat]).reshape(3, 3)
+
+
+def unable(rig: Rig, wanted: Array) -> str | None:
+    """Return why a rig cannot keep its camera's attitude on a platform that moves, or None if it can.
+
+    Args:
+        rig: The rig.
+        wanted: R_d, the attitude in the world; of two axes the line of sight alone is asked for, (3, 3).
+    """
+    if not np.isfinite(rig.tau_max).all():
+        return "its torque limits are not stated"
+    sight = Sight(rig)
+    q = sight.reached(np.eye(3), wanted, sight.home)
+    view = sight.view(q)
+    if np.abs(sight.error(view.R, wanted)).max() > 1e-6:
+        return f"its joints cannot turn {rig.camera_frame} to where it should look"
+    if view.steep:
+        return "it is near a singular pose where the camera looks as wanted"
+    for joint, limit, angle in zip(rig.joints, rig.limits, q.tolist()):
+        if not limit.lower <= angle <= limit.upper:
+            return f"{joint} reaches its limit before the camera looks as wanted"
+    return None
+
+
+AXES = ("x, its line of sight", "y", "z")
+"""Of the camera's frame."""
+TAKES_PART = 0.3
+"""Share of the joints' motion from which on a joint is named."""
+
+
+def lost_turn(sight: Sight, q: Array) -> str:
+    """Say what ``σ u = J v``, σ the least singular value of the Jacobian, means: 1/σ of motion along v to turn about u.
+
+    A motor that cannot accelerate its joint 1/σ times as fast as the platform turns the camera does not hold it,
+    whoever controls it.
+
+    Args:
+        sight: The camera's kinematics.
+        q: Angles, rad, (n,).
+    """
+    left, values, right = np.linalg.svd(sight.view(q).J, full_matrices=False)
+    named = AXES if len(left) == 3 else AXES[1:]
+    axis = named[int(np.argmax(np.abs(left[:, -1])))]
+    joints = [joint for joint, part in zip(sight.rig.joints, np.abs(right[-1])) if part > TAKES_PART]
+    times = f"{digits(1 / values[-1], 2)} times as fast" if values[-1] > 1e-3 else "without end"
+    who = " and ".join(joints)
+    return f"to turn the camera about {axis}, {who} would have to turn {times}, so nobody holds it there"
+
+
+def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:
+    """Return the joints' motion that keeps the camera's attitude, exactly, sample by sample."""
+    if platform.quat is None:
+        return holding(sight, wanted, Platform.still(platform.t))
+    q, rows = sight.home, []
+    for R, w, dw in zip(rotations(np.asarray(platform.quat)), platform.w, platform.dw):
+        q = sight.reached(R, wanted, q)
+        view = sight.view(q)
+        v = view.against @ (view.R.T @ w)
+        rows.append((q, v, view.against @ sight.drift(q, v, w, dw)))
+    return Motion(platform.t, *(np.array(x) for x in zip(*rows)))

@@ -1,4 +1,4 @@
-"""Jitter against the model's error: how wrong a model may be before a PID, which needs none, is safer."""
+"""How far a model can be trusted: against its covariance, and by jitter with models that are wrong on purpose."""
 
 from __future__ import annotations
 
@@ -8,16 +8,89 @@ from itertools import pairwise
 from math import degrees, inf, isfinite
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.laws.carried import CarriedTorque
+from gimbal_pin.control.laws.uncertainty import columns, estimate
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
-from gimbal_pin.pointing.contest import Course
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.trust import changed, doubtful
+from gimbal_pin.pointing.run import Course
+from gimbal_pin.pointing.sight import Sight, holding
+
+SAMPLES = 200
+"""Moments at which the model is judged."""
+
+
+def trusted(model: Model, wanted: Array, platform: Platform) -> tuple[bool, ...]:
+    """Return, per joint, whether the estimated torque says more than its deviation: ``rms(Y P Yᵀ) < var(Y θ)``.
+
+    Both along the motion that holds the camera on the given platform. What a PID's integral finds by itself, the mean
+    of the torque, counts for nothing. A model that was never identified is believed.
+
+    Args:
+        model: The model, with its covariance.
+        wanted: The camera's attitude in the world, (3, 3).
+        platform: A motion of the platform with its attitude.
+    """
+    known = estimate(model)
+    if known is None:
+        return (True,) * model.rig.n
+    part, held, Y = along(model, known[1], wanted, platform)
+    variance = np.einsum("njk,kl,njl->nj", Y, known[0].covariance, Y)
+    torque = model.inverse(held.q, held.v, held.a, platform=part)
+    return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())
+
+
+def along(model: Model, places: Array, wanted: Array, platform: Platform) -> tuple[Platform, Motion, Array]:
+    """Return moments of a platform's motion, what holds the camera there, and torque per unit parameter, (N, n, k)."""
+    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
+    held = holding(Sight(model.rig), wanted, part)
+    return part, held, columns(model, places, held.q, held.v, held.a, part)
+
+
+def doubtful(model: Model, wanted: Array, platform: Platform) -> Array | None:
+    """Return the change of parameters, one standard deviation long, that changes the torque most along a motion.
+
+    ``P = L Lᵀ``: L times the eigenvector of ``Lᵀ mean(Yᵀ Y) L`` with the largest eigenvalue. None without covariance.
+    """
+    known = estimate(model)
+    if known is None:
+        return None
+    Y = along(model, known[1], wanted, platform)[2]
+    power, size = np.linalg.eigh(known[0].covariance)
+    L = size * np.sqrt(np.maximum(power, 0.0))
+    seen = L.T @ np.einsum("njk,njl->kl", Y, Y) @ L / len(Y)
+    return np.asarray(L @ np.linalg.eigh(seen)[1][:, -1])
+
+
+def drawn(model: Model, rng: np.random.Generator) -> Model:
+    """Return a model whose parameters are drawn from the covariance of another one's; the same where it has none."""
+    known = estimate(model)
+    if known is None:
+        return replace(model, estimated=None)
+    covariance = known[0].covariance
+    return changed(model, rng.multivariate_normal(np.zeros(len(covariance)), covariance, method="eigh"))
+
+
+def changed(model: Model, change: Array) -> Model:
+    """Return a model with its estimated parameters changed, (k,): base parameters, then the terms'."""
+    known = estimate(model)
+    if known is None:
+        return replace(model, estimated=None)
+    phi, places, terms = model.rig.phi.copy(), known[1], []
+    phi[places] += change[: len(places)]
+    rest = change[len(places) :]
+    for term in model.terms:
+        own, rest = np.split(rest, [len(term.values)])
+        terms.append(replace(term, values=tuple((np.array(term.values) + own).tolist())))
+    return replace(model, rig=model.rig.with_phi(phi), terms=tuple(terms), estimated=None)
+
 
 SHARES = (-0.3, -0.15, 0.0, 0.15, 0.3)
 """Errors of every body's mass, moments and inertia."""
@@ -87,35 +160,27 @@ class Sweep:
 
 def sweep(course: Course, roster: Roster) -> Sweep:
     """Hold the camera with models that are wrong on purpose; runs are short, on the first seed's motion."""
-    seconds = min(SECONDS, course.seconds)
-    brief, ours = replace(course, seconds=seconds), roster.pointer(OURS)
+    brief, ours = replace(course, seconds=min(SECONDS, course.seconds)), roster.pointer(OURS)
     model, way = roster.model, doubtful(roster.model, roster.wanted, course.ground(0))
     models = {("scaled", share): model if share == 0 else heavier(model, share) for share in SHARES}
     if way is not None:
         models |= {("uncertain", size): changed(model, size * way) for size in DEVIATIONS}
     found: dict[str, dict[float, float]] = {"scaled": {}, "uncertain": {}}
-    for (kind, error), wrong in tqdm(
-        models.items(), "jitter against model error", unit="run", disable=None, leave=False
-    ):
-        found[kind][error] = jitter(brief, knowing(ours, wrong))
-    return Sweep(**found, pid=jitter(brief, roster.pointer(BASELINE)), seconds=seconds)
+    bar = tqdm(models.items(), "jitter against model error", unit="run", disable=None, leave=False)
+    for (kind, error), wrong in bar:
+        law = replace(ours.law, model=wrong) if isinstance(ours.law, CarriedTorque) else ours.law
+        found[kind][error] = held_jitter(brief, replace(ours, law=law))
+    return Sweep(**found, pid=held_jitter(brief, roster.pointer(BASELINE)), seconds=brief.seconds)
+
+
+def held_jitter(course: Course, pointer: Pointer) -> float:
+    """Jitter of a run, rad rms; inf for a loop that diverges."""
+    try:
+        return course.held(pointer, 0).jitter[0]
+    except UsageError:
+        return inf
 
 
 def heavier(model: Model, share: float) -> Model:
     """Return the model with every mass, first moment and inertia more by a share; friction stays."""
     return replace(model, rig=model.rig.with_phi(model.rig.phi * (1 + share)))
-
-
-def knowing(pointer: Pointer, model: Model) -> Pointer:
-    """Return a controller with another model of the same rig: its gains and its navigation stay."""
-    law = pointer.law
-    return replace(pointer, law=replace(law, model=model)) if isinstance(law, CarriedTorque) else pointer
-
-
-def jitter(course: Course, pointer: Pointer) -> float:
-    """Jitter of one run, rad rms; inf for a loop that diverges."""
-    try:
-        run = course.held(pointer, 0)
-    except UsageError:
-        return inf
-    return run.jitter[0]

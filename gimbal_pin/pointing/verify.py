@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,33 +12,77 @@ import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.control.controllers import BASELINE, COMPILED, TUNED
-from gimbal_pin.control.laws.aim import Law
+from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.loop import Margins, worst
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.finding import Finding
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with
+from gimbal_pin.effects import Term
+from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
-from gimbal_pin.pointing.contest import Contest, Course, Ground, Mapper, compete
 from gimbal_pin.pointing.demand import Demand
-from gimbal_pin.pointing.loops import slack
-from gimbal_pin.pointing.planted import missed, planted_once
-from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import NAMES, Machine
-from gimbal_pin.pointing.seen import Fault, Station
-from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.steps import step_targets, stepped
-from gimbal_pin.pointing.sweep import Sweep, sweep
-from gimbal_pin.pointing.targets import Target, targets
-from gimbal_pin.pointing.trust import drawn
+from gimbal_pin.pointing.measurement import Fault, Station
+from gimbal_pin.pointing.result import Contest, Pointing
+from gimbal_pin.pointing.roster import NAMES, Machine, Roster, slack
+from gimbal_pin.pointing.run import Course, Ground, compete
+from gimbal_pin.pointing.sight import Sight, unable
+from gimbal_pin.pointing.sweep import Sweep, drawn, sweep
+from gimbal_pin.pointing.targets import Target, step_targets, stepped, targets
 from gimbal_pin.rig.rig import Rig
+
+
+def split_causes(known: Model, causes: Sequence[str]) -> tuple[dict[str, Cause], dict[str, Cause]]:
+    """Return the planted causes, by their text, that a model has at the same place, and the others."""
+    planted = {text: parse_effect(text, known.rig) for text in causes}
+    own: dict[str, Cause] = {text: one.effect if isinstance(one, Term) else one for text, one in planted.items()}
+    every = (*known.drive, *known.changes, *(term.effect for term in known.terms))
+    there = {(cause.name, cause.place) for cause in every}
+    has = {text: cause for text, cause in own.items() if (cause.name, cause.place) in there}
+    return has, {text: cause for text, cause in own.items() if text not in has}
+
+
+def planted_once(known: Model, causes: Sequence[str]) -> None:
+    """Raise `UsageError` for a cause to be planted in a plant that has it, as the log that it is drawn from shows."""
+    for text in split_causes(known, causes)[0]:
+        what = "is in the plant already: it was found in the log that the plant is drawn from"
+        raise UsageError(f"--effect {text}", what, "leave it out; plant only what that log does not show")
+
+
+def missed(
+    known: Model, causes: Sequence[str], sought: bool, findings: Sequence[Finding], recorded: bool = False
+) -> tuple[str, ...]:
+    """Return sentences about planted causes that a model does not have; what bodies take up, every fit finds.
+
+    Args:
+        known: The model that the controllers know.
+        causes: What was planted, as text.
+        sought: Whether `diagnose` looked for causes.
+        findings: What it found.
+        recorded: Whether that log was given, so that it need not be of the plant.
+    """
+    out = []
+    for cause in split_causes(known, causes)[1].values():
+        said = f"{cause.place}: {cause.name} was planted, and "
+        stead = [one.cause for one in findings if cause.name in one.alike and one.joint in (cause.place, None)]
+        if cause.of_given_model:
+            continue
+        if not sought:
+            said += f"nobody looked for it (--find does{', if the log was recorded with it' * recorded})"
+        elif stead:
+            said += f"diagnose did not find it in the log; it told {stead[0]}, which this log cannot tell from it"
+        else:
+            said += (
+                "diagnose did not find it in the log" + ", which shows it only if it was recorded with it" * recorded
+            )
+        out.append(said)
+    return tuple(out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +236,8 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         planted_once(known, asked.causes)
         plant = drawn(known, np.random.default_rng(LEARNED))
         held = verify(rig, replace(asked, plant=plant, known=known, find=False))
-        return replace(held, causes=sentences(found), missed=missed(known, asked.causes, asked.find, found, True))
+        sentences = tuple(finding.sentence for finding in found)
+        return replace(held, causes=sentences, missed=missed(known, asked.causes, asked.find, found, True))
     plant, drive = plant_with(
         nominal(unbalanced(rig)) if asked.plant is None else asked.plant,
         [parse_effect(text, rig) for text in asked.causes],
@@ -205,7 +251,10 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     ran = [shared(course, asked, names, roster) for course in courses]
     late = max(lesson.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
     judged = [target for contest in ran for target in targets(contest, Sight(rig), late)]
-    steps = None
+    demand, steps = None, None
+    if courses[-1].motion == "log":
+        motion, seconds = courses[-1].ground(0), courses[-1].seconds
+        demand = Demand.of(plant, WANTED, motion.part(slice(np.searchsorted(motion.t, seconds, "right"))))
     if asked.steps:
         steps = stepped(replace(plant, drive=(*plant.drive, *drive)), lesson.model, roster.dt, asked.delay)
         judged += step_targets(steps)
@@ -213,10 +262,10 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         ran[0],
         tuple(judged),
         worst(list(roster.margins(BASELINE))),
-        sentences(findings),
+        tuple(finding.sentence for finding in findings),
         roster.loops.leads,
         recorded=ran[1] if len(ran) > 1 else None,
-        demand=demanded(courses[-1], roster.wanted),
+        demand=demand if demand is not None and demand.weak else None,
         steps=steps,
         sweep=sweep(courses[0], roster) if asked.sweep else None,
         loops={name: roster.margins(name) for name in names},
@@ -225,29 +274,14 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     )
 
 
-def sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return what findings say."""
-    return tuple(finding.sentence for finding in findings)
-
-
-def demanded(course: Course, wanted: Array) -> Demand | None:
-    """Return what a recorded motion asks of the motors, if it is more than they have."""
-    if course.motion != "log":
-        return None
-    motion = course.ground(0)
-    demand = Demand.of(course.plant, wanted, motion.part(slice(np.searchsorted(motion.t, course.seconds, "right"))))
-    return demand if demand.weak else None
-
-
 def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[Finding, ...]]:
     """Return the model that is known or that `diagnose` extends, None for the one that `identify` gives; findings."""
     if not asked.find:
         return asked.known, ()
     found = diagnose(rig, [log], rng=np.random.default_rng(LEARNED))
-    after = found.after
-    if after is None or not found.lacking:
+    if found.after is None or not found.lacking:
         return asked.known, ()
-    return after.model, found.lacking
+    return found.after.model, found.lacking
 
 
 def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:
@@ -265,20 +299,16 @@ def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:
     return out
 
 
-def shared(course: Course, asked: Asked, names: Sequence[str], roster: Any) -> Contest:
-    """Run a contest, by several processes if so asked, under a bar."""
+def shared(course: Course, asked: Asked, names: Sequence[str], roster: Roster) -> Contest:
+    """Run a contest, by several processes if so asked, under a progress bar."""
     total = len(names) * asked.seeds
-    with tqdm(total=total, desc="pointing", unit="run", disable=None, leave=False, delay=2) as bar:
+    with ExitStack() as stack:
+        bar = stack.enter_context(tqdm(total=total, desc="pointing", unit="run", disable=None, leave=False, delay=2))
+        pool = None if asked.jobs == 1 else stack.enter_context(ProcessPoolExecutor(min(asked.jobs, total)))
 
-        def counted(mapped: Mapper) -> Mapper:
-            def run(entry: Any, plan: Iterable[tuple[str, int]]) -> Iterable[Pointing]:
-                for one in mapped(entry, plan):
-                    bar.update()
-                    yield one
+        def counted(run: Any, plan: Iterable[tuple[str, int]]) -> Iterable[Pointing]:
+            for one in map(run, plan) if pool is None else pool.map(run, plan):
+                bar.update()
+                yield one
 
-            return run
-
-        if asked.jobs == 1:
-            return compete(course, roster, names, asked.seeds, counted(map))
-        with ProcessPoolExecutor(min(asked.jobs, total)) as pool:
-            return compete(course, roster, names, asked.seeds, counted(pool.map))
+        return compete(course, roster, names, asked.seeds, counted)

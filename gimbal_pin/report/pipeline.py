@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.control.experiment import bench_run, perturbed
-from gimbal_pin.control.laws.aim import Law
+from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.design import Wish
-from gimbal_pin.control.tracking import Tracking, track
-from gimbal_pin.control.trajectories import tour
+from gimbal_pin.control.tracking import Tracking, tour, track
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
@@ -25,17 +24,17 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.balance import reported
 from gimbal_pin.estimation.estimators import Estimator, weighted
-from gimbal_pin.estimation.identification import Identified, added, identify
+from gimbal_pin.estimation.identification import Identified, identify, refittable_effects
 from gimbal_pin.estimation.model_file import write_extended, write_model
 from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io import write_log, write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Asked, Verified, verify
-from gimbal_pin.pointing.able import unable
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.report import pages as report
-from gimbal_pin.report import view
+from gimbal_pin.pointing.sight import unable
+from gimbal_pin.report import pages, view
+from gimbal_pin.report.summary import Summary, summary
 from gimbal_pin.rig.rig import Rig
 
 MODEL_BASED, PID = "computed-torque", "pid"
@@ -72,6 +71,7 @@ class Auto:
         animated: The log that the animation shows: all axes to and fro, with the controller that was asked for.
         files: What → path.
         plant: What the steps were simulated on, in words.
+        summary: What was found, what to do and what not to trust.
         held: The camera held on a moving platform; None where that cannot be.
         why: Why it cannot, or nothing.
         undiagnosed: Why there is no diagnosis, or nothing.
@@ -87,16 +87,12 @@ class Auto:
     animated: Log
     files: Mapping[str, Path]
     plant: str
+    summary: Summary
     held: Verified | None = None
     why: str = ""
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
     beside: Identified | None = None
-
-    @property
-    def bodied(self) -> Identified:
-        """The identification whose bodies and friction the URDF is given."""
-        return self.beside or self.identified
 
     @property
     def tuning(self) -> Tuning:
@@ -167,10 +163,12 @@ def auto(
     held, why = carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
-    causes = added(model)
+    causes = refittable_effects(model)
     beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
     steps = identified, wrong, model, tunings, tracking, animated
-    found = Auto(*steps, files, stood, held, why, undiagnosed, beside=beside)
+    first = next(iter(tunings.values()))
+    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed)
+    found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
 
@@ -228,20 +226,24 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     """Write every file; return the notes of `write_run`."""
     identified, wrong = found.identified, found.diagnosis
     animation = view.record(rig, found.animated)
-    results = identified, found.tunings, found.tracking, animation, wrong
-    page = report.full(
+    page = pages.full(
         rig,
         logs,
-        *results,
-        plant=found.plant,
-        held=found.held,
-        held_on=found.held_on,
-        why=found.why,
-        undiagnosed=found.undiagnosed,
+        identified,
+        found.tunings,
+        found.tracking,
+        animation,
+        found.summary,
+        wrong,
+        found.plant,
+        found.held,
+        found.held_on,
+        found.why,
+        found.undiagnosed,
     )
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
-        "urdf": partial(atomic_write, content=found.bodied.to_urdf()),
+        "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
         "controller": partial(write_yaml, found.tuning.to_dict()),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=animation),
@@ -249,7 +251,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:
-        writers["camera"] = partial(atomic_write, content=report.moving(rig, found.held))
+        writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
     if wrong is not None and wrong.held is not None:
         writers["extended model"] = partial(write_extended, wrong.after.model)
     if wrong is not None and wrong.next_motion is not None:

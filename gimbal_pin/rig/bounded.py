@@ -1,4 +1,4 @@
-"""Work on strangers' files in a process of its own, which has bounds and may fail.
+"""Work on untrusted files in a process of its own, which has bounds and may fail.
 
 Their libraries are not made for that: a few kilobytes can end one in C code, keep it busy for minutes, fill the memory,
 or raise one of dozens of kinds of error.

@@ -1,4 +1,4 @@
-"""A rig's YAML: what a URDF cannot say of motors, limits, sensors and the camera."""
+"""A rig's YAML: motors, limits, sensors and the camera, which a URDF cannot describe."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import LARGEST, bounded, record, stated
 
 SMALLEST = 1e-9
-"""Least torque, N m and N m/A, and rate, rad/s: the smallest motors give 1e-6 N m, and shares of zero are none."""
+"""Least torque, N m and N m/A, and rate, rad/s: the smallest motors give 1e-6 N m, and nothing is divided by zero."""
 AXES = tuple(f"{sign}{axis}" for axis in "xyz" for sign in ("", "-"))
 
 
@@ -41,7 +41,7 @@ class Motor:
 
     @property
     def armature(self) -> float:
-        """What the rotor's inertia is at the joint, kg m²."""
+        """The rotor's inertia at the joint, kg m²."""
         return self.gear_ratio**2 * self.rotor_inertia
 
     @property
@@ -71,7 +71,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Config:
-    """A rig's YAML: what a URDF cannot say.
+    """A rig's YAML.
 
     Attributes:
         urdf: Path of the URDF, xacro, SDF or MJCF, relative to the YAML; None: the URDF of the same name beside it.
@@ -80,7 +80,7 @@ class Config:
         mount: Link that a payload is fixed to.
         camera_frame: Link that looks along one of its axes.
         optical_axis: Which: x, -x, y, -y, z or -z; ROS's optical frames look along z, many a gimbal's camera along -x.
-        fixed: Joint → angle, rad, or place, m, at which it is held: no joint of the rig any more.
+        fixed: Joint → angle, rad, or place, m, at which it is fixed; the rig does not have the joint.
         payload: Payload mounted when none is named: a bundled name, or a URDF's path relative to the YAML.
         inertia: "trusted" if the URDF's inertias are known to be right, so that differences from them are findings.
         motors: Joint → `Motor`.

@@ -23,8 +23,8 @@ from gimbal_pin.rig.inertia import pseudo_inertia, strictly
 WEIGHTS = tuple(10.0 ** (0.5 * k) for k in range(2, -17, -1))
 """μ from stage to stage, in units of half a squared deviation; the last decides how near the edge it ends."""
 LEANT = WEIGHTS[:5]
-"""Stages that end at μ = 0.1: it costs an estimate a share of a deviation, and bodies that a log hardly tells apart are
-not sent to where one of them weighs twenty times the URDF's, for less."""
+"""Stages that end at μ = 0.1: that moves an estimate by a share of a deviation, and a body that a log hardly shows does
+not end at twenty times the URDF's mass."""
 STEPS = 50
 """Most Newton steps per stage; three or four do."""
 SETTLED = 1e-4
@@ -71,23 +71,11 @@ class Body(NamedTuple):
     divergence: float
     slope: Array
 
-    def moved(self, step: Array, inverse: Array) -> Body:
-        """Return the body at coordinates s, (10,)."""
-        return placed(self.L @ np.linalg.cholesky(np.eye(4) + np.einsum("k,kij->ij", step, SYMMETRIC)), inverse)
 
-
-def symmetric() -> Array:
-    """Orthonormal symmetric matrices S_k, (10, 4, 4)."""
-    out = []
-    for i in range(4):
-        for j in range(i + 1):
-            S = np.zeros((4, 4))
-            S[i, j] = S[j, i] = 1.0 if i == j else np.sqrt(0.5)
-            out.append(S)
-    return np.array(out)
-
-
-SYMMETRIC = symmetric()
+ROW, COLUMN = np.tril_indices(4)
+SYMMETRIC = np.zeros((10, 4, 4))
+"""Orthonormal symmetric matrices S_k."""
+SYMMETRIC[np.arange(10), ROW, COLUMN] = SYMMETRIC[np.arange(10), COLUMN, ROW] = np.where(ROW == COLUMN, 1, 0.5**0.5)
 
 
 def nearest(
@@ -145,61 +133,52 @@ def fitted(start: Array, rows: Array, target: Array, weights: Sequence[float] = 
         The bodies; their distance is how much longer the residual is than without the constraint, in quadrature.
     """
     bodies = [strictly(body) for body in np.reshape(start, (-1, 10))]
-    inverses = [np.linalg.inv(pseudo_inertia(body)) for body in bodies]
-    margin = MARGIN * np.concatenate([fattened(body) for body in bodies])
-    left = target - rows @ margin
-    now = [placed(np.linalg.cholesky(pseudo_inertia(body)), inverse) for body, inverse in zip(bodies, inverses)]
+    roots = [pseudo_inertia(body) for body in bodies]
+    inverses = [np.linalg.inv(P) for P in roots]
+    margin = np.array(bodies)
+    # As thick as each is wide: the mean of its second moments added to each.
+    margin[:, [4, 6, 9]] += 2.0 * np.array([[np.trace(P[:3, :3])] for P in roots]) / 3.0
+    margin = MARGIN * margin.ravel()
+    now = [placed(np.linalg.cholesky(P), inverse) for P, inverse in zip(roots, inverses)]
     for weight in weights:
-        now = settled(now, rows, left, inverses, weight)
+        now = settled(now, rows, target - rows @ margin, inverses, weight)
     phi = np.concatenate([body.phi for body in now]) + margin
     free = np.linalg.lstsq(rows, target, rcond=None)[0]
     return Consistent(phi, float(np.linalg.norm(rows @ (phi - free))))
 
 
 def settled(now: list[Body], rows: Array, target: Array, inverses: list[Array], weight: float) -> list[Body]:
-    """Return the minimum for one μ by Newton's method; every step ends in bodies that can exist."""
+    """Return the minimum of ``½ ‖rows φ - target‖² + μ Σ D`` by Newton's method, within what can exist.
+
+    ``[F K J; √μ] s = -[r; √μ ∇D]`` by orthogonal factors: forming the Hessian would square the condition number.
+    """
+
+    def residual(bodies: list[Body]) -> tuple[Array, float]:
+        rest = rows @ np.concatenate([body.phi for body in bodies]) - target
+        return rest, float(0.5 * rest @ rest + weight * sum(body.divergence for body in bodies))
+
+    root = np.sqrt(weight)
     for _ in range(STEPS):
-        step, decrement = newton(now, rows, target, weight)
+        rest, cost = residual(now)
+        data = np.concatenate([rows[:, 10 * i : 10 * i + 10] @ body.jacobian for i, body in enumerate(now)], axis=1)
+        Q, R = np.linalg.qr(np.vstack([data, root * np.eye(10 * len(now))]))
+        projected = -Q.T @ np.concatenate([rest, *(root * body.slope for body in now)])
+        decrement = float(projected @ projected)
         if decrement < SETTLED * weight:
             break
-        share, cost = min(1.0, WITHIN * reach(step)), objective(now, rows, target, weight)
+        changes = np.einsum("bk,kij->bij", np.linalg.solve(R, projected).reshape(-1, 10), SYMMETRIC)
+        least = float(np.linalg.eigvalsh(changes).min())  # -1 / least such steps lead to the edge
+        share = min(1.0, WITHIN * -1.0 / least) if least < 0 else 1.0
         while True:
-            parts = zip(now, np.reshape(share * step, (-1, 10)), inverses)
-            after = [body.moved(part, inverse) for body, part, inverse in parts]
-            if objective(after, rows, target, weight) <= cost - 0.1 * share * decrement:
+            moved = [body.L @ np.linalg.cholesky(np.eye(4) + share * change) for body, change in zip(now, changes)]
+            after = [placed(L, inverse) for L, inverse in zip(moved, inverses)]
+            if residual(after)[1] <= cost - 0.1 * share * decrement:
                 break
             share /= 2
             if share < 1e-9:
                 return now
         now = after
     return now
-
-
-def reach(step: Array) -> float:
-    """How many such steps lead to the edge of what can exist."""
-    matrices = np.einsum("bk,kij->bij", np.reshape(step, (-1, 10)), SYMMETRIC)
-    least = float(np.linalg.eigvalsh(matrices).min())
-    return -1.0 / least if least < 0 else float("inf")
-
-
-def newton(bodies: list[Body], rows: Array, target: Array, weight: float) -> tuple[Array, float]:
-    """Return the step, (10 n,), and the squared decrement.
-
-    ``[F K J; √μ] s = -[r; √μ ∇D]`` by orthogonal factors: forming the Hessian would square the condition number.
-    """
-    root = np.sqrt(weight)
-    rest = rows @ np.concatenate([body.phi for body in bodies]) - target
-    data = np.concatenate([rows[:, 10 * i : 10 * i + 10] @ body.jacobian for i, body in enumerate(bodies)], axis=1)
-    slope = np.concatenate([body.slope for body in bodies])
-    Q, R = np.linalg.qr(np.vstack([data, root * np.eye(len(slope))]))
-    projected = -Q.T @ np.concatenate([rest, root * slope])
-    return np.linalg.solve(R, projected), float(projected @ projected)
-
-
-def objective(bodies: list[Body], rows: Array, target: Array, weight: float) -> float:
-    """``½ ‖rows φ - target‖² + μ Σ D``."""
-    rest = rows @ np.concatenate([body.phi for body in bodies]) - target
-    return float(0.5 * rest @ rest + weight * sum(body.divergence for body in bodies))
 
 
 def placed(L: Array, inverse: Array) -> Body:
@@ -209,14 +188,6 @@ def placed(L: Array, inverse: Array) -> Body:
     slope = np.einsum("kij,ij->k", SYMMETRIC, ratio - np.eye(4))
     divergence = float(np.trace(ratio) - np.linalg.slogdet(ratio)[1] - 4.0)
     return Body(L, PARAMETERS @ (L @ L.T).ravel(), jacobian, divergence, slope)
-
-
-def fattened(phi: Array) -> Array:
-    """Return a body's parameters with the mean of its second moments added to each: as thick as it is wide."""
-    P = pseudo_inertia(phi)
-    out = np.array(phi)
-    out[[4, 6, 9]] += 2.0 * float(np.trace(P[:3, :3])) / 3.0
-    return out
 
 
 def spread(phi: Array) -> Array:

@@ -11,7 +11,7 @@ from gimbal_pin.rig.config import Config, load_config, overlaid
 
 YAML = (".yaml", ".yml")
 SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")
-"""Of the rig's file that is sought beside a YAML which names none."""
+"""Suffixes of the rig's file that is sought beside a YAML without `urdf:`."""
 
 
 def bundled() -> Path:

@@ -1,4 +1,4 @@
-"""The mesh files that a URDF names: found, and read as triangles, whatever is in them."""
+"""The mesh files that a URDF names: found, and read as triangles, however damaged they are."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ def mesh_file(name: str, folder: Path) -> Path | None:
 
 
 def find_meshes(names: Iterable[str], folder: Path) -> Mapping[str, Mesh | str]:
-    """Return the mesh that each name means, seen from the URDF's folder, or what is the matter with it."""
+    """Return the mesh that each name means, seen from the URDF's folder, or why there is none."""
     files = {name: mesh_file(name, folder) for name in names}
     read = read_meshes(file for file in files.values() if file is not None)
     return {name: "is not there" if file is None else read.get(file, "cannot be read") for name, file in files.items()}
 
 
 def read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
-    """Return the meshes of those files that are some; nothing of what is in the others is told, or opened beside them.
+    """Return the meshes of those files that can be read; nothing in the others is shown, nor files beside them opened.
 
-    trimesh is not made for files of strangers, so each is read in a process of its own that has bounds (`bounded`).
+    trimesh is not made for untrusted files, so each is read in a process of its own with bounds (`bounded`).
     """
     wanted = [file for file in dict.fromkeys(files) if file.suffix.lower() in FORMATS]
     if not wanted:
@@ -105,7 +105,7 @@ def main(folder: str) -> None:
 
 
 def write(mesh: Mesh, file: Path) -> None:
-    """Write a mesh whole if it is one."""
+    """Write a mesh, whole, if its arrays are of triangles."""
     vertices, faces = mesh
     if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
         return

@@ -1,4 +1,4 @@
-"""A YAML for a rig: what a URDF cannot say, guessed where a name or a tag tells, the rest as comments to fill in."""
+"""A YAML for a rig: what a URDF cannot state, guessed from names and tags, the rest as comments to fill in."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import yaml
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.config import Motor
 from gimbal_pin.rig.files import bundled
-from gimbal_pin.rig.naming import words
+from gimbal_pin.rig.reading import words
 from gimbal_pin.rig.rig import Rig
 
 CAMERAS = {"camera", "cam", "lens", "eye", "gopro", "rgb"}
@@ -23,6 +23,7 @@ OPTICAL = {"optical"}
 IMUS = {"imu", "gyro", "imus"}
 MOUNTS = {"mount", "flange", "tool", "plate", "tool0"}
 
+MOTOR = "tau_max: 2.0, torque_constant: 0.5, slots: 24, poles: 28, encoder_bits: 14"
 TEXT = """\
 # The rig {name}, as 'gimbal-pin new-rig' found it. SI units and radians. What was guessed says so; an entry behind a #
 # states nothing yet. 'gimbal-pin check' of this file says what comes of it.
@@ -63,15 +64,25 @@ limits:
 
 
 def proposed(rig: Rig, folder: Path) -> str:
-    """Return a YAML for a rig, to stand in a folder; it says what the rig's own files say, and what may be added."""
+    """Return a YAML for a rig, to stand in a folder: what the rig's own files state, and what may be added."""
     links = urdf.names(element := urdf.parse(rig.urdf, str(rig.path)), "link")
     camera, axis, why = camera_of(rig, links, urdf.sensed(element, "camera"))
-    imus = tuple(dict.fromkeys((*rig.config.imus, *urdf.sensed(element, "imu"), *spoken(links, IMUS))))
+    imus = tuple(dict.fromkeys((*rig.config.imus, *urdf.sensed(element, "imu"), *with_words(links, IMUS))))
     arguments = ", ".join(f"{scalar(key)}: {scalar(value)}" for key, value in rig.config.xacro.items())
     empty = "# Arguments of the xacro file.\n" + (f"xacro: {{{arguments}}}\n" if arguments else "#xacro: {}\n")
     idle = [joint for joint, limit in zip(rig.joints, rig.tau_max) if np.isinf(limit)]
     held = ", ".join(f"{scalar(joint)}: 0.0" for joint in idle if len(idle) < rig.n)
     kept = ", ".join(f"{scalar(joint)}: {at!r}" for joint, at in rig.config.fixed.items())
+    mount = rig.config.mount
+    if mount is None:  # named so and moved by as many joints as the camera, or else the last link
+        high = joints_above(rig, camera)
+        mount = next((link for link in with_words(links, MOUNTS) if joints_above(rig, link) >= high), rig.links[-1])
+    motors, limits = [], []
+    for joint, motor, limit in zip(rig.joints, rig.motors, rig.limits):
+        stated = {key: repr(value) for key, value in vars(motor).items() if value != getattr(Motor(), key)}
+        motors.append(entry(joint, stated, MOTOR))
+        finite = {"acceleration": repr(limit.acceleration)} if np.isfinite(limit.acceleration) else {}
+        limits.append(entry(joint, finite, "acceleration: 20.0"))
     return TEXT.format(
         name=rig.name,
         urdf=scalar(
@@ -81,47 +92,39 @@ def proposed(rig: Rig, folder: Path) -> str:
         camera=scalar(camera),
         axis=axis,
         why=why,
-        mount=scalar(mount_of(rig, links, camera)),
+        mount=scalar(mount),
         base=rig.base,
         found=f"Found: {', '.join(imus)}." if imus else "None was found by its name or its tag.",
         hash_imus="" if imus else "#",
         imus=", ".join(map(scalar, imus or (rig.base, rig.links[-1]))),
-        motors="motors:\n" + "\n".join(map(motor_line, rig.joints, rig.motors)),
-        limits="\n".join(map(limit_line, rig.joints, (limit.acceleration for limit in rig.limits))),
+        motors="motors:\n" + "\n".join(motors),
+        limits="\n".join(limits),
         fixed=f"fixed: {{{kept}}}" if kept else f"#fixed: {{{held}}}",
     )
 
 
 def camera_of(rig: Rig, links: list[str], sensed: list[str]) -> tuple[str, str, str]:
-    """Return the link that carries the camera, its axis that looks, and what tells so.
+    """Return the link that carries the camera, its axis that looks, and why.
 
-    A link of that name or tag that more joints move goes before one that fewer do.
+    Of several the one that most joints move.
     """
     if rig.config.camera_frame is not None:
         return rig.config.camera_frame, rig.config.optical_axis, "As the rig's own YAML has it."
-    optical = [link for link in spoken(links, OPTICAL) if set(words(link)) & CAMERAS or not sensed]
+    optical = [link for link in with_words(links, OPTICAL) if set(words(link)) & CAMERAS or not sensed]
     for found, axis, why in (
         ([link for link in links if link == "camera"], "x", "Guessed by its name."),
         (sensed, "x", "Guessed by Gazebo's tag for a camera, which looks along x."),
         (optical, "z", "Guessed: ROS's names for frames that look along z."),
-        (spoken(links, CAMERAS), "x", "Guessed by its name; the axis is a guess without reason."),
+        (with_words(links, CAMERAS), "x", "Guessed by its name; the axis is a guess without reason."),
     ):
         if found:
             return max(found, key=lambda link: joints_above(rig, link)), axis, why
     return rig.camera_frame, "x", "Guessed: the last link, and no reason for the axis."
 
 
-def mount_of(rig: Rig, links: list[str], camera: str) -> str:
-    """Return the link that a payload is fixed to: named so and moved by as many joints as the camera, or the last."""
-    if rig.config.mount is not None:
-        return rig.config.mount
-    high = joints_above(rig, camera)
-    return next((link for link in spoken(links, MOUNTS) if joints_above(rig, link) >= high), rig.links[-1])
-
-
-def spoken(links: Iterable[str], meant: set[str]) -> list[str]:
-    """Return the links in whose names one of the words is."""
-    return [link for link in links if set(words(link)) & meant]
+def with_words(links: Iterable[str], wanted: set[str]) -> list[str]:
+    """Return the links whose names contain one of the words."""
+    return [link for link in links if set(words(link)) & wanted]
 
 
 def joints_above(rig: Rig, link: str) -> int:
@@ -130,20 +133,10 @@ def joints_above(rig: Rig, link: str) -> int:
     return len(rig.model.supports[frame.parentJoint])
 
 
-def motor_line(joint: str, motor: Motor) -> str:
-    """Return what is stated of a joint's motor, and the entries that are not."""
-    stated = {key: value for key, value in vars(motor).items() if value != getattr(Motor(), key)}
-    line = f"  {scalar(joint)}: {{{', '.join(f'{key}: {value!r}' for key, value in stated.items())}}}"
-    example = "tau_max: 2.0, torque_constant: 0.5, slots: 24, poles: 28, encoder_bits: 14"
+def entry(joint: str, stated: dict[str, str], example: str) -> str:
+    """Return the line of a joint: what is stated of it, or else an example in a comment."""
+    line = f"  {scalar(joint)}: {{{', '.join(f'{key}: {value}' for key, value in stated.items())}}}"
     return line if stated else f"{line}  # {example}"
-
-
-def limit_line(joint: str, acceleration: float) -> str:
-    """Return the limit that no URDF states."""
-    stated = np.isfinite(acceleration)
-    return f"  {scalar(joint)}: {{{f'acceleration: {acceleration!r}' if stated else ''}}}" + (
-        "" if stated else "  # acceleration: 20.0"
-    )
 
 
 def scalar(value: Any) -> str:

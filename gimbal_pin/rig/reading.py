@@ -7,7 +7,6 @@ import re
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +22,10 @@ TEXT = 16 * 2**20
 DEPTH = 32
 """Deepest nesting of a YAML file; what the package writes has 6."""
 LONGEST = 64
-"""Most characters of what is no text; 17 digits tell every double."""
+"""Most characters of a number, boolean or null; 17 digits distinguish all doubles."""
 DECIMAL = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
 """A decimal number that every reader takes for the same double; with a third digit in the exponent some overflow."""
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
 PREFIX = "tag:yaml.org,2002:"
 TEXTUAL = f"{PREFIX}str"
 COLLECTIONS = (None, "!", f"{PREFIX}seq", f"{PREFIX}map")
@@ -83,7 +83,7 @@ def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
     """
     content = read_bytes(path, kind, TEXT)
     try:
-        # With libyaml's parser it takes an eighth of the time. One event at a time, so that nothing is built in vain.
+        # libyaml's parser takes an eighth of the time. One event at a time: nothing is built before it is checked.
         return plain_value(yaml.parse(content.decode("utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except yaml.MarkedYAMLError as error:
         last = content.count(b"\n")  # libyaml takes the end of the text for a line of its own
@@ -93,79 +93,60 @@ def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
         raise kind(str(path), f"is not YAML ({error})", "give a YAML file in UTF-8") from error
 
 
-@dataclass
-class Open:
-    """A list or table of a YAML file whose end has not been read.
-
-    Attributes:
-        anchor: Its name for aliases, or None.
-        before: How many values were read before it.
-        is_table: Whether keys and values alternate in it.
-        values: What is in it so far.
-        keys: Keys so far.
-    """
-
-    anchor: str | None
-    before: int
-    is_table: bool
-    values: list[Any] = field(default_factory=list)
-    keys: set[str] = field(default_factory=set)
-
-    def add(self, value: Any, mark: Any) -> None:
-        """Take a value or a key; raise `yaml.MarkedYAMLError` unless a key is a text that stands once."""
-        if self.is_table and len(self.values) % 2 == 0:
-            if not isinstance(value, str):
-                raise unfit("a key is no text: quote it", mark)
-            if value in self.keys:  # the first would be lost in silence
-                raise unfit(f"'{value}' stands twice", mark)
-            self.keys.add(value)
-        self.values.append(value)
-
-    @property
-    def value(self) -> Any:
-        """The list or table, once it has ended."""
-        return dict(zip(self.values[::2], self.values[1::2])) if self.is_table else self.values
-
-
 def plain_value(events: Iterable[yaml.Event]) -> Any:
     """Return what a stream of YAML events spells; `yaml.MarkedYAMLError` where that is no plain value, or too much."""
-    root = Open(None, 0, False)
-    inside, known, count = [root], dict[str, tuple[Any, int]](), 0
-    for event in events:
-        if isinstance(event, yaml.CollectionStartEvent):
-            if event.tag not in COLLECTIONS:
-                raise unfit(f"no plain value: {event.tag}", event.start_mark)
-            if len(inside) > DEPTH:
-                raise unfit(f"nested over {DEPTH} deep", event.start_mark)
-            inside.append(Open(event.anchor, count, isinstance(event, yaml.MappingStartEvent)))
-            count += 1
-            continue
-        if isinstance(event, yaml.ScalarEvent):
-            value, anchor, size = scalar(event), event.anchor, 1
-            count += 1
-        elif isinstance(event, yaml.AliasEvent):
-            if event.anchor not in known:
+    ahead, anchors, count = iter(events), dict[str, tuple[Any, int]](), 0
+
+    def built(event: Any, depth: int) -> Any:
+        nonlocal count
+        before = count
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in anchors:
                 raise unfit(f"*{event.anchor} stands for nothing", event.start_mark)
-            (value, size), anchor = known[event.anchor], None
+            value, size = anchors[event.anchor]
             count += size
-        elif isinstance(event, yaml.CollectionEndEvent):
-            done = inside.pop()
-            value, anchor, size = done.value, done.anchor, count - done.before
-        elif isinstance(event, yaml.DocumentStartEvent) and root.values:
-            raise unfit("a second document", event.start_mark)
         else:
-            continue
+            count += 1
+            value = scalar(event) if isinstance(event, yaml.ScalarEvent) else collection(event, depth)
         if count > NODES:
             raise unfit(f"more than {NODES} values", event.start_mark)
-        if anchor is not None:
-            known[anchor] = value, size
-        inside[-1].add(value, event.start_mark)
-    return root.values[0] if root.values else None
+        if event.anchor is not None and not isinstance(event, yaml.AliasEvent):
+            anchors[event.anchor] = value, count - before
+        return value
+
+    def collection(event: Any, depth: int) -> Any:
+        if event.tag not in COLLECTIONS:
+            raise unfit(f"no plain value: {event.tag}", event.start_mark)
+        if depth >= DEPTH:
+            raise unfit(f"nested over {DEPTH} deep", event.start_mark)
+        values: list[Any] = []
+        table: dict[str, Any] = {}
+        while not isinstance(inner := next(ahead), yaml.CollectionEndEvent):
+            value = built(inner, depth + 1)
+            if isinstance(event, yaml.SequenceStartEvent):
+                values.append(value)
+            elif not isinstance(value, str):
+                raise unfit("a key is no text: quote it", inner.start_mark)
+            elif value in table:  # the first would be lost in silence
+                raise unfit(f"'{value}' stands twice", inner.start_mark)
+            else:
+                table[value] = built(next(ahead), depth + 1)
+        return values if isinstance(event, yaml.SequenceStartEvent) else table
+
+    root, documents = None, 0
+    for event in ahead:
+        if isinstance(event, yaml.DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                raise unfit("a second document", event.start_mark)
+        elif isinstance(event, yaml.NodeEvent):
+            root = built(event, 0)
+    return root
 
 
 def scalar(event: yaml.ScalarEvent) -> Any:
     """Return a text, number, boolean or null; what YAML 1.1 takes for a date or a merge is a text."""
-    if "\0" in event.value:  # no path, name or unit has one, and the system takes none
+    if "\0" in event.value:  # no path, name or unit has one, and the system refuses it
         raise unfit("a NUL character", event.start_mark)
     tag, short = event.tag, len(event.value) <= LONGEST
     if tag in (None, "!"):
@@ -180,10 +161,15 @@ def scalar(event: yaml.ScalarEvent) -> Any:
 
 
 def unfit(what: str, mark: Any) -> yaml.MarkedYAMLError:
-    """Return the error of something that the package's YAML has not, at the mark of an event of either parser."""
+    """Return the error of what is no plain value, at the mark of an event of either parser."""
     return yaml.MarkedYAMLError(problem=what, problem_mark=mark)
 
 
 def decimal(text: str) -> float | None:
     """Return the number that a text spells, or None."""
     return float(text) if len(text) <= LONGEST and DECIMAL.fullmatch(text) else None
+
+
+def words(name: str) -> tuple[str, ...]:
+    """Return the words and numbers of a name in lower case: ``posMeas_1`` and ``pos meas 1`` are pos, meas, 1."""
+    return tuple(word.lower() for word in WORD.findall(name[:400]))

@@ -1,6 +1,6 @@
 """Dataclasses from a file's plain values: every key known, every value of its field's kind and within its bounds.
 
-A field says by its annotation what may stand there, and by ``bounded`` between which bounds a number must lie.
+A field's annotation is the kind of its value, and ``bounded`` states the range of a number.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def bounded(default: Any, lower: float, upper: float) -> Any:
 
 @contextmanager
 def placed(place: str, error: type[GimbalPinError]) -> Iterator[None]:
-    """Turn what the package refuses inside the block into an `error` that names the file, too."""
+    """Turn an error of the package inside the block into an `error` that names the file, too."""
     try:
         yield
     except GimbalPinError as refusal:
@@ -36,8 +36,8 @@ def placed(place: str, error: type[GimbalPinError]) -> Iterator[None]:
 
 
 @cache
-def asked(kind: Any) -> Mapping[str, tuple[Any, float, float, bool]]:
-    """Return field → what may stand there, its bounds, and whether it has to."""
+def form_of(kind: Any) -> Mapping[str, tuple[Any, float, float, bool]]:
+    """Return field → its annotation, its bounds, and whether it is required."""
     hints = get_type_hints(kind)
     return {
         own.name: (
@@ -52,17 +52,17 @@ def asked(kind: Any) -> Mapping[str, tuple[Any, float, float, bool]]:
 def record(kind: Callable[..., T], data: Any, place: str, error: type[GimbalPinError], others: bool = False) -> T:
     """Return a dataclass from a table; an `error` names what is missing, unknown or of the wrong kind.
 
-    `others`: whether the table may have keys that are none of its fields, and are passed over.
+    `others`: whether the table may have keys that are not its fields, which are ignored.
     """
     values = stated(kind, data, place, error, others)
-    if missing := [name for name, (*_, needed) in asked(kind).items() if needed and name not in values]:
+    if missing := [name for name, (*_, needed) in form_of(kind).items() if needed and name not in values]:
         raise error(place, f"has no {', '.join(missing)}", "give it")
     return kind(**values)
 
 
 def stated(kind: Any, data: Any, place: str, error: type[GimbalPinError], others: bool = False) -> dict[str, Any]:
     """Return the values of the fields of a dataclass that a table states."""
-    known = asked(kind)
+    known = form_of(kind)
     if not isinstance(data, dict):
         raise error(place, "is not a table of keys and values", f"give keys out of {', '.join(known)}")
     if unknown := [key for key in data if key not in known and not others]:
@@ -74,7 +74,7 @@ def stated(kind: Any, data: Any, place: str, error: type[GimbalPinError], others
 def value(
     kind: Any, x: Any, place: str, error: type[GimbalPinError], lower: float = -LARGEST, upper: float = LARGEST
 ) -> Any:
-    """Return a plain value as an annotation asks for it."""
+    """Return a plain value converted to its annotation."""
     form, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return x

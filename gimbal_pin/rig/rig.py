@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +20,6 @@ from gimbal_pin.rig.files import YAML, find, payload_path
 from gimbal_pin.rig.files import bundled as bundled
 from gimbal_pin.rig.files import bundled_payloads as bundled_payloads
 from gimbal_pin.rig.files import bundled_rigs as bundled_rigs
-from gimbal_pin.rig.floating import floating
 from gimbal_pin.rig.formats import as_urdf
 from gimbal_pin.rig.reading import decimal
 from gimbal_pin.rig.records import LARGEST
@@ -54,7 +52,7 @@ class Rig:
         payload_link: Root link of the mounted payload, or None.
         config: The YAML it came with.
         path: URDF file, for meshes named relative to it.
-        notes: Sentences on what the URDF has wrong and what does not matter.
+        notes: Sentences on flaws of the URDF that do not matter.
     """
 
     name: str
@@ -86,8 +84,11 @@ class Rig:
         path, config = find(rig)
         text, notes, _ = as_urdf(path, config.xacro)
         element = urdf.tree(text, str(path), config.fixed)
+        by_name = {joint.get("name"): joint for joint in element.findall("joint")}
         for joint, at in config.fixed.items():
-            hold(named(element, joint, str(path)), at)
+            if joint not in by_name:
+                raise RigError(f"{path}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
+            fix(by_name[joint], at)
         notes = notes + mending.cleared(element, str(path))
         name = str(payload) if payload is not None else config.payload
         payload_link = None
@@ -101,7 +102,11 @@ class Rig:
         mounted = Path(name).stem if name else None
         stated = Path(rig) if Path(rig).suffix in YAML else path.with_suffix(".yaml")
         built = build(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
-        return replace(built, notes=(*notes, *built.notes, *held(element)))
+        mimics = [
+            f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in element.xpath("joint[mimic]")
+        ]
+        mimicking = [f"a joint that mimics another is held where the other's zero has it: {mending.listed(mimics)}"]
+        return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics)))
 
     def __repr__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
@@ -134,7 +139,7 @@ class Rig:
 
     @property
     def stops(self) -> tuple[Array, Array]:
-        """Lowest and highest angle of every joint, rad, (n,) each; infinite where nothing stops it."""
+        """Lowest and highest angle of every joint, rad, (n,) each; infinite where there is no stop."""
         return np.array([limit.lower for limit in self.limits]), np.array([limit.upper for limit in self.limits])
 
     def joint_index(self, joint: str) -> int:
@@ -145,7 +150,7 @@ class Rig:
 
     @cached_property
     def weightless(self) -> Rig:
-        """The rig where nothing weighs: what its joints are asked for is inertia alone."""
+        """The rig without gravity: its torques are those of inertia alone."""
         model = self.model.copy()
         model.gravity = pin.Motion.Zero()
         return replace(self, model=model)
@@ -168,37 +173,44 @@ def build(
     mend: bool = False,
 ) -> Rig:
     """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
-    robot = urdf.checked(text, str(path))
+    urdf.check_joints(urdf.tree(text, str(path)), str(path))
     model = to_pinocchio(text, str(path))
     sound, notes = mending.mended(text) if mend else mending.felt(text, model, str(path))
-    if sound != text:
-        text, model = sound, to_pinocchio(sound, str(path))
-    joints = tuple(model.names[1:])
-    by_name = {joint.name: joint for joint in robot.joints}
+    element = urdf.parse(sound, str(path))
+    joints, links = tuple(model.names[1:]), urdf.names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
             raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
-    element = urdf.parse(text, str(path))
-    links = urdf.names(element, "link")
-    usual = "camera" if "camera" in links else (*urdf.sensed(element, "camera"), by_name[joints[-1]].child)[0]
+    by_name = {joint.get("name"): joint for joint in element.findall("joint")}
+    moved = tuple(by_name[joint].find("child").get("link") for joint in joints)
+    usual = "camera" if "camera" in links else (*urdf.sensed(element, "camera"), moved[-1])[0]
     camera = config.camera_frame or usual
     for link in (camera, *config.imus):
         if link not in links:
             raise RigError(stated, f"speaks of link '{link}', which the rig has not", f"links: {', '.join(links)}")
     if config.optical_axis != "x":
-        camera = add_sight(element, camera, config.optical_axis)
-        text = urdf.to_text(element)
-        model = to_pinocchio(text, str(path))
+        turned, at = f"{camera}_sight", pin.SE3(OPTICAL[config.optical_axis], np.zeros(3))
+        while turned in links:
+            turned += "_"
+        etree.SubElement(element, "link", name=turned)
+        urdf.add_joint(element, f"{turned}_joint", "fixed", camera, turned, at)
+        camera, sound = turned, urdf.to_text(element)
+    if sound != text:
+        model = to_pinocchio(sound, str(path))
     config = replace(config, motors=overlaid(Config(motors=geared(element, joints)), config).motors)
+    friction = [
+        [float(urdf.numbers(by_name[joint].find("dynamics"), key, "0")[0]) for key in ("friction", "damping")]
+        for joint in joints
+    ]
     return Rig(
         name=path.stem,
-        urdf=text,
+        urdf=sound,
         model=model,
         joints=joints,
-        links=tuple(by_name[joint].child for joint in joints),
+        links=moved,
         motors=tuple(config.motors.get(joint, Motor()) for joint in joints),
         limits=tuple(joint_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints),
-        friction=np.array([joint_friction(by_name[joint]) for joint in joints]),
+        friction=np.array(friction),
         base=urdf.root_link(element, str(path)),
         camera_frame=camera,
         payload=payload,
@@ -218,20 +230,6 @@ OPTICAL = {
     "-z": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]),  # OpenGL, MuJoCo: -z forward, y up
 }
 """Optical axis → rotation to a frame whose x is the line of sight and whose z is up in the picture."""
-
-
-def add_sight(robot: etree._Element, camera: str, axis: str) -> str:
-    """Add a link without mass to the camera's, its x along the optical axis, in place; return its name."""
-    sight = f"{camera}_sight"
-    while sight in urdf.names(robot, "link"):
-        sight += "_"
-    etree.SubElement(robot, "link", name=sight)
-    joint = etree.SubElement(robot, "joint", name=f"{sight}_joint", type="fixed")
-    etree.SubElement(joint, "parent", link=camera)
-    etree.SubElement(joint, "child", link=sight)
-    rpy = pin.rpy.matrixToRpy(OPTICAL[axis])
-    etree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(f"{x:.17g}" for x in rpy))
-    return sight
 
 
 def geared(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
@@ -260,20 +258,6 @@ def geared(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
     return out
 
 
-def named(robot: etree._Element, joint: str, place: str) -> etree._Element:
-    """Return the joint of a name; `RigError` if there is none."""
-    found = [element for element in robot.findall("joint") if element.get("name") == joint]
-    if not found:
-        raise RigError(f"{place}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
-    return found[0]
-
-
-def held(robot: etree._Element) -> list[str]:
-    """Return a sentence on the joints that mimic others."""
-    held = [f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in robot.xpath("joint[mimic]")]
-    return [f"a joint that mimics another is held where the other's zero has it: {mending.listed(held)}"] * bool(held)
-
-
 def to_pinocchio(text: str, place: str) -> pin.Model:
     """Return the fixed-base model, `continuous` joints as unlimited revolute ones (logs hold one angle per joint).
 
@@ -281,7 +265,7 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     """
     robot = urdf.parse(text, place)
     for joint in robot.xpath("joint[mimic]"):
-        hold(joint, float(joint.find("mimic").get("offset", "0")))
+        fix(joint, float(joint.find("mimic").get("offset", "0")))
     for joint in robot.findall("joint[@type='continuous']"):
         joint.set("type", "revolute")
         if joint.find("limit") is None:
@@ -299,47 +283,63 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     return model
 
 
-def hold(joint: etree._Element, at: float) -> None:
+def fix(joint: etree._Element, at: float) -> None:
     """Make a joint a fixed one where it reads `at`, rad or m, in place."""
     kind = joint.get("type")
     joint.set("type", "fixed")
     if at and kind in MOVABLE:
-        origin, axis = urdf.child(joint, "origin"), joint.find("axis")
-        way = numbers("1 0 0" if axis is None else axis.get("xyz"))
-        way = at * way / max(float(np.linalg.norm(way)), 1e-6)
-        place = pin.SE3(pin.rpy.rpyToMatrix(*numbers(origin.get("rpy", "0 0 0"))), numbers(origin.get("xyz", "0 0 0")))
-        slides = kind == "prismatic"
-        place = place * (pin.SE3(np.eye(3), way) if slides else pin.SE3(pin.exp3(way), np.zeros(3)))
-        origin.set("xyz", " ".join(f"{x:.17g}" for x in place.translation))
-        origin.set("rpy", " ".join(f"{x:.17g}" for x in pin.rpy.matrixToRpy(place.rotation)))
+        axis = urdf.numbers(joint.find("axis"), "xyz", "1 0 0")
+        way = at * axis / max(float(np.linalg.norm(axis)), 1e-6)
+        turn = pin.SE3(np.eye(3), way) if kind == "prismatic" else pin.SE3(pin.exp3(way), np.zeros(3))
+        urdf.put_pose(joint, urdf.pose(joint) * turn)
 
 
-def numbers(text: str) -> Array:
-    """Return the numbers of an attribute."""
-    return np.array(text.split(), dtype=float)
-
-
-def joint_limits(joint: Any, override: Mapping[str, float], place: str) -> Limits:
-    """Return the URDF's limits of a yourdfpy joint with the YAML's entries on top.
+def joint_limits(joint: etree._Element, override: Mapping[str, float], place: str) -> Limits:
+    """Return the URDF's limits of a joint with the YAML's entries on top.
 
     An effort or velocity of 0 counts as not stated: it is what exporters write who do not know it. One of 1e16 or more,
-    SDF's word for none, is none.
+    SDF's word for no limit, is infinite.
     """
-    limit = joint.limit
-    stated: dict[str, float] = {}
-    if limit is not None:
-        keys = ("effort", "velocity") if joint.type == "continuous" else ("effort", "velocity", "lower", "upper")
-        given = {key: getattr(limit, key) for key in keys}
-        stated = {key: float(x) for key, x in given.items() if x or (x is not None and key in ("lower", "upper"))}
-    every = {**stated, **override}
+    limit, every = joint.find("limit"), dict[str, float]()
+    for key in ("effort", "velocity", "lower", "upper") if limit is not None else ():
+        value = limit.get(key)
+        is_end = key in ("lower", "upper")
+        if value is not None and ((is_end and joint.get("type") != "continuous") or (not is_end and float(value))):
+            every[key] = float(value)
+    every |= override
     limits = Limits(**{key: math.copysign(math.inf, x) if abs(x) >= LARGEST else x for key, x in every.items()})
     if limits.lower > limits.upper:
         what = f"has lower limit {limits.lower:g} above upper {limits.upper:g}"
-        raise RigError(f"{place}: limits.{joint.name}", what, "swap them")
+        raise RigError(f"{place}: limits.{joint.get('name')}", what, "swap them")
     return limits
 
 
-def joint_friction(joint: Any) -> tuple[float, float]:
-    """Return the Coulomb and viscous coefficients of a yourdfpy joint's ``<dynamics>``; zero where not stated."""
-    dynamics = joint.dynamics
-    return (0.0, 0.0) if dynamics is None else (float(dynamics.friction or 0.0), float(dynamics.damping or 0.0))
+def floating(model: pin.Model) -> pin.Model:
+    """Return the model behind a free-flyer, without gravity: the base's prescribed acceleration is specific force.
+
+    With the base's attitude identity, its velocity (0, ω) and its acceleration (f, ω̇), the joints' torques are those
+    of the base that moves so. Pinocchio's base acceleration is spatial, classical minus ω×v: hence v = 0. The base's
+    own inertia is left out, as no joint feels it: the first six rows of RNEA are the wrench of the moved bodies on it.
+
+    Gravity that leans in the model (`base-tilt`) means that the base leans against its platform: so does the rig here.
+    """
+    out = pin.Model()
+    out.gravity.linear = np.zeros(3)
+    root = out.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "platform")
+    lean = pin.SE3(leaning(model.gravity.linear), np.zeros(3))
+    places = [lean * place if model.parents[j] == 0 else place for j, place in enumerate(model.jointPlacements)]
+    for j in range(1, model.njoints):
+        out.addJoint(int(model.parents[j]) + root, model.joints[j], places[j], model.names[j])
+        out.appendBodyToJoint(j + root, model.inertias[j], pin.SE3.Identity())
+    for frame in model.frames[1:]:
+        place = lean * frame.placement if frame.parentJoint == 0 else frame.placement
+        out.addFrame(pin.Frame(frame.name, frame.parentJoint + root, 0, place, frame.type), False)
+    return out
+
+
+def leaning(gravity: np.ndarray) -> np.ndarray:
+    """Smallest rotation R with ``gravity = Rᵀ (0, 0, -g)``; identity without gravity."""
+    if not np.any(gravity):
+        return np.eye(3)
+    down = np.array([0.0, 0.0, -np.linalg.norm(gravity)])
+    return np.asarray(pin.Quaternion.FromTwoVectors(np.asarray(gravity), down).toRotationMatrix())

@@ -1,28 +1,34 @@
-"""URDF text: parse it, check it, mount a payload, write inertial parameters back in place."""
+"""URDF text: parse it, check it, mount a payload, add elements, write inertial parameters back in place."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin.errors import FEW, RigError
 from gimbal_pin.rig.urdf_checks import (
     ENTRIES,
-    MOVABLE,
-    check_joint,
+    check_joints,
     check_names,
     check_numbers,
     check_references,
     names,
     repeated,
+    stated_inertia,
 )
 
 if TYPE_CHECKING:
     import yourdfpy
+
+DRAKE = "http://drake.mit.edu"
+"""Namespace of the tag for a rotor's inertia, of which plain URDF has none."""
+Body = tuple[float, np.ndarray, np.ndarray]
+"""Mass, kg, centre of mass, m, (3,), and inertia about it, kg m², (3, 3), in the link's frame."""
 
 
 def parse(text: str, place: str) -> etree._Element:
@@ -85,9 +91,7 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
     for element in payload:
         if not (element.tag == "material" and element.get("name") in materials):
             rig.append(element)
-    joint = etree.SubElement(rig, "joint", name=f"{at}_to_{root}", type="fixed")
-    etree.SubElement(joint, "parent", link=at)
-    etree.SubElement(joint, "child", link=root)
+    add_joint(rig, f"{at}_to_{root}", "fixed", at, root)
 
 
 def root_link(robot: etree._Element, place: str) -> str:
@@ -142,44 +146,33 @@ def skeleton(robot: etree._Element, *more: str) -> str:
 
 
 def checked(text: str, place: str) -> yourdfpy.Robot:
-    """Return the URDF as yourdfpy's dataclasses after checking tree, joint types, axes and limits.
+    """Return the URDF as yourdfpy's dataclasses, visuals included, after checking tree, joints and numbers.
 
     Raises:
-        RigError: The first thing that keeps the URDF from being a rig.
+        RigError: The first thing that keeps the URDF from being a rig, or its visuals from being drawn.
     """
     import yourdfpy
 
-    tree(text, place)
+    check_joints(tree(text, place), place)
     try:
-        rig = yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
+        return yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
     except (ValueError, TypeError, AttributeError, LookupError) as error:
         raise RigError(place, f"is not a URDF that yourdfpy reads ({error})", "mend the attribute it names") from error
-    for joint in rig.joints:
-        check_joint(joint, place)
-    if not any(joint.type in MOVABLE and joint.mimic is None for joint in rig.joints):
-        raise RigError(place, "has no movable joint", "give at least one revolute, continuous or prismatic joint")
-    return rig
 
 
-def inertials(text: str) -> dict[str, tuple[float, np.ndarray, np.ndarray]]:
-    """Return link → (mass, centre of mass (3,), inertia about it (3, 3)), in its own frame, where it has mass."""
-    import yourdfpy
-
-    robot = yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
+def inertials(text: str) -> dict[str, Body]:
+    """Return link → mass, centre of mass and inertia about it, where it has mass."""
     out = {}
-    for link in robot.links:
-        if link.inertial is not None:
-            origin = np.eye(4) if link.inertial.origin is None else link.inertial.origin
-            R = origin[:3, :3]
-            out[link.name] = (float(link.inertial.mass), origin[:3, 3].copy(), R @ link.inertial.inertia @ R.T)
+    for link in parse(text, "URDF").findall("link"):
+        if (inertial := link.find("inertial")) is not None:
+            at = pose(inertial)
+            inertia = at.rotation @ stated_inertia(inertial.find("inertia")) @ at.rotation.T
+            out[link.get("name")] = (float(inertial.find("mass").get("value")), np.array(at.translation), inertia)
     return out
 
 
-def with_inertials(text: str, inertials: Mapping[str, tuple[float, np.ndarray, np.ndarray]]) -> str:
-    """Return the URDF with the named links' ``<inertial>`` values replaced and every other tag kept.
-
-    `inertials`: link → mass, kg, centre of mass, m, (3,), inertia about it, kg m², (3, 3), in the link's frame.
-    """
+def with_inertials(text: str, inertials: Mapping[str, Body]) -> str:
+    """Return the URDF with the named links' ``<inertial>`` values replaced and every other tag kept."""
     robot = parse(text, "URDF")
     for link in robot.findall("link"):
         if link.get("name") in inertials:
@@ -203,7 +196,7 @@ def with_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> str
 def write_inertial(link: etree._Element, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
     """Set one link's ``<inertial>``, turned to the link's axes (rpy = 0)."""
     origin, heavy, inert = (child(child(link, "inertial"), tag) for tag in ("origin", "mass", "inertia"))
-    origin.set("xyz", " ".join(f"{x:.17g}" for x in com))
+    origin.set("xyz", spelled(com))
     origin.set("rpy", "0 0 0")
     heavy.set("value", f"{mass:.17g}")
     for name, row, column in ENTRIES:
@@ -214,3 +207,63 @@ def child(parent: etree._Element, tag: str) -> etree._Element:
     """Return the element's first child of a tag, made where there is none."""
     found = parent.find(tag)
     return etree.SubElement(parent, tag) if found is None else found
+
+
+def spelled(values: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as an attribute holds them."""
+    return " ".join(f"{x:.17g}" for x in values)
+
+
+def numbers(element: etree._Element | None, attribute: str, default: str) -> np.ndarray:
+    """Return the numbers of an attribute, or those of `default` where it is not stated."""
+    return np.array((default if element is None else element.get(attribute, default)).split(), dtype=float)
+
+
+def pose(element: etree._Element) -> pin.SE3:
+    """Return the pose that an element's ``<origin>`` states."""
+    origin = element.find("origin")
+    return pin.SE3(pin.rpy.rpyToMatrix(*numbers(origin, "rpy", "0 0 0")), numbers(origin, "xyz", "0 0 0"))
+
+
+def put_pose(element: etree._Element, at: pin.SE3) -> None:
+    """Set the pose of an element."""
+    origin = child(element, "origin")
+    origin.set("xyz", spelled(at.translation))
+    origin.set("rpy", spelled(pin.rpy.matrixToRpy(at.rotation)))
+
+
+def add_joint(
+    out: etree._Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    at: pin.SE3 | None = None,
+    axis: np.ndarray | None = None,
+) -> etree._Element:
+    """Add a joint at a pose in its parent; its axis is in the child's axes."""
+    joint = etree.SubElement(out, "joint", name=name, type=kind)
+    etree.SubElement(joint, "parent", link=parent)
+    etree.SubElement(joint, "child", link=child)
+    if at is not None:
+        put_pose(joint, at)
+    if axis is not None:
+        etree.SubElement(joint, "axis", xyz=spelled(axis))
+    return joint
+
+
+def add_sensor(out: etree._Element, name: str, kind: str, link: str, at: pin.SE3) -> None:
+    """Add a link without mass where a sensor sits, its x forward, and the tag that says so, as Gazebo writes it."""
+    taken = {*names(out, "link"), *names(out, "joint")}
+    free = next(word for word in (name, f"{link}_{name}", f"{link}_{name}_{kind}") if word not in taken)
+    etree.SubElement(out, "link", name=free)
+    add_joint(out, f"{free}_on_{link}", "fixed", link, free, at)
+    etree.SubElement(etree.SubElement(out, "gazebo", reference=free), "sensor", name=name, type=kind)
+
+
+def add_visual(link: etree._Element, at: pin.SE3, shape: str, **sizes: str) -> etree._Element:
+    """Add a shape to what is seen of a link."""
+    visual = etree.SubElement(link, "visual")
+    put_pose(visual, at)
+    etree.SubElement(etree.SubElement(visual, "geometry"), shape, sizes)
+    return visual

@@ -1,11 +1,10 @@
-"""Whether a URDF describes a rig: names, references, numbers, joints and inertias that can be."""
+"""Checks of a URDF: names, references, numbers, joints and inertias."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from lxml import etree
@@ -13,11 +12,8 @@ from lxml import etree
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig.reading import LONGEST, decimal
 
-if TYPE_CHECKING:
-    import yourdfpy
-
-
 MOVABLE = ("revolute", "continuous", "prismatic")
+SHAPES = ("box", "cylinder", "sphere", "mesh")
 ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 """Attribute, row and column of the entries of a URDF's inertia."""
 JOINTS = 32
@@ -26,7 +22,7 @@ JOINTS = 32
 LINKS = 1000
 """Most links, fixed ones included: a chain of them loads in 2 s, one of 5000 overflows the stack inside Pinocchio."""
 NAME = 100
-"""Longest name: a message has room for two."""
+"""Longest name: two fit into a message."""
 LIGHTEST, HEAVIEST = 1e-9, 1e7
 """Masses, kg: a microgram, for links that only mark a place, and 10 000 t, beyond any machine on joints."""
 NARROWEST, WIDEST = 1e-9, 1e3
@@ -53,7 +49,7 @@ REQUIRED: Mapping[str, Sequence[str]] = {
     "mimic": ["joint"],
     **{tag: list(NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
 }
-"""Attributes that must be there: readers differ in what they take a missing one for, and some drop the whole tag."""
+"""Required attributes: readers differ in their defaults for a missing one, and some drop the whole tag."""
 
 
 def names(robot: etree._Element, tag: str) -> list[str]:
@@ -64,7 +60,7 @@ def names(robot: etree._Element, tag: str) -> list[str]:
 def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) -> None:
     """Raise `RigError` if the robot, links or joints are too many, or two share a name, or one cannot name a column.
 
-    `fixed`: joints that are held, as those are that mimic others.
+    `fixed`: joints that the YAML fixes; those that mimic others are fixed, too.
     """
     links, joints = robot.findall("link"), robot.findall("joint")
     for element in (robot, *links, *joints):
@@ -111,10 +107,15 @@ def check_references(robot: etree._Element, place: str) -> None:
 
 
 def check_numbers(robot: etree._Element, place: str) -> None:
-    """Raise `RigError` where an attribute is missing, or is not as many numbers of a size that can be as it should be.
+    """Raise `RigError` where a shape or an attribute is missing, or is not as many numbers of a size as it should be.
 
-    See `REQUIRED` and `NUMBERS`. What is in order is written anew with single blanks: urdfdom takes none at the ends.
+    See `REQUIRED` and `NUMBERS`. Numbers are rewritten with single blanks between them, as urdfdom wants them.
     """
+    for solid in robot.xpath("link/visual | link/collision"):
+        shape = solid.find("geometry/*")
+        if shape is None or shape.tag not in SHAPES:
+            where = f"{place}:{solid.sourceline}"
+            raise RigError(where, f"<{solid.tag}> has no shape", f"give its <geometry> a {', '.join(SHAPES)}")
     solids = "link/visual/origin | link/collision/origin | link/visual/geometry/* | link/collision/geometry/*"
     for element in robot.xpath(f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"):
         where = f"{place}:{element.sourceline}"
@@ -135,33 +136,42 @@ def check_numbers(robot: etree._Element, place: str) -> None:
 
 
 def numeric(words: Sequence[str], count: int, largest: float) -> bool:
-    """Tell whether words are `count` decimal numbers of at most a size."""
+    """Whether words are `count` decimal numbers of at most a size."""
     values = [decimal(word) for word in words]
     return len(values) == count and all(x is not None and abs(x) <= largest for x in values)
 
 
-def check_joint(joint: yourdfpy.Joint, place: str) -> None:
-    """Raise `RigError` unless the joint is fixed, or movable with a usable axis, ordered limits and real friction."""
-    where = f"{place}: joint '{joint.name}'"
-    if joint.type == "fixed":
-        return
-    if joint.type not in MOVABLE:
-        raise RigError(where, f"is of type {joint.type}", f"use one of {', '.join(MOVABLE)}, or fixed")
-    if not np.linalg.norm(joint.axis) > 1e-6:  # of an exporter's rounding nobody can tell the direction
-        raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
-    limit, dynamics = joint.limit, joint.dynamics
-    if joint.type != "continuous" and limit is None:
-        raise RigError(where, "has no <limit>", "give lower, upper, effort and velocity, or make it continuous")
-    if joint.type != "continuous" and (limit.lower or 0.0) > (limit.upper or 0.0):
-        raise RigError(where, f"has lower limit {limit.lower} above upper {limit.upper}", "swap them")
-    if limit is not None and min(limit.effort, limit.velocity) < 0:
-        raise RigError(where, "has a negative limit of effort or velocity", "give its size")
-    if dynamics is not None and min(float(dynamics.damping or 0.0), float(dynamics.friction or 0.0)) < 0:
-        raise RigError(where, "has negative friction or damping", "give its size, or 0")
+def check_joints(robot: etree._Element, place: str) -> None:
+    """Raise `RigError` unless a joint moves, each with a usable axis, ordered limits and real friction."""
+    joints = robot.findall("joint")
+    for joint in joints:
+        where, kind = f"{place}: joint '{joint.get('name')}'", joint.get("type")
+        if kind == "fixed":
+            continue
+        if kind not in MOVABLE:
+            raise RigError(where, f"is of type {kind}", f"use one of {', '.join(MOVABLE)}, or fixed")
+        axis, limit, dynamics = (joint.find(tag) for tag in ("axis", "limit", "dynamics"))
+        # An exporter's rounding has no direction.
+        if axis is not None and not np.linalg.norm([float(x) for x in axis.get("xyz").split()]) > 1e-6:
+            raise RigError(where, "has an axis of zero length", "give a direction, e.g. xyz='0 0 1'")
+        if kind != "continuous" and limit is None:
+            raise RigError(where, "has no <limit>", "give lower, upper, effort and velocity, or make it continuous")
+        if limit is not None:
+            lower, upper, effort, velocity = (
+                float(limit.get(key, "0")) for key in ("lower", "upper", "effort", "velocity")
+            )
+            if kind != "continuous" and lower > upper:
+                raise RigError(where, f"has lower limit {lower} above upper {upper}", "swap them")
+            if min(effort, velocity) < 0:
+                raise RigError(where, "has a negative limit of effort or velocity", "give its size")
+        if dynamics is not None and min(float(dynamics.get(key, "0")) for key in ("damping", "friction")) < 0:
+            raise RigError(where, "has negative friction or damping", "give its size, or 0")
+    if not any(joint.get("type") in MOVABLE and joint.find("mimic") is None for joint in joints):
+        raise RigError(place, "has no movable joint", "give at least one revolute, continuous or prismatic joint")
 
 
 def weightless(inertial: etree._Element) -> bool:
-    """Tell whether an ``<inertial>`` states less than `LIGHTEST` of mass and of inertia: exporters write zeros."""
+    """Whether an ``<inertial>`` states less than `LIGHTEST` of mass and of inertia: exporters write zeros."""
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     given = [] if inertia is None else [float(inertia.get(name)) for name, _, _ in ENTRIES]
     return mass is not None and 0 <= float(mass.get("value")) < LIGHTEST and max(map(abs, given), default=0) < LIGHTEST
@@ -198,7 +208,7 @@ def stated_inertia(inertia: etree._Element) -> np.ndarray:
 
 
 def broken_rule(link: etree._Element) -> str | None:
-    """Return what is said of a link whose inertia no body has; None if it has one that some body has, or none."""
+    """Return which rule a link's inertia breaks, see `rule`; None if it breaks none or is not stated."""
     inertia = link.find("inertial/inertia")
     return None if inertia is None else rule(stated_inertia(inertia))
 

@@ -16,7 +16,7 @@ from benchmark.figure import Figure
 from benchmark.timing import alternating
 from gimbal_pin.dynamics.model import Model, friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators.base import factor, solve
+from gimbal_pin.estimation.estimators.least_squares import factor, solve
 from gimbal_pin.estimation.rows import CHUNK, Block, Channels, Filtering, Rows
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.rig import Rig

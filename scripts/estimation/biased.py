@@ -18,9 +18,9 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.estimation.estimators import hausman, idim, output_error, physical, weighted
-from gimbal_pin.estimation.estimators.idim import instruments
+from gimbal_pin.estimation.estimators.closed_loop import instruments
 from gimbal_pin.estimation.identification import given_beta
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, kept
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import rows_of
@@ -55,7 +55,7 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
 
 def rows(rig: Rig, log: Log, filtering: Filtering) -> Regression:
     """Return the rows of a log."""
-    return kept(rows_of(rig, log, filtering))
+    return regression(rows_of(rig, log, filtering))
 
 
 def excited(blocks: Sequence[Block], truth: Array) -> Array:

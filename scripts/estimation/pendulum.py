@@ -11,9 +11,9 @@ from tyro.conf import Positional
 from gimbal_pin import read_log
 from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.estimation.estimators import ESTIMATORS
-from gimbal_pin.estimation.hausman_check import Asked
+from gimbal_pin.estimation.estimators.hausman import WhenTested
 from gimbal_pin.estimation.identification import Accuracy, Identified, accuracy, identify
-from gimbal_pin.estimation.rows import Filtering, Rows, kept
+from gimbal_pin.estimation.rows import Filtering, Rows, regression
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 
@@ -57,7 +57,7 @@ def read(folder: Path, rig: Rig, name: str) -> Log:
     return read_log(folder / f"20220812-{name}-PM_measured.csv", rig, COLUMNS)
 
 
-def fit(rig: Rig, log: Log, name: str, cutoff: float, examined: Asked = "never") -> Identified:
+def fit(rig: Rig, log: Log, name: str, cutoff: float, examined: WhenTested = "never") -> Identified:
     """Identify one log as a whole."""
     method = ESTIMATORS[name]
     return identify(rig, [log], estimator=method, holdout="none", filtering=Filtering(cutoff), examined=examined)
@@ -66,7 +66,7 @@ def fit(rig: Rig, log: Log, name: str, cutoff: float, examined: Asked = "never")
 def predicted(found: Identified, log: Log, cutoff: float) -> Accuracy:
     """Compare what a model predicts with another log's torque."""
     effects = tuple(term.effect for term in found.model.terms)
-    rows = kept(Rows(found.model.rig, found.reduction, effects, (log,), Filtering(cutoff)))
+    rows = regression(Rows(found.model.rig, found.reduction, effects, (log,), Filtering(cutoff)))
     return accuracy(found.model.rig.joints, rows, found.estimate.theta, log.name)
 
 

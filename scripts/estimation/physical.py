@@ -18,7 +18,7 @@ from gimbal_pin.estimation.estimators import physical as physical_fit
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.estimators.colour import autocovariance, colour, series
 from gimbal_pin.estimation.identification import accuracy, identify
-from gimbal_pin.estimation.rows import Block, Regression, kept
+from gimbal_pin.estimation.rows import Block, Regression, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.inertia import physical as can_exist
 from gimbal_pin.rig.rig import Rig
@@ -55,7 +55,7 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
 
 def rows(rig: Rig, log: Log) -> Regression:
     """Return the rows of a log."""
-    return kept(rows_of(rig, log))
+    return regression(rows_of(rig, log))
 
 
 def bound(rig: Rig, plant: Model, log: Log) -> Array:

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "gimbal_controller.h"
+#include "gimbal_link.h"
 
 static uint32_t seed = 1u;
 
@@ -70,7 +71,11 @@ int main(int count, char **words)
     const struct gimbal_parameters *p = &gimbal_default_parameters;
     const int steps = count > 1 ? atoi(words[1]) : 100000;
     float tau[GIMBAL_JOINTS];
+    static struct gimbal_parameters own;
+    static struct gimbal_link link;
     memset(&seen, 0, sizeof seen);
+    own = *p;
+    gimbal_link_start(&link);
     gimbal_tracking_start(&tracking);
     for (int k = 0; k < steps; ++k) {
         const uint32_t rare = 2u + next() % 1000u;
@@ -84,6 +89,12 @@ int main(int count, char **words)
         if (wrong(tau, k)) {
             return 1;
         }
+        uint8_t bytes[64];
+        for (size_t i = 0; i < sizeof bytes; ++i) {
+            bytes[i] = (uint8_t)(next() % 16u == 0u ? next() % 4u : next());
+        }
+        (void)gimbal_link_receive(&link, &own, bytes, sizeof bytes);
+        (void)gimbal_link_apply(&link, &own);
         struct gimbal_reference reference;
         fill(reference.q, GIMBAL_JOINTS, 4.0f, rare);
         fill(reference.v, GIMBAL_JOINTS, 4.0f, rare);

@@ -38,7 +38,10 @@ THERE = ("log.csv", "map.yaml", "model.yaml", "controller.yaml", "platform.csv",
 """Files that options may name."""
 LEFT_OUT = {"live", "yes", "force", "jobs"}
 """Options that open a port, allow what would be refused, or start processes."""
-OUTPUTS = ("--output", "--c", "--json", "--urdf", "--mend", "--plot", "--report", "--animation", "--yaml")
+OUTPUTS = (
+    "--output", "--c", "--ros2", "--simplefoc", "--odrive", "--json", "--urdf", "--mend", "--plot", "--report",
+    "--animation", "--yaml",
+)  # fmt: skip
 """Options that are written to."""
 
 PATHS = (

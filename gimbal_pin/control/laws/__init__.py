@@ -1,10 +1,8 @@
 """Control laws with explicit memory (THESIS ch. 5), their sampled loop and its margins."""
 
-from gimbal_pin.control.laws.base import Memory, Pid
-from gimbal_pin.control.laws.computed_torque import ComputedTorque
+from gimbal_pin.control.laws.base import JointPid, Memory, Pid
+from gimbal_pin.control.laws.computed_torque import ComputedTorque, Robust
 from gimbal_pin.control.laws.loop import Margins, margins, sampled_loop
-from gimbal_pin.control.laws.lyapunov import Robust
-from gimbal_pin.control.laws.pid import JointPid
 from gimbal_pin.control.laws.uncertainty import Bounds, bounds
 
 __all__ = [

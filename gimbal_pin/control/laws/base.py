@@ -1,4 +1,4 @@
-"""What the control laws share: the outer loop, its memory, conditional integration, the torque limit."""
+"""What the control laws share: gains, outer loop, memory, torque limit; what a law is given; the PID of joints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,72 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, pi, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from gimbal_pin.dynamics.simulation import Reference
+from gimbal_pin.log.log import Array
+
+
+class Carried(NamedTuple):
+    """Motion of the base link at one moment, in its own frame, as its IMU tells it.
+
+    Attributes:
+        f: Specific force, m/s².
+        w: Angular rate, rad/s.
+        dw: Angular acceleration, rad/s².
+    """
+
+    f: Sequence[float] | Array
+    w: Array
+    dw: Sequence[float] | Array
+
+
+class Ahead(NamedTuple):
+    """Where the model is to be evaluated: at the middle of the hold of the torque, or now.
+
+    Attributes:
+        q: Angles, rad, (n,).
+        v: Wanted rates, rad/s, (n,): those that keep the camera's attitude.
+        a: Wanted accelerations, rad/s², (n,).
+        base: Motion of the base.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    base: Carried
+
+
+class Aim(NamedTuple):
+    """Where the joints should be so that the camera looks where it should; a `Reference` for any law.
+
+    Attributes:
+        q: Angles, rad, (n,).
+        v: Rates, rad/s, (n,).
+        a: Accelerations, rad/s², (n,).
+        ahead: One per distinct lead of the law's drives, see `Navigator.leads`.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    ahead: tuple[Ahead, ...]
+
+
+class Law(Protocol):
+    """A `simulation.Controller` whose reference may be an `Aim`: of this, any law reads the part that it knows."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+
+    def start(self) -> Any:
+        """Return the memory before the first sample."""
+
+    def torque(self, t: float, q: Array, v: Array, reference: Any, memory: Any) -> tuple[Array, Any]:
+        """Return the torque, N m, (n,), within the limits, and the next memory."""
 
 
 class Pid(NamedTuple):
@@ -106,3 +171,41 @@ def approach(kd: float, error: float, knee: float, braking: float) -> float:
     """Pull towards the goal from beyond the knee, rad/s²."""
     pull = kd * sqrt(braking * (2 * abs(error) - knee))
     return pull if error > 0 else -pull
+
+
+@dataclass(frozen=True)
+class JointPid:
+    """``tau_j = I_j (kp e + ki ∫e + kd ė)``: joints apart, gravity and friction not compensated.
+
+    The derivative is the reference's rate less the measured rate: nothing is differenced.
+
+    Attributes:
+        gains: Outer loop, one per joint.
+        inertia: Nominal inertia seen by each motor, kg m².
+        limits: Torque limits, N m; a joint at its limit integrates no further into it.
+        dt: Sampling interval, s.
+        braking: Deceleration that each motor surely has, rad/s² (see `Outer`); empty: not looked at.
+    """
+
+    gains: tuple[Pid, ...]
+    inertia: tuple[float, ...]
+    limits: tuple[float, ...]
+    dt: float
+    braking: tuple[float, ...] = ()
+
+    @cached_property
+    def outer(self) -> Outer:
+        """The outer loop with its limits."""
+        return Outer(self.gains, self.limits, self.braking)
+
+    def start(self) -> Memory:
+        """Memory before the first sample: no integral."""
+        return Memory((0.0,) * len(self.gains))
+
+    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Memory) -> tuple[Array, Memory]:
+        """Return the torque, N m, (n,), within the limits, and the next memory."""
+        error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
+        integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
+        wanted = [inertia * y for inertia, y in zip(self.inertia, self.outer.feedback(error, integral, rate))]
+        kept = self.outer.integrated(memory.integral, integral, error, wanted)
+        return np.array(self.outer.clipped(wanted)), Memory(kept)

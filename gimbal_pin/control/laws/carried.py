@@ -11,10 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.control.laws.aim import Ahead, Aim
-from gimbal_pin.control.laws.base import Outer, Pid
-from gimbal_pin.control.laws.computed_torque import added, passed
-from gimbal_pin.control.laws.lyapunov import Robust
+from gimbal_pin.control.laws.base import Ahead, Aim, Outer, Pid
+from gimbal_pin.control.laws.computed_torque import Robust, added, passed
 from gimbal_pin.control.laws.observer import Observed, Observer
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Sample

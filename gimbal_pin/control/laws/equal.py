@@ -11,9 +11,9 @@ from functools import cached_property
 from math import pi
 
 from gimbal_pin.control.laws.base import Pid
+from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
 from gimbal_pin.control.laws.design import LAYERED, bisected
 from gimbal_pin.control.laws.loop import Margins, margins
-from gimbal_pin.control.laws.lyapunov import Robust, lyapunov, stiffened
 from gimbal_pin.control.laws.observer import Observer, observed_margins
 from gimbal_pin.control.laws.uncertainty import Bounds
 from gimbal_pin.effects import Signal

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
+from gimbal_pin.control.laws.computed_torque import Robust
 from gimbal_pin.control.laws.design import LAYERED, Wish
-from gimbal_pin.control.laws.drawn import DRAWS, LARGEST, Ratios
 from gimbal_pin.control.laws.loop import Margins
-from gimbal_pin.control.laws.lyapunov import Robust
-from gimbal_pin.control.laws.uncertainty import Bounds
+from gimbal_pin.control.laws.uncertainty import DRAWS, LARGEST, Bounds, Ratios
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import ALWAYS, Signal
 from gimbal_pin.errors import digits

@@ -1,4 +1,4 @@
-"""How wrong the inverted model may be: α and Φ of Lyapunov redesign, from the estimated covariance."""
+"""How wrong the inverted model may be: bounds for Lyapunov redesign, and the gain of a loop."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ def poses(rig: Rig, count: int = POSES) -> tuple[Array, Array]:
 
     A Kronecker sequence, like the reduction's: what is derived from it depends on the rig alone.
     """
-    unit = np.outer(np.arange(count), np.sqrt(primes(2 * rig.n))) % 1.0
+    primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][: 2 * rig.n]
+    unit = np.outer(np.arange(count), np.sqrt(primes)) % 1.0
     lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
     upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])
     top = np.array([min(limit.velocity, RATE) for limit in rig.limits])
@@ -68,17 +69,6 @@ def poses(rig: Rig, count: int = POSES) -> tuple[Array, Array]:
 def home(rig: Rig) -> Array:
     """All angles zero, or as near to it as the limits let, rad, (n,)."""
     return np.array([min(max(0.0, limit.lower), limit.upper) for limit in rig.limits])
-
-
-def primes(count: int) -> Array:
-    """The first few prime numbers, (count,)."""
-    found: list[int] = []
-    k = 2
-    while len(found) < count:
-        if all(k % p for p in found):
-            found.append(k)
-        k += 1
-    return np.array(found)
 
 
 def inertia(model: Model, q: Array) -> Array:
@@ -102,23 +92,18 @@ def bounds(model: Model, rng: np.random.Generator) -> Bounds:
     q, v = poses(model.rig)
     D = inertia(model, q)
     largest = float(1 / np.linalg.eigvalsh(D)[:, 0].min())
-    places = None if model.estimated is None else base_columns(model, model.estimated)
-    if model.estimated is None or places is None:
-        return stated(model, q, v, D, largest)
-    deviation = model.estimated.covariance
+    known = estimate(model)
+    if known is None:
+        load = np.linalg.norm(model.inverse(q, v, np.zeros_like(q)), axis=1).max()
+        shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
+        source = f"no covariance of its parameters: {shares} assumed"
+        cross = ignored(D)
+        return Bounds(STATED_ALPHA, float(STATED_PHI * load), largest, STATED_ALPHA * cross, cross, source)
+    deviation, places = known[0].covariance, known[1]
     draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh", check_valid="ignore")
     alpha, phi, cross = (float(np.quantile(values, 0.95)) for values in sampled(model, places, q, v, D, draws))
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
     return Bounds(alpha, phi, largest, cross, ignored(D), source)
-
-
-def stated(model: Model, q: Array, v: Array, D: Array, largest: float) -> Bounds:
-    """Bounds by the stated shares, for a model that was never identified."""
-    load = np.linalg.norm(model.inverse(q, v, np.zeros_like(q)), axis=1).max()
-    shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
-    source = f"no covariance of its parameters: {shares} assumed"
-    cross = STATED_ALPHA * ignored(D)
-    return Bounds(STATED_ALPHA, float(STATED_PHI * load), largest, cross, ignored(D), source)
 
 
 def ignored(D: Array) -> float:
@@ -168,11 +153,64 @@ def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform:
     return np.concatenate(parts, axis=2)
 
 
-def base_columns(model: Model, known: Estimated) -> Array | None:
-    """Places in `Rig.phi` of the estimated base parameters; None if the estimate is not of this rig and these terms."""
+def estimate(model: Model) -> tuple[Estimated, Array] | None:
+    """Return a model's estimate, and where in `Rig.phi` its base parameters are.
+
+    None where it has no covariance, or one of another rig or of other terms.
+    """
+    known = model.estimated
+    if known is None:
+        return None
     width = len(known.names) - sum(len(term.values) for term in model.terms)
     for diagonal, base in itertools.product((False, True), MOTIONS):
         reduction = reduce(model.rig, diagonal, base)
         if reduction.base_names == tuple(known.names[:width]):
-            return columns_of(model.rig, reduction)
+            return known, columns_of(model.rig, reduction)
     return None
+
+
+DRAWS = 200
+LARGEST = 1e3
+"""Largest gain looked at: an inertia a thousand times smaller than believed, or one that no body has."""
+
+Ratios = tuple[tuple[float, ...], ...]
+"""Per joint: lowest gain of the plant over what the law believes, one, and the highest."""
+
+
+def drawn(model: Model, kind: str, rng: np.random.Generator) -> Ratios | None:
+    """Return each joint's ``D̂_jj/D_jj``: lowest, one and highest over `DRAWS` drawn parameter sets and all poses.
+
+    D_jj is the inertia that the joint turns while the others hold still, its rotor's included; D̂ that of the model, at
+    the same pose for computed torque and at home for a PID. A loop's margins fall off on both sides of its best gain,
+    so the two ends have the worst of all draws. What else a set changes (gravity, friction) acts far below the
+    crossover. A set that no body has (D_jj ≤ 0) counts as `LARGEST`.
+
+    None where the model has no covariance, or one of another rig's parameters.
+
+    Args:
+        model: The model, as identified.
+        kind: "computed-torque" or "pid".
+        rng: Source of the draws; the same one gives deviations in proportion to the model's.
+    """
+    known = estimate(model)
+    if known is None:
+        return None
+    covariance, places = known[0].covariance, known[1]
+    q, _ = poses(model.rig, VARIED if kind == "pid" else POSES)
+    believed = np.diagonal(inertia(model, q), axis1=1, axis2=2)
+    zero = np.zeros(len(covariance))
+    sets = rng.multivariate_normal(zero, covariance, DRAWS, method="eigh", check_valid="ignore")
+    change = np.moveaxis(np.diagonal(pushes(model, places, q, np.zeros_like(q)), axis1=1, axis2=2), 1, 2)  # (N, n, k)
+    true = believed + np.einsum("ijk,sk->sij", change, sets)
+    nominal = np.diagonal(inertia(model, home(model.rig)[None])[0]) if kind == "pid" else believed
+    ratios = nominal / np.maximum(true, nominal / LARGEST)
+    rows = ratios.reshape(-1, model.rig.n)
+    ends = zip(rows.min(axis=0).tolist(), rows.max(axis=0).tolist())
+    return tuple((min(low, 1.0), 1.0, max(high, 1.0)) for low, high in ends)
+
+
+def widened(believed: Ratios, over: Ratios | None) -> Ratios:
+    """Return the lowest and highest of both, and one, per joint; the first alone where there is no second."""
+    if over is None:
+        return believed
+    return tuple(tuple(sorted({min(*a, *b), 1.0, max(*a, *b)})) for a, b in zip(believed, over))

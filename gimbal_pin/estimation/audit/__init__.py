@@ -16,7 +16,8 @@ from gimbal_pin.estimation.audit import (
     outliers,
     stuck_channel,
 )
-from gimbal_pin.estimation.audit.base import Check, Fault
+from gimbal_pin.estimation.audit.base import Check
+from gimbal_pin.estimation.audit.base import Fault as Fault
 from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
@@ -99,6 +100,3 @@ def audit(rig: Rig, log: Log, *, filtering: Filtering | None = None) -> Audit:
             faults.append(examined.fault)
             log = examined.log
     return Audit(log, tuple(faults))
-
-
-__all__ = ["CHECKS", "CORRUPTIONS", "Audit", "Fault", "audit"]

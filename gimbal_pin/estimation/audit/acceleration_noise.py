@@ -9,13 +9,10 @@ import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
+from gimbal_pin.estimation.audit.base import Examined, Fault, angle_noise, bits, local_noise, quantum
 from gimbal_pin.estimation.audit.probe import MATERIAL, Probe, probe, rows_at
-from gimbal_pin.estimation.audit.quantisation import angle_noise, bits, quantum
-from gimbal_pin.estimation.audit.samples import local_noise
-from gimbal_pin.estimation.estimators.base import Estimate
 from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
-from gimbal_pin.estimation.estimators.weighted import weighted
+from gimbal_pin.estimation.estimators.least_squares import Estimate, weighted
 from gimbal_pin.estimation.rows import Block, Filtering, smoothed, stretches
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -63,7 +60,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("cutoff", filtering.cutoff, "Hz"),
     )
     found = answer(rig, log, filtering, made, crossed)
-    return Examined(told(rig, log, int(np.argmax(drowned)), figures, found), log)
+    return Examined(fault_of(rig, log, int(np.argmax(drowned)), figures, found), log)
 
 
 def corrupt(log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0) -> Log:
@@ -119,7 +116,7 @@ def follows(q: Array, reference: Array) -> bool:
     return bool(np.all(np.std(q - reference, axis=0) <= FOLLOWS * np.std(reference, axis=0)))
 
 
-def told(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]) -> Fault:
+def fault_of(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]) -> Fault:
     """Return the fault, described."""
     share, bias, near, far, cutoff = (figure.value for figure in figures)
     joint, step = rig.joints[worst], quantum(log.q[:, worst])

@@ -1,16 +1,24 @@
-"""What a check of the audit returns."""
+"""What a check of the audit returns, and what checks look at: samples, noise, resolution."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, replace
+from math import isfinite, log2, pi
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.estimation.rows import Filtering
-from gimbal_pin.log.log import Log
+from gimbal_pin.estimation.rows import Filtering, Flags
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.rig.rig import Rig
+
+CHANNELS = ("q", "v", "tau")
+"""The measured channels of the joints, by their names in `Log`."""
+WORDS = {"q": "angle", "v": "rate", "tau": "torque"}
 
 
 @dataclass(frozen=True)
@@ -74,3 +82,103 @@ Check = Callable[[Rig, Log, Filtering], "Examined | None"]
 def as_json(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
     """Return ``{name: {"value": .., "std": .., "unit": ..}}``; a deviation that was not estimated is null."""
     return {p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit} for p in parameters}
+
+
+Indices = NDArray[np.integer[Any]]
+
+
+def channels(log: Log) -> dict[str, Array]:
+    """Return the measured channels that there are, each (N, n)."""
+    return {name: value for name in CHANNELS if (value := getattr(log, name)) is not None}
+
+
+def left_out(t: Array, x: Array) -> Array:
+    """Return ``x_k - p(t_k)``, p the cubic through the samples k-2, k-1, k+1, k+2, (N - 4, n), scaled to white noise.
+
+    White noise of deviation σ gives σ whatever the spacing; anything smooth gives nothing.
+
+    Args:
+        t: Times, (N,).
+        x: Values, (N, n).
+    """
+    n, places = len(t) - 4, (0, 1, 3, 4)
+    around = [t[i : i + n] for i in places]
+    guess, size = np.zeros((n, x.shape[1])), np.ones(n)
+    for i, own in enumerate(around):
+        others = [other for k, other in enumerate(around) if k != i]
+        weight = np.prod([(t[2 : 2 + n] - other) / (own - other) for other in others], axis=0)
+        guess += weight[:, None] * x[places[i] : places[i] + n]
+        size += weight**2
+    return np.asarray((x[2 : 2 + n] - guess) / np.sqrt(size)[:, None])
+
+
+def local_noise(t: Array, x: Array, parts: int) -> Array:
+    """Standard deviation of the white noise in each of so many parts of a log, (parts, n), by `left_out`.
+
+    Samples beside a hole are left out: a cubic across it is no measure.
+    """
+    whole = t[4:] - t[:-4] < 6.0 * np.median(np.diff(t))
+    split = np.array_split(left_out(t, x)[whole] ** 2, parts)
+    return np.sqrt([np.sort(part, axis=0)[: max(1, int(signals.KEPT * len(part)))].mean(axis=0) for part in split])
+
+
+def medians(values: Array, length: int) -> Array:
+    """Median of each column over windows of so many samples, the last one shorter, (windows, n)."""
+    whole = len(values) // length * length
+    windows = np.median(values[:whole].reshape(-1, length, values.shape[1]), axis=1)
+    rest = values[whole:]
+    return np.concatenate([windows, np.median(rest, axis=0)[None]]) if len(rest) else windows
+
+
+def level(values: Array) -> float:
+    """Root mean square without the largest two per cent."""
+    squares = np.sort(values**2)
+    return float(np.sqrt(squares[: max(1, int(0.98 * len(squares)))].mean()))
+
+
+def edges(flags: Flags) -> list[tuple[int, int]]:
+    """First and one past the last index of every run of true flags."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return list(zip(ends[::2].tolist(), ends[1::2].tolist()))
+
+
+def taken(log: Log, rows: Indices, t: Array | None = None) -> Log:
+    """Return the samples with these indices, in this order, with other times `t` or each with its own."""
+    names = (*CHANNELS, "q_ref", "temperature")
+    chosen: dict[str, Any] = {name: value[rows] for name in names if (value := getattr(log, name)) is not None}
+    imus = {}
+    for link, imu in log.imus.items():
+        sensed = {name: value[rows] for name in ("gyro", "accel", "quat") if (value := getattr(imu, name)) is not None}
+        imus[link] = Imu(**sensed)
+    return replace(log, **chosen, t=log.t[rows] if t is None else t, imus=imus)
+
+
+def noted(log: Log, event: str) -> Log:
+    """Return the log with one more event."""
+    return replace(log, events=(*log.events, event))
+
+
+def quantum(column: Array) -> float:
+    """``max d`` with every change a whole multiple of d, but for rounding in the log; 0 if there is none."""
+    levels = np.unique(column)
+    # A file holds some digits of each value: two writings of one level are one level.
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-7 * max(float(np.abs(levels).max(initial=0.0)), 1e-300)]
+    if len(gaps) < 4:
+        return 0.0
+    # Of a channel that takes any value the smallest gaps are chance, and the others no multiples of them.
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    return step if np.mean(np.abs(gaps / step - np.round(gaps / step)) < 0.05) > 0.95 else 0.0
+
+
+def bits(step: float) -> float:
+    """Resolution of an angle in bits per turn; infinite where it has no step."""
+    return log2(2 * pi / step) if step > 0 else float("inf")
+
+
+def angle_noise(log: Log, measured: Array) -> Array:
+    """The angles' noise, rad: what was measured, or the quantisation's ``step / √12`` where that is more.
+
+    A joint that moves slowly over coarse steps rests on each for long, and its differences do not show them.
+    """
+    return np.maximum(measured, np.array([quantum(column) for column in log.q.T]) / np.sqrt(12.0))

@@ -10,9 +10,8 @@ from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
-from gimbal_pin.estimation.audit.harm import harm
-from gimbal_pin.estimation.audit.samples import channels, left_out, noted, taken
+from gimbal_pin.estimation.audit.base import Examined, Fault, channels, left_out, noted, taken
+from gimbal_pin.estimation.audit.probe import spoils_torque
 from gimbal_pin.estimation.rows import Filtering, Flags, stretches
 from gimbal_pin.log.log import PAUSE, Array, Log
 from gimbal_pin.rig.rig import Rig
@@ -76,9 +75,9 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         mended = noted(replace(log, t=seen.steady), "time stamps were evened")
     if beyond[3] > 1.0:
         mended = noted(taken(mended, np.flatnonzero(~old)), "repeated rows were left out")
-    harmful = mended is not log and harm(rig, log, mended, filtering).serious
+    harmful = mended is not log and spoils_torque(rig, log, mended, filtering)
     sparse = not harmful and scattered(log, filtering)
-    return Examined(told(figures, beyond, harmful, sparse), mended)
+    return Examined(fault_of(figures, beyond, harmful, sparse), mended)
 
 
 def corrupt(
@@ -159,7 +158,7 @@ def scattered(log: Log, filtering: Filtering) -> bool:
     return bool(covered < USABLE * np.sum(intervals[intervals < PAUSE]))
 
 
-def told(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
+def fault_of(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
     """Return the fault, described."""
     jitter, lost, gap, stale = (figure.value for figure in figures)
     texts = (

@@ -9,8 +9,7 @@ import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
-from gimbal_pin.estimation.audit.samples import noted
+from gimbal_pin.estimation.audit.base import Examined, Fault, noted
 from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -57,7 +56,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("beyond_limit", float(over[worst]), "1"),
     )
     strength = QUIET / max(float(share[worst]), 1e-12)
-    fault = told(rig.joints[worst], int(formula.sum()), figures, strength)
+    fault = fault_of(rig.joints[worst], int(formula.sum()), figures, strength)
     if not over.any():
         return Examined(fault, log)
     clipped = replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max))
@@ -120,7 +119,7 @@ def held_out(columns: Array, rough: Array) -> float:
     return float(np.sqrt(np.mean(error**2) / 20.0))
 
 
-def told(joint: str, count: int, figures: tuple[Parameter, ...], strength: float) -> Fault:
+def fault_of(joint: str, count: int, figures: tuple[Parameter, ...], strength: float) -> Fault:
     """Return the fault, described."""
     left, _, over = (figure.value for figure in figures)
     joints = f" (and {count - 1} more)" if count > 1 else ""

@@ -10,8 +10,7 @@ import numpy as np
 from gimbal_pin.dynamics.regressor import columns, regressor
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
-from gimbal_pin.estimation.audit.samples import Indices
+from gimbal_pin.estimation.audit.base import Examined, Fault, Indices
 from gimbal_pin.estimation.rows import Filtering, base_motion
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -72,7 +71,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
         return None
-    return Examined(told(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt), log)
+    return Examined(fault_of(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt), log)
 
 
 def corrupt(log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01) -> Log:
@@ -106,7 +105,7 @@ def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
     return float(nnls(friction, rest)[1] ** 2 / len(t))
 
 
-def told(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
+def fault_of(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
     """Return the fault, described."""
     figures = (
         Parameter("gain", found.gain, "N m s/rad"),

@@ -10,9 +10,8 @@ import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
-from gimbal_pin.estimation.audit.harm import harm
-from gimbal_pin.estimation.audit.samples import noted
+from gimbal_pin.estimation.audit.base import Examined, Fault, noted
+from gimbal_pin.estimation.audit.probe import spoils_torque
 from gimbal_pin.estimation.rows import Filtering, stretches
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -62,8 +61,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         return None
     worst = max(found, key=lambda j: found[j].change)
     mended = noted(replace(log, v=None), "the filtered rate was left out")
-    unreliable = harm(rig, log, mended, filtering).serious
-    return Examined(told(rig.joints[worst], found[worst], len(found), unreliable), mended)
+    unreliable = spoils_torque(rig, log, mended, filtering)
+    return Examined(fault_of(rig.joints[worst], found[worst], len(found), unreliable), mended)
 
 
 def corrupt(log: Log, rng: np.random.Generator, *, corner: float = 8.0, order: int = 1) -> Log:
@@ -177,7 +176,7 @@ def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> tuple[fl
     return float(np.mean((rate[settled] - fit) ** 2)), fit
 
 
-def told(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
+def fault_of(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
     """Return the fault, described."""
     figures = (
         Parameter("corner", lag.corner, "Hz"),

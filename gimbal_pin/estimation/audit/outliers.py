@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
-from gimbal_pin.estimation.audit.harm import harm
-from gimbal_pin.estimation.audit.samples import WORDS, changed, channels, edges, left_out, level, medians, noted, taken
+from gimbal_pin.estimation.audit.base import (
+    WORDS,
+    Examined,
+    Fault,
+    channels,
+    edges,
+    left_out,
+    level,
+    medians,
+    noted,
+    taken,
+)
+from gimbal_pin.estimation.audit.probe import spoils_torque
 from gimbal_pin.estimation.rows import Filtering, Flags, dilated
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
@@ -28,7 +39,7 @@ LONE = 0.5
 RARE = 0.02
 """More spikes than this share of the samples are the channel's nature."""
 GROSS = 1.0
-"""Spikes of so many standard deviations of their channel are told even where they do no harm."""
+"""Spikes of so many standard deviations of their channel are reported even where they do no harm."""
 SHORT = 0.1
 """Length of the windows whose roughness is compared, s: the median's, for a knock is rough for a few samples only."""
 ROUGH, WILD = 12.0, 0.7
@@ -63,10 +74,10 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         return None
     rows = np.any([wild.rows for wild in bad], axis=0) if bad else np.zeros(len(log), bool)
     mended = noted(taken(smooth, np.flatnonzero(~rows)), "outliers were interpolated or cut out")
-    cost = harm(rig, log, mended, filtering)
-    if not bad and not cost.serious and max(wild.size for wild in found) < GROSS:
+    harmful = spoils_torque(rig, log, mended, filtering)
+    if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
-    return Examined(told(log, found, bad, cost.serious or bool(bad)), mended)
+    return Examined(fault_of(log, found, bad, harmful or bool(bad)), mended)
 
 
 def corrupt(
@@ -89,7 +100,8 @@ def corrupt(
     else:
         hit = rng.choice(n, max(1, round(share * n)), replace=False)
         values[hit, j] += spread * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
-    return changed(log, {channel: values})
+    changes: dict[str, Any] = {channel: values}
+    return replace(log, **changes)
 
 
 def spikes(log: Log) -> list[Wild]:
@@ -118,10 +130,10 @@ def lone(column: Array, left: Array, dt: float) -> Flags:
 
 def bridged(log: Log, found: Sequence[Wild]) -> Log:
     """Return the log with lone samples interpolated from their neighbours."""
-    values = {wild.channel: np.array(getattr(log, wild.channel)) for wild in found}
+    values: dict[str, Any] = {wild.channel: np.array(getattr(log, wild.channel)) for wild in found}
     for name, j, hit, _ in found:
         values[name][hit, j] = np.interp(log.t[hit], log.t[~hit], values[name][~hit, j])
-    return changed(log, values)
+    return replace(log, **values)
 
 
 def garbage(log: Log) -> list[Wild]:
@@ -145,7 +157,7 @@ def garbage(log: Log) -> list[Wild]:
     return out
 
 
-def told(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool) -> Fault:
+def fault_of(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool) -> Fault:
     """Return the fault, described."""
     worst = max(bad or found, key=lambda wild: wild.size * int(wild.rows.sum()))
     count = sum(int(wild.rows.sum()) for wild in found)

@@ -1,11 +1,8 @@
-"""A quick regression for the audit: columns built once at a low rate, then filtered at any cutoff.
-
-The rows of `gimbal_pin.estimation.rows` fit a model; these only ask what a fit would say. Their low-pass is a Gaussian
-of compact support with the same -6 dB point, so that a log of four seconds keeps rows at 4 Hz.
-"""
+"""A quick regression for the audit, and what a fault costs in it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.estimation.estimators.least_squares import residuals, weighted
 from gimbal_pin.estimation.rows import (
     STANDSTILL,
     Block,
@@ -22,9 +20,9 @@ from gimbal_pin.estimation.rows import (
     Rows,
     Stretch,
     base_motion,
-    carrying,
     dilated,
     mask,
+    moving_base_link,
     smoothed,
     stretches,
 )
@@ -112,7 +110,7 @@ def halved(stretch: Stretch, first: int) -> Stretch:
 
 def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
     """Return one stretch's columns at four times the smoother's bandwidth, without its `pad` samples at the ends."""
-    full = smoothed(stretch, rows.filtering, 0, stretch.length, carrying(rows.rig, stretch.log))
+    full = smoothed(stretch, rows.filtering, 0, stretch.length, moving_base_link(rows.rig, stretch.log))
     band = rows.filtering.cutoff * rows.filtering.smoothing
     keep = slice(pad, stretch.length - pad, max(1, int(1.0 / (4.0 * band * stretch.dt))))
     slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
@@ -158,3 +156,35 @@ def rows_at(made: Probe, cutoff: float) -> tuple[Block, ...]:
 def blurred(signal: Array, deviation: float) -> Array:
     """Gaussian low-pass along the first axis, of so many samples' deviation, reaching `TRUNCATE` of them."""
     return np.asarray(gaussian_filter1d(signal, deviation, axis=0, mode="nearest", truncate=TRUNCATE))
+
+
+def spoils_torque(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> bool:
+    """Whether a fault matters: a log's residual differs from its mended version's, under the model of the latter.
+
+    By more than that model leaves of the mended log's torque anyway, and than `MATERIAL` of it, rms, at any joint. A
+    part of the log that only one of the two has makes no difference. Where the mended log is too short to be fitted,
+    or where only one of the two says that the base moves, any fault matters.
+    """
+    good, bad = (rows_at(probe(rig, one, filtering), filtering.cutoff) for one in (mended, log))
+    if not good or sum(block.b.size for block in good) < 3 * good[0].A.shape[2]:
+        return True
+    if bad and bad[0].A.shape[2] != good[0].A.shape[2]:
+        return True
+    theta = weighted(good).theta
+    left = np.concatenate([residuals(block, theta) for block in good])
+    torque = np.concatenate([block.b for block in good])
+    floor, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (left, torque))
+    error = np.sqrt(np.mean(difference(good, left, bad, theta, filtering.cutoff) ** 2, axis=0))
+    return bool(np.any(error > np.maximum(np.maximum(floor, MATERIAL * size), 1e-300)))
+
+
+def difference(good: Sequence[Block], left: Array, bad: Sequence[Block], theta: Array, cutoff: float) -> Array:
+    """Return the bad rows' residual less the good ones', at those times of the good rows near which there are both."""
+    if not bad:
+        return np.zeros((1, left.shape[1]))
+    at, t = (np.concatenate([block.t for block in blocks]) for blocks in (good, bad))
+    other = np.concatenate([residuals(block, theta) for block in bad])
+    after = np.clip(np.searchsorted(t, at), 1, max(len(t) - 1, 1)) if len(t) > 1 else np.zeros(len(at), int)
+    near = np.minimum(np.abs(at - t[after]), np.abs(at - t[after - 1])) < 0.5 / cutoff
+    interpolated = np.stack([np.interp(at, t, column) for column in other.T], axis=1)
+    return np.asarray((interpolated - left)[near]) if near.any() else np.zeros((1, left.shape[1]))

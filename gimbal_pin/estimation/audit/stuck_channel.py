@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault
+from gimbal_pin.estimation.audit.base import (
+    CHANNELS,
+    WORDS,
+    Examined,
+    Fault,
+    channels,
+    edges,
+    level,
+    noted,
+    quantum,
+    taken,
+)
 from gimbal_pin.estimation.audit.probe import probe, rows_at
-from gimbal_pin.estimation.audit.quantisation import quantum
-from gimbal_pin.estimation.audit.samples import CHANNELS, WORDS, changed, channels, edges, level, noted, taken
-from gimbal_pin.estimation.estimators.base import residuals
-from gimbal_pin.estimation.estimators.weighted import weighted
+from gimbal_pin.estimation.estimators.least_squares import residuals, weighted
 from gimbal_pin.estimation.rows import Filtering, Flags, base_motion, dilated
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
@@ -62,7 +71,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         return None
     worst = max(found, key=lambda held: int(held.rows.sum()))
     bad = dilated(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
-    fault = told(rig, log, worst, len(found))
+    fault = fault_of(rig, log, worst, len(found))
     if bad.mean() > 0.5:
         return Examined(fault, log)
     return Examined(fault, noted(taken(log, np.flatnonzero(~bad)), "rows of a stuck channel were cut out"))
@@ -83,7 +92,8 @@ def corrupt(
         spread = np.array([np.std(values[k : k + length, j]) for k in starts])
         begin = int(rng.choice(starts[spread >= np.median(spread)]))
         values[begin : begin + length, j] = values[begin, j]
-    return changed(log, {channel: values})
+    changes: dict[str, Any] = {channel: values}
+    return replace(log, **changes)
 
 
 def candidates(rig: Rig, log: Log, filtering: Filtering) -> Iterator[Held]:
@@ -190,7 +200,7 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     return float(inside / max(expected, 1e-300)) if inside > SHARE * np.std(torque) else 0.0
 
 
-def told(rig: Rig, log: Log, worst: Held, count: int) -> Fault:
+def fault_of(rig: Rig, log: Log, worst: Held, count: int) -> Fault:
     """Return the fault, described."""
     joint, what = rig.joints[worst.joint], WORDS[worst.channel]
     longest = max(end - begin for begin, end in edges(worst.rows)) * log.dt

@@ -3,18 +3,18 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from gimbal_pin.estimation.estimators.base import Estimate as Estimate
-from gimbal_pin.estimation.estimators.base import Estimator as Estimator
 from gimbal_pin.estimation.estimators.bootstrap import Bootstrap as Bootstrap
+from gimbal_pin.estimation.estimators.closed_loop import idim as idim
+from gimbal_pin.estimation.estimators.closed_loop import output_error as output_error
 from gimbal_pin.estimation.estimators.hausman import Hausman as Hausman
 from gimbal_pin.estimation.estimators.hausman import hausman as hausman
-from gimbal_pin.estimation.estimators.idim import idim as idim
-from gimbal_pin.estimation.estimators.ols import ols as ols
-from gimbal_pin.estimation.estimators.output_error import output_error as output_error
+from gimbal_pin.estimation.estimators.least_squares import Estimate as Estimate
+from gimbal_pin.estimation.estimators.least_squares import Estimator as Estimator
+from gimbal_pin.estimation.estimators.least_squares import Ridge as Ridge
+from gimbal_pin.estimation.estimators.least_squares import ols as ols
+from gimbal_pin.estimation.estimators.least_squares import robust as robust
+from gimbal_pin.estimation.estimators.least_squares import weighted as weighted
 from gimbal_pin.estimation.estimators.physical import physical as physical
-from gimbal_pin.estimation.estimators.ridge import Ridge as Ridge
-from gimbal_pin.estimation.estimators.robust import robust as robust
-from gimbal_pin.estimation.estimators.weighted import weighted as weighted
 
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     {

@@ -10,12 +10,12 @@ import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.estimators.base import Estimate, Estimator, effective_rows, residuals
 from gimbal_pin.estimation.estimators.colour import series
+from gimbal_pin.estimation.estimators.least_squares import Estimate, Estimator, effective_rows, residuals
 from gimbal_pin.estimation.rows import Block, Regression
 from gimbal_pin.log.log import Array
 
-TOLD = 0.3
+LEAST_SHARE = 0.3
 """A row's residual is drawn from where at least this share of its samples was not masked out."""
 LEAST = 20
 """Fewest estimates that tell a deviation."""
@@ -59,7 +59,7 @@ class Bootstrap:
             raise UsageError("the bootstrap", what, "use it with another estimator, or that one's own deviations")
         runs = range(self.count)
         bar = tqdm(runs, desc="bootstrap", unit="estimate", disable=None, leave=False, delay=2)
-        drawn = Drawn.of(blocks, found.theta, self.seconds)
+        drawn = ResidualBlocks.of(blocks, found.theta, self.seconds)
         thetas = np.array([self.estimator(drawn.again(blocks, found.theta, self.rng)).theta for _ in bar])
         blind = ~np.isfinite(np.diag(found.covariance))
         covariance = np.atleast_2d(np.cov(thetas.T))
@@ -68,7 +68,7 @@ class Bootstrap:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class ResidualBlocks:
     """Residuals of unmasked rows, and the places where a block of them may start.
 
     Attributes:
@@ -84,7 +84,7 @@ class Drawn:
     seconds: float
 
     @staticmethod
-    def of(blocks: Sequence[Block], theta: Array, seconds: float | None) -> Drawn:
+    def of(blocks: Sequence[Block], theta: Array, seconds: float | None) -> ResidualBlocks:
         """Take the residuals of an estimate; `DataError` if too few blocks fit in."""
         whole = series(blocks)
         step = min((float(np.median(np.diff(part.t))) for part in whole if len(part.t) > 1), default=np.inf)
@@ -96,12 +96,12 @@ class Drawn:
             what = f"holds fewer than {FEWEST} blocks of {length * step:.2g} s"
             raise DataError("the log", what, "record more, or draw shorter blocks")
         error, share = (np.concatenate(x) for x in zip(*((residuals(part, theta), part.share) for part in whole)))
-        told = share >= TOLD
-        residual = np.where(told, error / np.where(told, share, 1.0), 0.0)
+        usable = share >= LEAST_SHARE
+        residual = np.where(usable, error / np.where(usable, share, 1.0), 0.0)
         count = effective_rows(blocks)
         free = np.sum(error**2, axis=0) / np.maximum(count - len(theta) / len(count), 1.0)
         size = np.mean(residual**2, axis=0)
-        return Drawn(residual * np.sqrt(free / np.where(size > 0, size, 1.0)), starts, length, length * step)
+        return ResidualBlocks(residual * np.sqrt(free / np.where(size > 0, size, 1.0)), starts, length, length * step)
 
     def again(self, blocks: Sequence[Block], theta: Array, rng: np.random.Generator) -> Sequence[Block]:
         """Return the blocks with other residuals."""

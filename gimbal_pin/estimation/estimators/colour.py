@@ -88,19 +88,19 @@ def colours(
         gain: ``(Σ ZᵀWA)⁻¹``, (k, k), zero where a direction is not seen.
         weight: W, (n,).
     """
-    whole, lent = series(blocks), lending(blocks, columns)
+    whole, lent = series(blocks), joined_columns(blocks, columns)
     shares = [block.share for block in whole]
     seen = autocovariance([block.b - block.A @ theta for block in whole], shares)
     rows = np.sum([np.sum(share**2, axis=0) for share in shares], axis=0)
     joints = [colour(gamma, float(count)) for gamma, count in zip(seen.T, rows)]
     for _ in range(PASSES):
         spread = gain @ score(lent, joints, weight) @ gain.T
-        taken = absorbed(whole, lent, joints, gain, spread, weight)
+        taken = taken_by_fit(whole, lent, joints, gain, spread, weight)
         joints = [colour(gamma, float(count)) for gamma, count in zip((seen + taken).T, rows)]
     return joints
 
 
-def lending(blocks: Sequence[Block], columns: Sequence[Array]) -> list[Array]:
+def joined_columns(blocks: Sequence[Block], columns: Sequence[Array]) -> list[Array]:
     """Return other columns of the blocks, (m, n, k) each, joined as `series` joins these."""
     return [block.A for block in series([block._replace(A=z) for block, z in zip(blocks, columns)])]
 
@@ -110,13 +110,13 @@ def coloured(blocks: Sequence[Block], columns: Sequence[Array], theta: Array, ga
 
     Few rows tell no process of a dozen coefficients: theirs is a mixture of a few spectra, see `components.widened`.
     """
-    if sum(len(block.t) for block in blocks) <= components.MOST:
-        return components.widened(series(blocks), lending(blocks, columns), theta, gain, weight)
+    if sum(len(block.t) for block in blocks) <= components.SHORT_LOG:
+        return components.widened(series(blocks), joined_columns(blocks, columns), theta, gain, weight)
     joints = colours(blocks, columns, theta, gain, weight)
-    return np.asarray(gain @ score(lending(blocks, columns), joints, weight) @ gain.T)
+    return np.asarray(gain @ score(joined_columns(blocks, columns), joints, weight) @ gain.T)
 
 
-def absorbed(
+def taken_by_fit(
     whole: Sequence[Block],
     columns: Sequence[Array],
     joints: Sequence[Colour],
@@ -159,7 +159,7 @@ def score(columns: Sequence[Array], joints: Sequence[Colour], weight: Array) -> 
     return out
 
 
-def least(blocks: Sequence[Block], theta: Array) -> Array:
+def cramer_rao(blocks: Sequence[Block], theta: Array) -> Array:
     """Least standard deviations that any unbiased estimate of theta from some rows has, (k,): Cramér and Rao's.
 
     ``diag((Σ_j A_jᵀ Γ_j⁻¹ A_j)⁻¹)^½``, Γ_j the covariance of joint j's residual as an autoregressive process. That

@@ -16,15 +16,15 @@ from gimbal_pin.log.log import Array
 
 Indices = NDArray[np.integer[Any]]
 
-MOST = 320
-"""Rows per joint (40 s at 4 Hz) up to which noise is told this way; more tell a process of any shape."""
-LONGEST = 100
+SHORT_LOG = 320
+"""Rows per joint (40 s at 4 Hz) up to which noise is modelled this way; more rows show a process of any shape."""
+LONGEST_PIECE = 100
 """Rows that are inverted at once, for time; between such pieces the noise is taken to have forgotten."""
 SLOW = (1 / 12, 1 / 3)
 """Corners of the noises that are white through a first-order low-pass, in cutoffs."""
 STARTS = ((0.25, 0.25, 0.25, 0.25, 0.01), (0.01, 0.01, 0.3, 0.3, 1.0))
 """Shares of a joint's power from which the most likely ones are looked for: of every spectrum, and of the mask's."""
-TOLD = 0.1
+LEAST_SHARE = 0.1
 """A row is looked at where at least this share of its samples was not masked out."""
 PASSES, HALVINGS = 30, 8
 RIDGE = 1e-9
@@ -33,10 +33,10 @@ NEAR, SETTLED = 0.5, 1e-3
 """Gain of log-likelihood of a pass that is near the top, and at it; a standard deviation of a power is worth half."""
 NUGGET = 1e-6
 """White noise that is added to every mixture, in shares of its power: so it can be inverted."""
-SURE = 1.959964
+NORMAL_975 = 1.959964
 FEWEST = 2.0
 """Degrees of freedom of a variance that is known no better than from so many squares, at least."""
-LEAST = 1e-6
+LEAST_POWER = 1e-6
 """A spectrum has at least this share of a joint's power: none is lost for good."""
 RANK = 1e-12
 """Directions of less than this share of the largest, columns scaled to unit size, are not taken by the fit."""
@@ -60,7 +60,7 @@ class Piece(NamedTuple):
     kernels: Array
 
 
-class Weighed(NamedTuple):
+class Whitened(NamedTuple):
     """Pieces at some powers.
 
     Attributes:
@@ -78,7 +78,7 @@ class Weighed(NamedTuple):
     volume: float
 
 
-class Told(NamedTuple):
+class Likelihood(NamedTuple):
     """What the rows say at some powers.
 
     Attributes:
@@ -104,7 +104,7 @@ def autocovariances(lags: int) -> Array:
     return np.asarray(found / found[:, :1])
 
 
-def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longest: int = MOST) -> list[Piece]:
+def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longest: int = SHORT_LOG) -> list[Piece]:
     """Return the rows of every joint that are not masked out, apart by stretch, of at most so many rows each.
 
     Beside the spectra, in proportion to what of a row counts, there is an error of its own in every row that is masked
@@ -122,7 +122,7 @@ def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longe
         error = block.b - block.A @ theta
         for j, share in enumerate(block.share.T):
             felt = np.flatnonzero(z[:, j].any(axis=0))
-            rows = np.flatnonzero(share > TOLD)
+            rows = np.flatnonzero(share > LEAST_SHARE)
             for part in np.array_split(rows, -(-len(rows) // longest) or 1):
                 size = np.outer(share[part], share[part])
                 edges = np.diag(share[part] * (1.0 - share[part]))
@@ -131,7 +131,7 @@ def pieces(whole: Sequence[Block], columns: Sequence[Array], theta: Array, longe
     return [piece for piece in out if piece.y.any()]
 
 
-def weighed(parts: Sequence[Piece], power: Array) -> Weighed:
+def whitened(parts: Sequence[Piece], power: Array) -> Whitened:
     """Invert the covariances of all pieces at some powers, (n, q), and what X takes out of them."""
     mixed = [np.tensordot(power[p.joint], p.kernels, 1) for p in parts]
     roots = [np.linalg.cholesky(V + NUGGET * np.trace(V) / len(V) * np.eye(len(V))) for V in mixed]
@@ -144,10 +144,10 @@ def weighed(parts: Sequence[Piece], power: Array) -> Weighed:
         right[p.felt] += w.T @ p.y
     inverse, volume = inverted(normal)
     volume += 2 * float(np.sum([np.sum(np.log(np.diag(L))) for L in roots]))
-    return Weighed(inverses, W, inverse, inverse @ right, volume)
+    return Whitened(inverses, W, inverse, inverse @ right, volume)
 
 
-def told(parts: Sequence[Piece], power: Array) -> Told:
+def restricted_likelihood(parts: Sequence[Piece], power: Array) -> Likelihood:
     """Restricted likelihood of powers, (n, q), its slope and information (Patterson and Thompson 1971).
 
     With V the covariance, ``P = V⁻¹ - V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹``, K a spectrum's part in V: ``2 l = -log|V| - log|XᵀV⁻¹X| -
@@ -156,7 +156,7 @@ def told(parts: Sequence[Piece], power: Array) -> Told:
     costs a fifth where there are many joints, and steps need no more.
     """
     n, q = power.shape
-    at_powers = weighed(parts, power)
+    at_powers = whitened(parts, power)
     slope, information = np.zeros(n * q), np.zeros((n * q, n * q))
     likelihood = -at_powers.volume
     for p, Vi, w in zip(parts, at_powers.inverses, at_powers.W):
@@ -166,7 +166,7 @@ def told(parts: Sequence[Piece], power: Array) -> Told:
         slope[at] += np.einsum("s,ist,t->i", r, p.kernels, r) - np.tensordot(p.kernels, P, 2)
         information[at, at] += traces(p.kernels @ Vi, p.kernels @ P)
         likelihood -= float(p.y @ r)
-    return Told(0.5 * likelihood, 0.5 * slope, 0.25 * (information + information.T))
+    return Likelihood(0.5 * likelihood, 0.5 * slope, 0.25 * (information + information.T))
 
 
 def fisher(parts: Sequence[Piece], power: Array) -> Array:
@@ -175,7 +175,7 @@ def fisher(parts: Sequence[Piece], power: Array) -> Array:
     P is never formed: what X takes is of as many dimensions as there are parameters.
     """
     n, q = power.shape
-    at_powers = weighed(parts, power)
+    at_powers = whitened(parts, power)
     inverse, information = at_powers.inverse, np.zeros((n * q, n * q))
     moments = np.zeros((n * q, *inverse.shape))
     for p, Vi, w in zip(parts, at_powers.inverses, at_powers.W):
@@ -212,18 +212,18 @@ def powers(parts: Sequence[Piece], n: int) -> Array:
     for p in parts:
         size[p.joint] += p.y @ p.y
         rows[p.joint] += len(p.y)
-    found = [climbed(parts, np.outer(size / np.maximum(rows, 1.0), start), NEAR) for start in STARTS]
-    return climbed(parts, max(found, key=lambda power: told(parts, power).likelihood), SETTLED)
+    found = [maximised(parts, np.outer(size / np.maximum(rows, 1.0), start), NEAR) for start in STARTS]
+    return maximised(parts, max(found, key=lambda power: restricted_likelihood(parts, power).likelihood), SETTLED)
 
 
-def climbed(parts: Sequence[Piece], now: Array, settled: float) -> Array:
+def maximised(parts: Sequence[Piece], now: Array, settled: float) -> Array:
     """Return the most likely powers that are reached from some, (n, q); a pass that gains less than `settled` ends."""
-    here = told(parts, now)
+    here = restricted_likelihood(parts, now)
     for _ in tqdm(range(PASSES), "noise of short logs", unit="pass", disable=None, leave=False, delay=2):
         step, total = scoring(here, now), np.maximum(now.sum(axis=1, keepdims=True), 1e-300)
         for _ in range(HALVINGS):
-            after = np.maximum(now + step, LEAST * total)
-            there = told(parts, after)
+            after = np.maximum(now + step, LEAST_POWER * total)
+            there = restricted_likelihood(parts, after)
             if there.likelihood >= here.likelihood:
                 break
             step = step / 2
@@ -236,7 +236,7 @@ def climbed(parts: Sequence[Piece], now: Array, settled: float) -> Array:
     return now
 
 
-def scoring(here: Told, now: Array) -> Array:
+def scoring(here: Likelihood, now: Array) -> Array:
     """Return the step to where the likelihood, taken as a parabola, is largest over powers that are not negative."""
     from scipy.optimize import nnls
 
@@ -264,7 +264,7 @@ def widened(whole: Sequence[Block], columns: Sequence[Array], theta: Array, gain
         gain: ``(Σ ZᵀWA)⁻¹``, (k, k), zero where a direction is not seen.
         weight: W, (n,).
     """
-    parts = pieces(whole, columns, theta, LONGEST)
+    parts = pieces(whole, columns, theta, LONGEST_PIECE)
     if not parts:
         return np.zeros_like(gain)
     found = powers(parts, len(weight))
@@ -274,7 +274,7 @@ def widened(whole: Sequence[Block], columns: Sequence[Array], theta: Array, gain
         z = weight[p.joint] * p.X @ gain[:, p.felt].T
         each[p.joint * q : (p.joint + 1) * q] += z.T @ (p.kernels @ z)
     out = np.tensordot(found.ravel(), each, 1)
-    widen = stdtrit(freedom(fisher(parts, found), found, np.diagonal(each, axis1=1, axis2=2)), 0.975) / SURE
+    widen = stdtrit(freedom(fisher(parts, found), found, np.diagonal(each, axis1=1, axis2=2)), 0.975) / NORMAL_975
     return np.asarray(out * np.outer(widen, widen))
 
 

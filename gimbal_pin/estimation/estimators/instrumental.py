@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.estimators.base import RANK, Estimate, effective_rows, residuals
 from gimbal_pin.estimation.estimators.colour import coloured
+from gimbal_pin.estimation.estimators.least_squares import RANK, Estimate, effective_rows, joint_weights, residuals
 from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
 
@@ -65,14 +65,14 @@ def iterated(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ())
     `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
     """
     rows, width = effective_rows(blocks), blocks[0].A.shape[2]
-    weight = np.ones(blocks[0].b.shape[1])
+    weight: Array = np.ones(blocks[0].b.shape[1])
     for _ in range(PASSES):
         moment = moments(pairs, weight) - moments([(D, D) for D in noise], weight, width)
         target = sum((np.einsum("tjk,j,tj->k", Z, weight, block.b) for (Z, _), block in zip(pairs, blocks)), 0.0)
         theta, inverse, condition = solved(moment, np.asarray(target))
         squares = sum(np.sum(residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
-        weight = 1.0 / np.maximum(power, 1e-6 * power.max() + 1e-30)
+        weight = joint_weights(power) ** 2
     spread = coloured(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
     spread = spread + inverse @ products(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)

@@ -2,30 +2,151 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gimbal_pin.dynamics.model import Model, friction_effects
-from gimbal_pin.dynamics.reduction import reduce
+import numpy as np
+
+from gimbal_pin.dynamics.model import Estimated, Model, friction_effects
+from gimbal_pin.dynamics.reduction import Reduction, reduce
+from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import ALWAYS, Effect
+from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.bodies import TRUST
-from gimbal_pin.estimation.channel_assignment import check_wiring
+from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
-from gimbal_pin.estimation.hausman_check import Asked, suspicion
-from gimbal_pin.estimation.identification.assembling import assembled
-from gimbal_pin.estimation.identification.bound import best, usual
-from gimbal_pin.estimation.identification.holding_out import split
-from gimbal_pin.estimation.identification.identified import Identified
-from gimbal_pin.estimation.identification.misfit import honest
-from gimbal_pin.estimation.identification.seen import check_seen, check_unit, enough, unseen, within
-from gimbal_pin.estimation.identification.warning import faults
-from gimbal_pin.estimation.rows import Filtering, Regression, Rows, base_motion, kept
+from gimbal_pin.estimation.estimators.colour import cramer_rao
+from gimbal_pin.estimation.estimators.hausman import WhenTested, check_bias
+from gimbal_pin.estimation.identification.checks import check_enough, check_log, check_seen, check_unit, unseen
+from gimbal_pin.estimation.identification.identified import Identified, accuracy, faults
+from gimbal_pin.estimation.identification.misfit import with_misfit
+from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, base_motion, regression
 from gimbal_pin.log.calibration import rectified
-from gimbal_pin.log.log import Log
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
+from gimbal_pin.rig.consistency import Consistent, likeliest, nearest
 from gimbal_pin.rig.rig import Rig
+
+SHAKEN = 12.0
+"""Cutoff for a base that is shaken, Hz: hands and airframes shake at 4 to 12 Hz, and what is fast shows inertias."""
+WIDE = 16.0
+"""Cutoff of the rows that the bound is taken from, Hz: of thesis's 60 s it is the same at 12 and at 25."""
+
+
+def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:
+    """Return training logs, held-out logs, and how they were parted."""
+    if not logs:
+        raise UsageError("logs", "none was given", "give at least one log")
+    how = holdout or ("last-third" if len(logs) == 1 else f"log:{len(logs)}")
+    if how == "none":
+        return tuple(logs), (), "none"
+    if how == "last-third":
+        halves = [two_thirds(log, filters) for log in logs]
+        return tuple(a for a, _ in halves), tuple(b for _, b in halves), "last third"
+    match = re.fullmatch(r"log:(\d+)", how)
+    if not match or not 1 <= int(match[1]) <= len(logs) or len(logs) < 2:
+        several = f", or log:1 to log:{len(logs)}" if len(logs) > 1 else "; log:N takes several logs"
+        raise UsageError("--holdout", f"cannot be '{how}'", f"use last-third or none{several}")
+    k = int(match[1]) - 1
+    return (*logs[:k], *logs[k + 1 :]), (logs[k],), f"log {k + 1} of {len(logs)}"
+
+
+def two_thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
+    """Split at two thirds of the time; the filters' settling at the cut keeps a gap between the two."""
+    cut = int(np.searchsorted(log.t, log.t[0] + (log.t[-1] - log.t[0]) * 2 / 3))
+    return log.part(slice(0, cut)), log.part(slice(cut, None))
+
+
+def assembled(
+    rows: Rows,
+    blocks: Sequence[Block],
+    estimate: Estimate,
+    tested: Sequence[Block] | None,
+    how: str,
+    trust: float = TRUST,
+) -> Identified:
+    """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
+
+    Args:
+        rows: The training rows.
+        blocks: Their blocks.
+        estimate: Parameters in the order of `rows.names`.
+        tested: Blocks that were held out, or None.
+        how: How they were parted.
+        trust: Relative standard deviation of the URDF's masses, see `bodies`.
+    """
+    rig, model = rows.rig, to_model(rows, estimate)
+    held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
+    consistent, shift = nearest_physical(rows, estimate, trust)
+    moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
+    change = np.sqrt(np.mean(moved**2, axis=0))
+    return Identified(
+        model=model,
+        reduction=rows.reduction,
+        estimate=estimate,
+        names=rows.names,
+        units=rows.units,
+        train=accuracy(rig.joints, blocks, estimate.theta, "training part"),
+        held_out=held_out,
+        consistent=consistent,
+        torque_change=dict(zip(rig.joints, change.tolist())),
+        logs=tuple(log.name for log in rows.logs),
+        filtering=rows.filtering,
+        given=rig.phi,
+        trust=trust,
+    )
+
+
+def to_model(rows: Rows, estimate: Estimate) -> Model:
+    """Return the model with these parameters: RNEA and regressor then predict the same torque.
+
+    Bodies that were fitted are taken as they are, else those of `Rows.phi`; `consistency.nearest` has physical ones.
+    """
+    rig, width = rows.rig, len(rows.reduction.independent)
+    phi = rows.phi(estimate.theta[:width]) if estimate.phi is None else estimate.phi
+    known = Estimated(rows.names, rows.units, estimate.theta, estimate.covariance)
+    return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
+
+
+def nearest_physical(rows: Rows, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
+    """Return the most likely bodies, how far off the nearest are, and the change in base parameters, (b,)."""
+    width = len(rows.reduction.independent)
+    if estimate.phi is not None:
+        return Consistent(estimate.phi, 0.0), np.zeros(width)
+    estimated = rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width]
+    phi = likeliest(*estimated, trust)
+    return Consistent(phi, nearest(*estimated).distance), rows.mixing @ phi - estimate.theta[:width]
+
+
+def given_beta(rig: Rig, reduction: Reduction) -> Array:
+    """Base parameters of the URDF as it stands, (b,)."""
+    return reduction.mixing @ rig.phi[columns(rig)[1]]
+
+
+Fit = Callable[[Filtering], tuple[Regression, Estimate]]
+
+
+def usual_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
+    """Return the filter for logs where none is given: wider where the base turns and joint rates were measured."""
+    measured = all(log.v is not None for log in logs)
+    return Filtering(cutoff=SHAKEN) if base == "rotating" and measured else Filtering()
+
+
+def least_deviations(fit: Fit, filters: Filtering, names: Sequence[str]) -> Array | None:
+    """Return the least standard deviations that the training rows allow, see `colour.cramer_rao`, (k,).
+
+    None where the wide rows show other parameters.
+
+    Args:
+        fit: Fits the training rows with a filter.
+        filters: The filter in force; its alignment is kept.
+        names: The parameters that were estimated.
+    """
+    blocks, estimate = fit(replace(filters, cutoff=max(WIDE, filters.cutoff)))
+    return cramer_rao(blocks, estimate.theta) if tuple(blocks.rows.names) == tuple(names) else None
 
 
 @one_thread()
@@ -37,7 +158,7 @@ def identify(
     estimator: Estimator = weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
-    examined: Asked = "never",
+    examined: WhenTested = "never",
     trust: float = TRUST,
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
@@ -52,40 +173,39 @@ def identify(
         effects: Effects on top of Coulomb and viscous friction.
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
-        filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `bound.usual`.
-        examined: Whether to test if least squares is biased on these logs, see `hausman_check`, and, unless "never",
-            what the audit says of them, if their halves are of one rig, see `payload_change.apart`, and what logs of a
-            base that turned tell at best.
+        filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `usual_filter`.
+        examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
+            what the audit finds, whether the halves are of one rig, see `payload_change.compare_halves`, and the least
+            deviations that logs of a base that turned allow.
         trust: Relative standard deviation of the URDF's masses, see `bodies`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
-        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_wiring`.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
     """
     for log in logs:
-        within(log, filtering or Filtering())
+        check_log(log, filtering or Filtering())
         check_unit(rig, log)
     calibrated = [rectified(rig, log) for log in logs]
     notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
     logs = [one.log for one in calibrated]
-    filters = filtering or usual(logs, moved(rig, logs))
+    filters = filtering or usual_filter(logs, greatest_base_motion(rig, logs))
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
-    base = moved(rig, train)
+    base = greatest_base_motion(rig, train)
     blocks, estimate = fitted(rig, everything, train, filters, estimator, base)
-    check_wiring(blocks, estimate)
-    estimate, missed = honest(blocks, estimate)
-    notes += tuple(
-        f"{log.name} only judged the others and taught nothing; --refit learns from all" for log in whole(test, logs)
-    )
-    tested = kept(replace(blocks.rows, logs=test)) if test else None
+    check_assignment(blocks, estimate)
+    estimate, missed = with_misfit(blocks, estimate)
+    unused = [log.name for log in test if any(log is one for one in logs)]
+    notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
+    tested = regression(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how, trust)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
-    judged = suspicion(blocks, examined, estimate.method)
+    judged = check_bias(blocks, examined, estimate.method)
     parting = None
     if examined != "never":
-        parting = payload_change.apart([*blocks, *(tested or ())], payload_change.directions(blocks.rows))
+        parting = payload_change.compare_halves([*blocks, *(tested or ())], blocks.rows)
     # Noise in the angles biases either half in its own way: that is said already, and is no second rig.
     noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
     notes += (payload_change.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
@@ -100,22 +220,17 @@ def identify(
         faults=() if examined == "never" else faults(rig, logs),
         bound=None
         if examined == "never" or base != "rotating"
-        else best(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
+        else least_deviations(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
     )
 
 
-def added(model: Model) -> tuple[Effect, ...]:
+def refittable_effects(model: Model) -> tuple[Effect, ...]:
     """Return the effects of a model beside Coulomb and viscous friction that logs can be fitted with again.
 
     Not those that read the model's own torque: the rows have but the measured one, whose noise would leak.
     """
-    usual = {kind.name for kind in ALWAYS}
-    return tuple(term.effect for term in model.terms if term.effect.name not in usual and not term.effect.loaded)
-
-
-def whole(held_out: Sequence[Log], logs: Sequence[Log]) -> list[Log]:
-    """Return the logs that were held out as a whole."""
-    return [log for log in held_out if any(log is one for one in logs)]
+    always = {kind.name for kind in ALWAYS}
+    return tuple(term.effect for term in model.terms if term.effect.name not in always and not term.effect.loaded)
 
 
 def refitted(judged: Identified, whole: Identified) -> Identified:
@@ -147,8 +262,8 @@ def fitted(
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
     rows = Rows(rig, reduce(rig, base=base), effects, logs, filters)
-    blocks = kept(rows)
-    enough(rows, blocks)
+    blocks = regression(rows)
+    check_enough(rows, blocks)
     estimate = estimator(blocks)
     if base != "fixed" and unseen(rows.names, blocks, estimate):
         return fitted(rig, effects, logs, filters, estimator, MOTIONS[MOTIONS.index(base) - 1])
@@ -156,6 +271,6 @@ def fitted(
     return blocks, estimate
 
 
-def moved(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
+def greatest_base_motion(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
     """Return the greatest motion of the base in some logs."""
     return max((base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")

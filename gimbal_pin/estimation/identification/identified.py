@@ -1,8 +1,8 @@
-"""The result of an identification."""
+"""The result of an identification: model, accuracy, and warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -12,22 +12,134 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
+from gimbal_pin.errors import DataError, digits
 from gimbal_pin.estimation import payload_change
+from gimbal_pin.estimation.audit import audit
 from gimbal_pin.estimation.bodies import TRUST, Body, bodies
 from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.hausman_check import Suspicion
-from gimbal_pin.estimation.identification.judging import Accuracy
+from gimbal_pin.estimation.estimators.hausman import BiasCheck
+from gimbal_pin.estimation.identification.checks import FAINT
 from gimbal_pin.estimation.identification.misfit import Misfit
-from gimbal_pin.estimation.identification.warning import warnings
-from gimbal_pin.estimation.rows import Filtering, camera_body, over_phi
+from gimbal_pin.estimation.rows import Block, Filtering, camera_body, excerpt, over_phi
 from gimbal_pin.log.calibration import Mounting
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.consistency import Consistent
 from gimbal_pin.rig.inertia import to_urdf
+from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.urdf import with_friction
 
+NEGATIVE_FROM = 3.0
+"""Deviations under zero from which a parameter that cannot be negative is said to be: one in 700 is by chance."""
+EXPLAINED = 90.0
+"""Held-out fit, %, from which a joint's misfit is a matter of accuracy: a tenth of the torque's deviation is what rigid
+bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
+MASKED_FROM = 0.5
+"""Share of a joint's samples that may be masked out before the rest are no longer the log."""
+POSITIVE = ("Ixx", "Iyy", "Izz", "m")
+"""Parameters of a body that no body has negative; a sum of them is not either."""
 MIXED = 1e-9
 """Share of a body's parameter in a base parameter under which that knows nothing of it."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How well a model predicts the filtered torque of some rows.
+
+    Attributes:
+        how: Which rows.
+        torque_rmse: Joint → root mean square error, N m, over all samples but those near standstill.
+        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples; nan where the torque
+            does not change.
+        used: Joint → share of the rows that were used; the rest is near standstill, where a joint's motion does not
+            tell its torque.
+    """
+
+    how: str
+    torque_rmse: Mapping[str, float]
+    fit_percent: Mapping[str, float]
+    used: Mapping[str, float]
+
+    def __str__(self) -> str:
+        """One line: every joint's error and fit."""
+        each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
+        return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
+
+
+def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
+    """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
+    if not blocks:
+        raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
+    measured, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share"))
+    error = measured - np.concatenate([block.A @ theta for block in blocks])
+    rows = np.maximum(np.sum(share**2, axis=0), 1e-300)
+    rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
+    mean = np.sum(measured * share, axis=0) / rows
+    spread = np.linalg.norm(measured - mean * share, axis=0)
+    fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
+    used = np.mean(share**2, axis=0)
+    return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used)))
+
+
+def faults(rig: Rig, logs: Sequence[Log]) -> tuple[str, ...]:
+    """Audit rectified logs as `diagnose` does, worst fault first; of long ones an `excerpt`."""
+    found = [(log.name, fault) for log in logs for fault in audit(rig, excerpt(log).log).faults]
+    worst_first = sorted(found, key=lambda each: not each[1].makes_physics_unreliable)
+    serious = [(name, fault) for name, fault in worst_first if not fault.slight]
+    return tuple(
+        f"{name + ': ' if len(logs) > 1 else ''}{fault.sentence}"
+        + (f"; {fault.next_experiment}" if fault.makes_physics_unreliable else "")
+        for name, fault in serious
+    )
+
+
+def warnings(found: Identified) -> Iterator[str]:
+    """Yield which joints are not explained, the faults of the logs, then what else is wrong, a sentence each."""
+    yield from unexplained(found)
+    yield from found.faults
+    yield from negative(found)
+    if found.held_out is not None:
+        for joint, fit in found.held_out.fit_percent.items():
+            if fit < 0:
+                what = f"the model predicts the held-out torque worse than its mean does (fit {digits(fit, 2)} %)"
+                yield f"{joint}: {what}: it holds for nothing but the logs that it was fitted to"
+    for joint, used in found.train.used.items():
+        if used < 1 - MASKED_FROM:
+            what = "near standstill, where dry friction is unknown, and left out"
+            yield f"{joint}: {100 * (1 - used):.0f} % of the samples are {what}: the parameters are of the rest"
+
+
+def unexplained(found: Identified) -> Iterator[str]:
+    """Yield the joints whose torque follows from their motion in a way that the model does not hold."""
+    judged = found.held_out or found.train
+    for joint, one in found.missed.items():
+        fit = judged.fit_percent[joint]
+        if one.size > one.noise and not fit > EXPLAINED:
+            size = f"{digits(one.size, 2)} N m rms of its torque are a function of its motion that the model lacks"
+            yield f"{joint} is not explained: {digits(fit, 2)} %; run diagnose ({size}; deviations hold it)"
+
+
+def negative(found: Identified) -> Iterator[str]:
+    """Yield the friction and the moments of inertia that are significantly under zero; then those that only may be.
+
+    A value under zero that its deviation explains is a value that the logs do not determine.
+    """
+    sums = (
+        all(factor > 0 and name.rsplit(".", 1)[1] in POSITIVE for name, factor in terms.items())
+        for terms in found.reduction.terms
+    )
+    positive = ["no body has such an inertia" if only else "" for only in sums]
+    coefficients = (c for term in found.model.terms for c in term.effect.coefficients)
+    positive += ["friction takes power" if c.lower >= 0 else "" for c in coefficients]
+    rows = zip(found.names, positive, found.estimate.theta.tolist(), found.estimate.std.tolist(), found.units)
+    vague = []
+    for name, why, value, std, unit in rows:
+        figure = f"{digits(value, 2)} ± {digits(1.96 * std, 2)} {unit}"
+        if why and value < -NEGATIVE_FROM * std:
+            yield f"{name} is negative ({figure}), and {why}: something else acts there, see 'gimbal-pin diagnose'"
+        elif why and value < 0:
+            vague.append(f"{name} ({figure})")
+    if vague:
+        yield f"undetermined, for their values are under zero and no such thing exists: {', '.join(vague)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +161,13 @@ class Identified:
         given: Inertial parameters of the rig as it was given, (10 n,).
         mountings: Log → link → how its IMU sits there, where gyros and encoders could tell.
         notes: What of the logs was not used, in sentences.
-        bias: Whether least squares is biased on these logs; None where that was not asked.
+        bias: Whether least squares is biased on these logs; None where not tested.
         parting: By how much the halves of the data differ, in shares of what chance allows, see
-            `payload_change.apart`; above one they are of two rigs; None where that was not asked.
+            `payload_change.compare_halves`; above one they are of two rigs; None where not tested.
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
-            `estimators.colour.least`; None where the base did not turn, or that was not asked.
+            `estimators.colour.cramer_rao`; None where the base did not turn, or where not computed.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
-        faults: What the audit of the logs found, in sentences, see `warning.faults`.
+        faults: What the audit of the logs found, in sentences, see `faults`.
         missed: Joint → what of its torque the model misses, see `misfit`.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
@@ -74,7 +186,7 @@ class Identified:
     given: Array
     mountings: Mapping[str, Mapping[str, Mounting]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    bias: Suspicion | None = None
+    bias: BiasCheck | None = None
     parting: float | None = None
     bound: Array | None = None
     trust: float = TRUST
@@ -97,7 +209,7 @@ class Identified:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What has to be known before the parameters are read, in sentences, see `warning.warnings`."""
+        """What has to be known before the parameters are read, in sentences."""
         return tuple(warnings(self))
 
     @property
@@ -150,8 +262,8 @@ class Identified:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `identify`)."""
-        told = (self.estimate.theta, self.estimate.std, self.stated, self.moved)
-        rows = zip(self.names, self.units, *(x.tolist() for x in told))
+        values = (self.estimate.theta, self.estimate.std, self.stated, self.moved)
+        rows = zip(self.names, self.units, *(x.tolist() for x in values))
         return {
             "schema": 1,
             "rig": self.model.rig.name,

@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.estimators.base import effective_rows, factor, solve, triangle
-from gimbal_pin.estimation.estimators.weighted import joint_weights
+from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, joint_weights, solve, triangle
 from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
 
@@ -113,7 +112,7 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
 
 
-def honest(blocks: Sequence[Block], estimate: Estimate) -> tuple[Estimate, tuple[Misfit, ...]]:
+def with_misfit(blocks: Sequence[Block], estimate: Estimate) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
     The rows weigh as they do in `weighted`, or alike where the estimator is `ols`.

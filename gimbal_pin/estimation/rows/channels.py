@@ -1,7 +1,10 @@
-"""A stretch of a log, resampled, smoothed and differentiated: what the regressor is evaluated at."""
+"""A log resampled, smoothed and differentiated, stretch by stretch: what the regressor is evaluated at."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +12,95 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.rows.filtering import Filtering
-from gimbal_pin.estimation.rows.grid import Stretch
-from gimbal_pin.estimation.rows.rate import fused
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.missing_samples import inside
-from gimbal_pin.log.platform import Platform
+from gimbal_pin.log.missing_samples import filled, holes, inside
+from gimbal_pin.log.platform import BaseMotion, Platform
+from gimbal_pin.rig.rig import Rig
+
+FINE = 200.0
+"""Least rate of decimated channels, samples per second."""
+CLEAR = 6.0
+"""The same in corners of the smoother."""
+SHORTEST = 8
+"""A stretch of fewer samples than this is too short to estimate noise from, and its filters leave no row."""
+EXCERPT_SECONDS = 120.0
+"""Time that is looked at, s, or as many rows as that has at `FINE`."""
+EXCERPT_PARTS = 8
+"""Stretches: 15 s each, forty times what filters lose at their ends; a drift is seen at eight times."""
+EXCERPT_FROM = 2.0
+"""Logs of so many times that are not looked at as a whole: what is left out between two stretches is then a pause."""
+
+
+@dataclass(frozen=True)
+class Filtering:
+    """How a log becomes rows.
+
+    Attributes:
+        cutoff: Low-pass on every column and on the torque, Hz.
+        smoothing: Low-pass on the channels before they are differentiated, in multiples of the cutoff.
+        alignment: Time by which the torque acts later than its stamp, s; None: half a sample, for a torque that is
+            held from its sample to the next.
+    """
+
+    cutoff: float = 4.0
+    smoothing: float = 8.0
+    alignment: float | None = None
+
+
+def settling(filtering: Filtering) -> float:
+    """Time around a sample that its row depends on, s: both filters' memory."""
+    return signals.settling(filtering.cutoff) + signals.settling(filtering.cutoff * filtering.smoothing)
+
+
+def thinning(filtering: Filtering, dt: float) -> int:
+    """Return the whole factor by which smoothed channels can be decimated: to `CLEAR` corners of the smoother, Hz.
+
+    Of what folds back into the band the noise of the acceleration, which rises with f², is the largest. At a rate of r
+    corners c of a smoother of `signals.ORDER` 3, run twice, it comes from near r c and has ``r² / (1 + r⁶)`` of what it
+    has at the corner: 1/1300 at 6. Columns that jump are smoothed before, at the full rate. Beside it, `FINE`.
+    """
+    return max(1, int(1.000001 / (max(FINE, CLEAR * filtering.cutoff * filtering.smoothing) * dt)))
+
+
+class Stretch(NamedTuple):
+    """Uniform grid over a part of a log: `length` samples every `dt` s from `start`.
+
+    The part has no holes but those whose begin and end, s, are in `holes`, (k, 2); `log` has them filled where the
+    motion tells what was in them.
+    """
+
+    log: Log
+    rows: slice
+    start: float
+    dt: float
+    length: int
+    holes: Array
+
+
+def stretches(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Stretch]:
+    """Yield the parts of a log between holes; what the motion itself closes is none.
+
+    Args:
+        log: The log.
+        cutoff: Highest frequency that will be looked at, Hz.
+        across: Holes up to so long, s, do not part it either: for those who only look at what was measured.
+    """
+    if len(log) < SHORTEST:
+        return
+    log, closed = filled(log, cutoff)
+    dt, gaps = log.dt, holes(log, cutoff)
+    ends = np.stack([log.t[gaps], log.t[gaps + 1]], axis=1)
+    passed = ends[:, 1] - ends[:, 0] <= across
+    closed = np.sort(np.concatenate([closed, ends[passed]]), axis=0)
+    edges = [0, *(gaps[~passed] + 1).tolist(), len(log)]
+    for first, last in itertools.pairwise(edges):
+        if last - first >= SHORTEST:
+            span = log.t[last - 1] - log.t[first]
+            count = int(span / dt * (1 + 1e-9)) + 1
+            # The grid's own interval makes it end on the last sample: an interval rounded from jitter would drift.
+            yield Stretch(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count, closed)
+
 
 Flags = NDArray[np.bool_]
 
@@ -24,7 +109,7 @@ class Channels(NamedTuple):
     """A stretch of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
 
     `platform` is the motion of the base, through the same filter; None where it stands upright. `lost` flags the
-    samples in holes of the log, (m,): nobody measured them; None where there is no hole.
+    samples in holes of the log, (m,), which were not measured; None where there is no hole.
     """
 
     t: Array
@@ -58,7 +143,7 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carr
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
     grid = np.asarray(stretch.start + dt * np.arange(first, last), dtype=np.float64)
-    near = rows_of(stretch, filtering, grid)
+    near = samples_around(stretch, filtering, grid)
     t = log.t[near]
     sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / dt)
     raw_q = signals.resample(t, log.q[near], grid)
@@ -69,28 +154,28 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carr
         raw_v = signals.resample(t, log.v[near], grid)
         v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
     tau = signals.zero_phase(torque(stretch, filtering, grid), sections)
-    platform = None if carrier is None else carried(log, carrier, near, grid, sections)
+    platform = None if carrier is None else base_motion_on(log, carrier, near, grid, sections)
     lost = inside(stretch.holes, grid) if len(stretch.holes) else None
     return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
 
 
-def aligned(stretch: Stretch, filtering: Filtering) -> float:
+def torque_delay(stretch: Stretch, filtering: Filtering) -> float:
     """Time by which the torque acts later than its stamp, s."""
     return stretch.dt / 2 if filtering.alignment is None else filtering.alignment
 
 
-def rows_of(stretch: Stretch, filtering: Filtering, grid: Array) -> slice:
+def samples_around(stretch: Stretch, filtering: Filtering, grid: Array) -> slice:
     """Rows of the log that a grid is resampled from."""
-    reach = 4 * stretch.dt + abs(aligned(stretch, filtering))
+    reach = 4 * stretch.dt + abs(torque_delay(stretch, filtering))
     begin, end = np.searchsorted(stretch.log.t, [grid[0] - reach, grid[-1] + reach])
     return slice(max(begin, stretch.rows.start), min(end, stretch.rows.stop))
 
 
 def torque(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
     """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
-    log, near = stretch.log, rows_of(stretch, filtering, grid)
+    log, near = stretch.log, samples_around(stretch, filtering, grid)
     assert log.tau is not None
-    return signals.resample(log.t[near] + aligned(stretch, filtering), log.tau[near], grid)
+    return signals.resample(log.t[near] + torque_delay(stretch, filtering), log.tau[near], grid)
 
 
 class Logged(NamedTuple):
@@ -115,11 +200,11 @@ class Logged(NamedTuple):
     @staticmethod
     def of(stretch: Stretch, filtering: Filtering, grid: Array, step: int) -> Logged:
         """What `smoothed` was given to come to every `step`-th sample of a grid."""
-        log, near = stretch.log, rows_of(stretch, filtering, grid)
+        log, near = stretch.log, samples_around(stretch, filtering, grid)
         assert log.tau is not None
         cutoff = filtering.cutoff * filtering.smoothing
         sections = signals.lowpass(cutoff, 1 / stretch.dt)
-        return Logged(log.t[near] + aligned(stretch, filtering), log.tau[near], grid, sections, step, cutoff)
+        return Logged(log.t[near] + torque_delay(stretch, filtering), log.tau[near], grid, sections, step, cutoff)
 
     def smoothed(self, torque: Array) -> Array:
         """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,)."""
@@ -134,10 +219,75 @@ def impulse(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
     return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / stretch.dt))
 
 
-def carried(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:
+def base_motion_on(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:
     """Return the base's motion on a uniform grid, smoothed like the other channels."""
     imu, t = log.imus[carrier], log.t[near]
     if imu.gyro is None or imu.accel is None:
         raise UsageError(log.name, f"lacks the gyro or the accelerometer of {carrier}", "give both, or neither")
     w, f = (signals.zero_phase(signals.resample(t, x[near], grid), sections) for x in (imu.gyro, imu.accel))
     return Platform(grid, f, w, signals.differentiate(w, float(grid[1] - grid[0])))
+
+
+def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
+    """Combine the angle's derivative with the measured rate; return rate and its standard deviation.
+
+    The derivative of an angle with white noise σ_q is the better rate below the frequency where 2π f σ_q = σ_v, the
+    measured rate above it: a complementary filter at that crossover takes each where it is better, and removes a
+    gyro's bias on the way. A column of one value throughout has no noise to weigh it by and is no measurement: where
+    the joint is held, the angle says so, too.
+    """
+    sections = signals.lowpass(cutoff, 1 / dt)
+    angle_noise, rate_noise = signals.noise_std(raw_q), signals.noise_std(raw_v)
+    rate = signals.zero_phase(raw_v, sections)
+    rate_std = rate_noise * signals.noise_gain(sections, 1 / dt, 0)
+    out = rate.copy()
+    difference = derived - rate
+    # The smoothed angle is wrong at its two ends; a slow crossover would carry that far inwards.
+    edge = min(round(signals.settling(cutoff) / dt), len(rate) // 2 - 1)
+    difference[:edge], difference[-edge:] = difference[edge], difference[-edge - 1]
+    for j, (sigma_q, sigma_v) in enumerate(zip(angle_noise, rate_noise)):
+        crossover = sigma_v / (2 * np.pi * max(sigma_q, 1e-12))
+        measured = np.ptp(raw_v[:, j]) > 0
+        if measured and crossover * dt < 1e-4:
+            continue
+        if not measured or crossover * dt > 0.4:
+            out[:, j] = derived[:, j]
+            rate_std[j] = angle_noise[j] * signals.noise_gain(sections, 1 / dt, 1)
+            continue
+        slow = signals.lowpass(crossover, 1 / dt)
+        out[:, j] += signals.zero_phase(difference[:, j : j + 1], slow)[:, 0]
+    return out, rate_std
+
+
+def moving_base_link(rig: Rig, log: Log) -> str | None:
+    """Return the base link if its IMU says that the base moves or leans; None where it stands or has no IMU."""
+    return None if base_motion(rig, log) == "fixed" else rig.base
+
+
+def base_motion(rig: Rig, log: Log) -> BaseMotion:
+    """Return what the base does in a log, as its IMU says; "fixed" where it has none."""
+    imu = log.imus.get(rig.base)
+    if imu is None or imu.gyro is None or imu.accel is None or len(log) < SHORTEST:
+        return "fixed"
+    return Platform.measured(log.t, imu, log.name).motion
+
+
+class Excerpt(NamedTuple):
+    """A log to look at, and what was used of a longer one: nothing to be said where it is the whole."""
+
+    log: Log
+    note: str = ""
+
+
+def excerpt(log: Log, used: float = EXCERPT_SECONDS, count: int = EXCERPT_PARTS) -> Excerpt:
+    """Return stretches that last `used` seconds together, spread evenly over the rows, the first and the last included.
+
+    They are one log with pauses, so that filters end there. A log of less than `EXCERPT_FROM` times that is returned
+    whole.
+    """
+    rows = round(used / count / min(log.dt if len(log) > 1 else np.inf, 1.0 / FINE))
+    if len(log) <= EXCERPT_FROM * count * rows:
+        return Excerpt(log)
+    starts = np.linspace(0, len(log) - rows, count).round().astype(int)
+    note = f"{log.name}: used {count} stretches of {rows * log.dt:.3g} s out of {len(log) * log.dt / 60:.3g} min"
+    return Excerpt(log.part((starts[:, None] + np.arange(rows)).ravel()), note)

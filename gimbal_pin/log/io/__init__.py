@@ -8,22 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log.io.base import (
+from gimbal_pin.log.io.columns import (
     IMU_COLUMNS,
     Group,
-    Table,
-    columns_of,
     imu_groups,
     joint_group,
+    links_of,
     log_columns,
     log_groups,
+    mapped,
     read_groups,
 )
 from gimbal_pin.log.io.formats import format_of, is_log, open_table
-from gimbal_pin.log.io.mapping import check_targets, read_mapping
-from gimbal_pin.log.io.units import check_units, pushed, strong
+from gimbal_pin.log.io.units import check_units, torque_notes
 from gimbal_pin.log.log import Array, Imu, Log, Motion
-from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
 
@@ -45,10 +43,11 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
         UsageError: A mapping cannot be used, or no reader is known for the suffix.
     """
     file, payload = split_payload(path)
-    links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    links = links_of(rig)
     table = open_table(file)
+    groups = log_groups(rig.joints, links, need_tau)
     notes: list[str] = []
-    data = read_channels(table, rig, log_groups(rig.joints, links, need_tau), mapping, notes)
+    data = read_groups(table, groups, mapped(rig, groups, mapping), notes)
     return to_log(data, str(file), rig, links, payload, (*table.notes, *notes))
 
 
@@ -73,19 +72,32 @@ def to_log(
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=(*notes, *strong(rig, data.get("tau")), *pushed(rig, data.get("tau"))),
+        events=(*notes, *torque_notes(rig, data.get("tau"))),
     )
 
 
-def write_log(log: Log, path: str | Path) -> None:
-    """Write a log so that `read_log` returns the same numbers, in the format of the suffix; whole or not at all.
+def to_imu(data: Mapping[str, Array], link: str) -> Imu | None:
+    """Return the IMU of a link out of the groups that were read, or None."""
+    parts = {kind: data[f"{kind}_{link}"] for kind in IMU_COLUMNS if f"{kind}_{link}" in data}
+    return Imu(**parts) if parts else None
 
-    Name, payload and events have no column and are not written.
+
+def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path] = ()) -> tuple[Array, Imu]:
+    """Read what the IMU fixed to `link` reported, without any joint: on the base, the platform's motion.
+
+    Returns:
+        Time, s, (N,), and the IMU's samples.
 
     Raises:
-        UsageError: The suffix is of no format that is written, or the file cannot be.
+        LogError: As `read_log`, and where the file holds nothing of that IMU.
     """
-    write_columns(log_columns(log), path)
+    groups = {"t": Group(("t",), True), **imu_groups(link)}
+    data = read_groups(open_table(Path(path)), groups, mapped(rig, groups, mapping))
+    imu = to_imu(data, link)
+    if imu is None:
+        mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
+        raise LogError(str(path), f"has no column gyro_{link}_x, accel_{link}_x or quat_{link}_w", mend)
+    return data["t"][:, 0], imu
 
 
 def read_motion(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = ()) -> Motion:
@@ -99,14 +111,27 @@ def read_motion(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = ()) 
     """
     groups = {"t": Group(("t",), True), "q": joint_group("q", rig.joints, True)}
     groups |= {"v": joint_group("dq", rig.joints), "a": joint_group("ddq", rig.joints)}
-    data = read_channels(open_table(Path(path)), rig, groups, mapping)
-    t, q = data["t"][:, 0], data["q"]
-    if len(t) < 2 and not {"v", "a"} <= data.keys():
+    data = read_groups(open_table(Path(path)), groups, mapped(rig, groups, mapping))
+    t, q, v, a = data["t"][:, 0], data["q"], data.get("v"), data.get("a")
+    if len(t) < 2 and (v is None or a is None):
         raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")
-    v = data["v"] if "v" in data else spline_derivative(t, q, 1)
-    if "a" in data:
-        return Motion(t, q, v, data["a"])
-    return Motion(t, q, v, spline_derivative(t, v, 1) if "v" in data else spline_derivative(t, q, 2))
+    if v is None or a is None:
+        from scipy.interpolate import CubicSpline
+
+        a = a if a is not None else CubicSpline(t, q)(t, 2) if v is None else CubicSpline(t, v)(t, 1)
+        v = v if v is not None else CubicSpline(t, q)(t, 1)
+    return Motion(t, q, np.asarray(v), np.asarray(a))
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Write a log so that `read_log` returns the same numbers, in the format of the suffix; whole or not at all.
+
+    Name, payload and events have no column and are not written.
+
+    Raises:
+        UsageError: The suffix is of no format that is written, or the file cannot be.
+    """
+    write_columns(log_columns(log), path)
 
 
 def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> None:
@@ -117,21 +142,12 @@ def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> Non
     write_columns(columns, path)
 
 
-def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path] = ()) -> tuple[Array, Imu]:
-    """Read what the IMU fixed to `link` reported, without any joint: on the base, the platform's motion.
-
-    Returns:
-        Time, s, (N,), and the IMU's samples.
-
-    Raises:
-        LogError: As `read_log`, and where the file holds nothing of that IMU.
-    """
-    data = read_channels(open_table(Path(path)), rig, {"t": Group(("t",), True), **imu_groups(link)}, mapping)
-    imu = to_imu(data, link)
-    if imu is None:
-        mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
-        raise LogError(str(path), f"has no column gyro_{link}_x, accel_{link}_x or quat_{link}_w", mend)
-    return data["t"][:, 0], imu
+def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
+    """Write columns in the format of the suffix."""
+    write = format_of(Path(path)).write
+    if write is None:
+        raise UsageError(str(path), f"{Path(path).suffix} is a format that is only read", "write .csv or .parquet")
+    write(columns, Path(path))
 
 
 def split_payload(path: str | Path) -> tuple[Path, str | None]:
@@ -142,37 +158,3 @@ def split_payload(path: str | Path) -> tuple[Path, str | None]:
     if not payload:
         raise UsageError(str(path), "names no payload behind the @", "write log.csv@PAYLOAD, or leave the @ out")
     return Path(head), payload
-
-
-def read_channels(
-    table: Table,
-    rig: Rig,
-    groups: Mapping[str, Group],
-    mapping: Sequence[str | Path],
-    notes: list[str] | None = None,
-) -> dict[str, Array]:
-    """Return key → (N, k) array of the groups that a table holds; `notes` as `read_groups`."""
-    sources = read_mapping(mapping)
-    check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
-    return read_groups(table, groups, sources, notes)
-
-
-def write_columns(columns: Mapping[str, Array], path: str | Path) -> None:
-    """Write columns in the format of the suffix."""
-    write = format_of(Path(path)).write
-    if write is None:
-        raise UsageError(str(path), f"{Path(path).suffix} is a format that is only read", "write .csv or .parquet")
-    write(columns, Path(path))
-
-
-def to_imu(data: Mapping[str, Array], link: str) -> Imu | None:
-    """Return the IMU of a link out of the groups that were read, or None."""
-    parts = {kind: data[f"{kind}_{link}"] for kind in IMU_COLUMNS if f"{kind}_{link}" in data}
-    return Imu(**parts) if parts else None
-
-
-def spline_derivative(t: Array, values: Array, order: int) -> Array:
-    """Return the derivative of the cubic spline (not-a-knot) through the samples, at the samples, (N, n)."""
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(t, values)(t, order), dtype=np.float64)

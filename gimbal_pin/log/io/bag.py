@@ -16,16 +16,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from gimbal_pin.log.io.apart import open_apart
-from gimbal_pin.log.io.arrays import DEEPEST, WIDEST, Stream
-from gimbal_pin.log.io.base import Table, listed
+from gimbal_pin.log.io.isolated import open_isolated
+from gimbal_pin.log.io.tables import DEEPEST, WIDEST, Stream, Table, listed
 
 SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 """How a bag's file begins → the suffix that rosbags knows it by."""
 JOINT_STATE = {"position": "q", "velocity": "dq", "effort": "tau"}
 IMU = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
 BIGGEST = 2**16
-"""Bytes of a message from which on it is a picture or a cloud of points, and no drive's."""
+"""Largest message that is read, bytes: pictures and clouds of points are larger, a drive's are not."""
 EXACT = 2**53
 """Nanoseconds that a double holds exactly, 104 days: later stamps count from the whole second of the bag's first."""
 Columns: TypeAlias = "dict[str, array[float]]"
@@ -33,7 +32,7 @@ Columns: TypeAlias = "dict[str, array[float]]"
 
 def open_bag(path: Path) -> Table:
     """Read a bag; the time of each message is its header's stamp, or when it was recorded where it has none."""
-    return open_apart(path, "bag", "a ROS bag", "rosbags", "ros", streamed=True)
+    return open_isolated(path, "bag", "a ROS bag", "rosbags", "ros", streamed=True)
 
 
 def streams(path: Path) -> tuple[list[Stream], list[str]]:
@@ -66,7 +65,7 @@ def streams(path: Path) -> tuple[list[Stream], list[str]]:
 
 
 def timed(found: dict[tuple[str, tuple[str, ...]], tuple[list[int], Columns]]) -> tuple[list[Stream], list[str]]:
-    """Return streams with their times, s, joints first; a name that several have is told apart by its topic."""
+    """Return streams with their times, s, joints first; a name that several topics have gets its topic in front."""
     first = min((min(stamps) for stamps, _ in found.values()), default=0)
     last = max((max(stamps) for stamps, _ in found.values()), default=0)
     start = 0 if last < EXACT else first - first % 10**9
@@ -87,7 +86,7 @@ def timed(found: dict[tuple[str, tuple[str, ...]], tuple[list[int], Columns]]) -
 
 
 def named(message: Any, kind: str, topic: str) -> Iterator[tuple[str, float]]:
-    """Yield name and value of what a message says."""
+    """Yield name and value of every number in a message."""
     if kind == "sensor_msgs/msg/JointState":
         for field, prefix in JOINT_STATE.items():
             yield from ((f"{prefix}_{joint}", float(x)) for joint, x in zip(message.name, getattr(message, field)))

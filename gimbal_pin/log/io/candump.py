@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log.io.arrays import Stream, table_of
-from gimbal_pin.log.io.base import Table, listed
+from gimbal_pin.log.io.tables import Stream, Table, listed, table_of
 from gimbal_pin.rig.reading import read_bytes
 
 MAGIC = tuple(b"%s(%d" % (space, digit) for space in (b"", b" ") for digit in range(10))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import math
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,6 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.errors import LogError, visible
-from gimbal_pin.log.io.csv_text import as_utf8, flaw, lines, number_in, sound, split, uneven, uneven_mend
 from gimbal_pin.log.io.files import replacing, told
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import largest, read_bytes
@@ -24,6 +24,7 @@ from gimbal_pin.rig.reading import largest, read_bytes
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
 SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 FOC = ("MOT:", "CS:")
 """How the lines begin that SimpleFOC writes before its numbers."""
 FOC_COLUMNS = {
@@ -60,38 +61,32 @@ class CsvTable:
     spaced: bool = False
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
-        """Return the named columns, (N,) each; `LogError` names the line and column of the first flaw."""
+        """Return the named columns, (N,) each; `LogError` names the line and column of the first flaw.
+
+        Read in parts of about `BLOCK` bytes, cut at line ends (whole where a quoted field may hold a line end): a flaw
+        is then looked for in one part only, and what is read at a time stays small.
+        """
         from tqdm import tqdm
 
         index = {column: self.columns.index(column) for column in columns}
-        arrays = []
-        with tqdm(
-            desc=visible(self.name), total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None
-        ) as bar:
-            for part in self.parts():
-                arrays.append(part.numbers(index))
-                bar.update(len(part.body))
+        arrays, line, start = [], self.first, 0
+        size = len(self.body) if b'"' in self.body else BLOCK
+        bar = tqdm(desc=visible(self.name), total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None)
+        with bar:
+            while start < len(self.body):
+                end = self.body.find(b"\n", start + size) + 1 or len(self.body)
+                body = self.body[start:end]
+                # Where a part is cut, its last line is the one that is too long.
+                begin = body.rfind(b"\n", 0, len(body) - 1) + 1
+                check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
+                part = replace(self, body=self.plain(body), first=line)
+                if part.body.strip():
+                    arrays.append(part.numbers(index))
+                bar.update(end - start)
+                start, line = end, line + body.count(b"\n")
         if not arrays:
             raise LogError(f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples")
         return {column: np.concatenate([array[place] for array in arrays]) for column, place in index.items()}
-
-    def parts(self) -> Iterator[CsvTable]:
-        """Yield the rows as tables of about `BLOCK` bytes, cut at line ends; as one where a field may hold a line end.
-
-        A flaw is then looked for in one part only, and what is read at a time stays small.
-        """
-        size = len(self.body) if b'"' in self.body else BLOCK
-        start, line = 0, self.first
-        while start < len(self.body):
-            end = self.body.find(b"\n", start + size) + 1 or len(self.body)
-            body = self.body[start:end]
-            # Where a part is cut, its last line is the one that is too long.
-            begin = body.rfind(b"\n", 0, len(body) - 1) + 1
-            check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
-            body = self.plain(body)
-            if body.strip():
-                yield replace(self, body=body, first=line)
-            start, line = end, line + body.count(b"\n")
 
     def plain(self, body: bytes) -> bytes:
         """Return rows without comments, with tabs where spaces stand between the values."""
@@ -104,18 +99,14 @@ class CsvTable:
             self.check(index)
         try:
             values = parse(self.body, self.separator, sorted(index.values()))
+            if any(np.isinf(column).any() for column in values.values()):
+                raise ValueError("a value is not finite")
         except ValueError as error:
             self.check(index)
-            raise self.odd(str(error)) from error
-        if any(np.isinf(column).any() for column in values.values()):
-            self.check(index)
-            raise self.odd("a value is not finite")
+            place = f"{self.name}: rows from line {self.first}"
+            what = f"are not the CSV that they seem ({error})"
+            raise LogError(place, what, "write one row of plain numbers a line") from error
         return values
-
-    def odd(self, why: str) -> LogError:
-        """Return the error for rows that pandas refuses though none of them shows why."""
-        place = f"{self.name}: rows from line {self.first}"
-        return LogError(place, f"are not the CSV that they seem ({why})", "write one row of plain numbers a line")
 
     def place(self, row: int, column: str) -> str:
         """Return ``file:line column 'name'`` of a sample, lines counted as an editor does."""
@@ -140,12 +131,14 @@ class CsvTable:
         width = len(self.columns)
         for line, fields in self.records():
             if len(fields) < width or any(field.strip() for field in fields[width:]):
+                mend = "quote or delete the surplus" + "; decimal commas must be points" * (self.separator == ",")
+                if len(fields) < width:
+                    mend = "complete the row, or delete it (a recording that was cut off ends so)"
                 what = f"has {len(fields)} values under {width} column names"
-                raise LogError(f"{self.name}:{line}", what, uneven_mend(len(fields), width, self.separator))
-            if not sound(fields, index.values()):
-                for column, place in index.items():
-                    if found := flaw(fields[place].strip()):
-                        raise LogError(f"{self.name}:{line} column '{column}'", *found)
+                raise LogError(f"{self.name}:{line}", what, mend)
+            for column, place in index.items():
+                if found := flaw(fields[place].strip()):
+                    raise LogError(f"{self.name}:{line} column '{column}'", *found)
 
 
 def open_csv(path: Path) -> CsvTable:
@@ -157,16 +150,17 @@ def open_csv(path: Path) -> CsvTable:
     Raises:
         LogError: The file is missing, empty, binary, or has one column only.
     """
-    found = headed(str(path), as_utf8(unzipped(read_bytes(path, LogError), str(path))))
+    data = read_bytes(path, LogError)
+    if data.startswith(GZIP):
+        data = unzipped(data, str(path))
+    found = headed(str(path), as_utf8(data))
     if found is None:
         raise LogError(str(path), "is empty", "give a file with a header and one row per sample")
     return found
 
 
 def unzipped(data: bytes, name: str) -> bytes:
-    """Return what gzip packed, at most `largest` bytes; other data as they are. `LogError` where it is damaged."""
-    if not data.startswith(GZIP):
-        return data
+    """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `largest` bytes."""
     parts, room = list[bytes](), largest()
     try:
         with gzip.open(io.BytesIO(data)) as file:
@@ -179,19 +173,48 @@ def unzipped(data: bytes, name: str) -> bytes:
     return b"".join(parts)
 
 
+def as_utf8(data: bytes) -> bytes:
+    """Return text without its byte order mark, UTF-16 turned to UTF-8, lone carriage returns to line feeds."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        data = data.decode("utf-16", errors="replace").encode()
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    return data if b"\n" in data else data.replace(b"\r", b"\n")
+
+
 def headed(name: str, data: bytes) -> CsvTable | None:
     """Return the table that starts with `data`, whole lines; None where these hold neither header nor row."""
     if b"\0" in data[:4096]:
         raise LogError(name, "is binary, not CSV", "give it the suffix of its format")
-    remark = ""
-    for number, start, end, line in lines(data):
+    remark, start, number = "", 0, 0
+    while start < len(data):
+        number, end = number + 1, data.find(b"\n", start) + 1 or len(data)
+        try:
+            line = data[start:end].decode("utf-8").rstrip("\r\n")
+        except UnicodeDecodeError:
+            line = data[start:end].decode("latin-1").rstrip("\r\n")
         if line.lstrip().startswith("#"):
             remark = line.lstrip().lstrip("#")
         elif line.startswith(FOC):
             remark = "MOT:"
         elif line.strip():
-            return table(name, data, (number, start, end), line, remark)
-    return None
+            break
+        start = end
+    else:
+        return None
+    check_length(f"{name}:{number}", end - start)
+    separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
+    fields = split(line, separator)
+    if spaced := len(fields) < 2:
+        separator, fields = "\t", split(line.strip(), " ")
+    if len(fields) < 2:
+        raise LogError(f"{name}:{number}", "has one column only", "separate columns by commas, semicolons or tabs")
+    if any(number_in(field) is None for field in fields if field):
+        return CsvTable(name, tuple(fields), separator, data[end:], number + 1, spaced)
+    foc = FOC_COLUMNS.get(len(fields), ()) if remark == "MOT:" else ()
+    names = list(foc) or split(remark.strip(), " " if spaced else separator)
+    if len(names) != len(fields):
+        names = [f"column{i + 1}" for i in range(len(fields))]
+    return CsvTable(name, tuple(names), separator, data[start:], number, spaced)
 
 
 def check_length(place: str, length: int) -> None:
@@ -200,23 +223,44 @@ def check_length(place: str, length: int) -> None:
         raise LogError(place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line")
 
 
-def table(name: str, data: bytes, span: tuple[int, int, int], line: str, remark: str) -> CsvTable:
-    """Return the table whose first line in use is `line`: number, start and end of it in `data` are `span`."""
-    number, start, end = span
-    check_length(f"{name}:{number}", end - start)
-    separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
-    fields = split(line, separator)
-    if spaced := len(fields) < 2:
-        separator, fields = "\t", split(line.strip(), " ")
-    if len(fields) < 2:
-        raise LogError(f"{name}:{number}", "has one column only", "separate columns by commas, semicolons or tabs")
-    begin, first = end, number + 1
-    if all(number_in(field) is not None for field in fields if field):
-        begin, first = start, number
-        foc = FOC_COLUMNS.get(len(fields), ()) if remark == "MOT:" else ()
-        names = list(foc) or split(remark.strip(), " " if spaced else separator)
-        fields = names if len(names) == len(fields) else [f"column{i + 1}" for i in range(len(fields))]
-    return CsvTable(name, tuple(fields), separator, data[begin:], first, spaced)
+def split(line: str, separator: str) -> list[str]:
+    """Return the trimmed fields of one line; quotes around them go."""
+    try:
+        fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return [line]
+    return [field.strip() for field in fields]
+
+
+def uneven(body: bytes, separator: str, width: int) -> bool:
+    """Whether any line that is not blank has another number of separators than ``width - 1`` (quotes ignored)."""
+    characters = np.frombuffer(body.rstrip(b"\n"), np.uint8)
+    ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
+    separators = np.flatnonzero(characters == ord(separator))
+    counts = np.diff(np.searchsorted(separators, ends), prepend=0)
+    lengths = np.diff(ends, prepend=-1) - 1
+    returns = (lengths == 1) & (np.append(characters, 0)[ends - 1] == ord("\r"))
+    return bool(np.any((counts != width - 1) & (lengths > 0) & ~returns))
+
+
+def flaw(field: str) -> tuple[str, str] | None:
+    """Return what is wrong with a number's text and the mend; None for a number, or where it is missing."""
+    value = number_in(field)
+    if not field or (value is not None and not math.isinf(value)):
+        return None
+    if value is not None:
+        return f"is {field}", "repair the value, or delete the row"
+    if DECIMAL_COMMA.fullmatch(field):
+        return f"has a decimal comma ({field})", "write decimal points"
+    return f"holds the text '{field[:40]}'", "write a number, or leave the row out"
+
+
+def number_in(field: str) -> float | None:
+    """Return the number that a field spells, or None; ``1_000`` and digits of other scripts are none."""
+    try:
+        return None if "_" in field or not field.isascii() else float(field)
+    except ValueError:
+        return None
 
 
 def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:

@@ -70,7 +70,7 @@ def staging(folder: Path, path: str | Path) -> Iterator[Path]:
 def clear(folder: Path) -> None:
     """Remove what killed runs have left in a folder.
 
-    A run holds a lock on its own, which the system releases with the process: what can be locked is nobody's any more.
+    A run locks its own folder, and the system releases the lock with the process: what can be locked is abandoned.
     """
     for left in folder.glob(f"{STAGED}*"):
         if not left.is_symlink() and (lock := locked(left)) is not None:
@@ -96,11 +96,11 @@ def write_run(
 ) -> tuple[str, ...]:
     """Write the files of one run into a folder, all of them or none, and beside them `RUN`, which lists them.
 
-    Each is written whole before the first takes its place. A folder that holds an earlier run's files alone changes
-    places with the new one at once: whenever a run is killed, the folder is the old or the new one. Where it holds
-    others' files, too, which are left alone, or cannot be replaced, `RUN` goes first, then each file takes its place
-    and `RUN` comes back last: a folder whose `RUN` agrees with its files holds one run's. Files that an earlier `RUN`
-    lists and this run has not are removed, unless they have changed since.
+    Each is written whole before the first takes its place. A folder that holds nothing but an earlier run's files is
+    exchanged for the new one in one step: whenever a run is killed, the folder is the old or the new one. Where it
+    holds other files, too, which stay, or cannot be replaced, `RUN` is removed first, then each file takes its place
+    and `RUN` is written last: a folder whose `RUN` agrees with its files holds one run's. Files that an earlier `RUN`
+    lists and this run does not write are removed, unless they have changed since.
 
     Args:
         path: The folder; made if it is not there.
@@ -127,9 +127,11 @@ def write_run(
         about = {"schema": 1, **run, "version": __version__, "time": datetime.now(timezone.utc).isoformat()}
         write_json({**about, "files": files}, staged / RUN)
         with told(path):
-            if not fixed and holds_a_run(folder) and exchanged(staged, folder):
+            before = listed(folder)
+            alone = (name == RUN or digest(folder / name) == before.get(name) for name in os.listdir(folder))
+            if not fixed and all(alone) and exchanged(staged, folder):
                 return ()
-            older = {name: found for name, found in listed(folder).items() if name not in writers}
+            older = {name: found for name, found in before.items() if name not in writers}
             changed = [name for name, found in older.items() if digest(folder / name) not in (found, "")]
             for name in (RUN, *(older.keys() - set(changed))):
                 (folder / name).unlink(missing_ok=True)
@@ -137,12 +139,6 @@ def write_run(
                 put(staged / name, folder / name)
             put(staged / RUN, folder / RUN)
     return tuple(f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed)
-
-
-def holds_a_run(folder: Path) -> bool:
-    """Tell whether a folder holds nothing, or nothing but files that its `RUN` lists as they are."""
-    files = listed(folder)
-    return all(name == RUN or digest(folder / name) == files.get(name) for name in os.listdir(folder))
 
 
 def exchanged(one: Path, other: Path) -> bool:
@@ -265,7 +261,9 @@ def plain(value: object) -> Any:
     if isinstance(value, (np.generic, np.ndarray)):
         return plain(value.tolist())
     if isinstance(value, Mapping):
-        return {plain_key(key): plain(entry) for key, entry in value.items()}
+        if keys := [key for key in value if not isinstance(key, str)]:
+            raise TypeError(f"key {keys[0]!r} is no text")
+        return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     if isinstance(value, (str, Path)):
@@ -273,13 +271,6 @@ def plain(value: object) -> Any:
     if value is None or isinstance(value, (bool, int, float)):
         return value
     raise TypeError(f"{type(value).__name__} has no plain form")
-
-
-def plain_key(key: object) -> str:
-    """Return a mapping's key, which must be a text."""
-    if not isinstance(key, str):
-        raise TypeError(f"key {key!r} is no text")
-    return str(key)
 
 
 def finite(value: Any) -> Any:

@@ -13,30 +13,28 @@ from pathlib import Path
 from typing import BinaryIO
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log.io import check_targets, columns_of, split_payload, to_log
-from gimbal_pin.log.io.base import Group, log_groups, read_groups
-from gimbal_pin.log.io.csv import BLOCK, COMMENT, CsvTable, headed
-from gimbal_pin.log.io.csv_text import as_utf8
+from gimbal_pin.log.io import split_payload, to_log
+from gimbal_pin.log.io.columns import Group, links_of, log_groups, mapped, read_groups
+from gimbal_pin.log.io.csv import BLOCK, COMMENT, CsvTable, as_utf8, headed
 from gimbal_pin.log.io.formats import FORMATS, TEXT
-from gimbal_pin.log.io.mapping import Source, read_mapping
+from gimbal_pin.log.io.link import is_link, lines
+from gimbal_pin.log.io.mapping import ROW, Source
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.rig import urdf
-from gimbal_pin.rig.naming import ROW
 from gimbal_pin.rig.reading import readable
 from gimbal_pin.rig.rig import Rig
 
 PIPE = "-"
 PAUSE = 0.05
-"""Time between two looks, s: a row at a time would cost more to read than to learn from."""
+"""Time between two polls, s: reading row by row would cost more than identifying from it."""
 
 
 def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: float = inf) -> Iterator[Log]:
     """Yield a CSV log's samples as they come, until the pipe ends or the file has not grown for `idle` seconds.
 
-    A last line without its end is left out: nobody knows whether it is whole.
+    A last line without its end is left out, as it may be incomplete.
 
     Args:
-        path: The file, "-" for standard input, or LOG@PAYLOAD.
+        path: The file, "-" for standard input, LOG@PAYLOAD, or a running gimbal: udp://HOST:PORT, serial:DEVICE@BAUD.
         rig: Whose joints the columns are named after.
         mapping: As for `read_log`.
         idle: As above, s; a pipe is waited for without end.
@@ -44,12 +42,13 @@ def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: flo
     Raises:
         LogError, UsageError: As `read_log`, once the samples before that are yielded; and where a file becomes shorter.
     """
-    file, payload = (Path(PIPE), None) if path == PIPE else split_payload(path)
-    name = "standard input" if path == PIPE else str(file)
-    links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
-    groups, sources = log_groups(rig.joints, links, True), read_mapping(mapping)
-    check_targets(sources, columns_of(groups, f"rig {rig.name}"), rig.joints)
-    for table in tables(name, whole_lines(chunks(file, idle))):
+    file, payload = (Path(path), None) if path == PIPE or is_link(path) else split_payload(path)
+    name = "standard input" if path == PIPE else path if is_link(path) else str(file)
+    links = links_of(rig)
+    groups = log_groups(rig.joints, links, True)
+    sources = mapped(rig, groups, mapping)
+    parts = lines(path, rig.joints, idle) if is_link(path) else chunks(file, idle)
+    for table in tables(name, whole_lines(parts)):
         if ROW in {source.column for source in sources.values()} - set(table.columns):
             raise UsageError(name, f"is mapped by the '{ROW}', which a growing log is not read by", "write its times")
         data, error = usable(table, groups, sources)
@@ -62,19 +61,19 @@ def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: flo
 def usable(
     table: CsvTable, groups: Mapping[str, Group], sources: Mapping[str, Source]
 ) -> tuple[dict[str, Array] | None, LogError | None]:
-    """Return what a table holds up to the first line that cannot be used, and what is wrong with that one, if any.
+    """Return what a table holds up to the first line that cannot be used, and its error, if any.
 
-    A flaw stays one however much follows it, so the lines before it are found by halving.
+    A flaw stays one whatever follows it, so the lines before it are found by bisection.
     """
     try:
         return read_groups(table, groups, sources), None
     except LogError as error:
-        lines, found, flaw = table.body.splitlines(keepends=True), None, error
-    fine, end = 0, len(lines)
+        rows, found, flaw = table.body.splitlines(keepends=True), None, error
+    fine, end = 0, len(rows)
     while end - fine > 1:
         middle = (fine + end) // 2
         try:
-            found = read_groups(replace(table, body=b"".join(lines[:middle])), groups, sources)
+            found = read_groups(replace(table, body=b"".join(rows[:middle])), groups, sources)
             fine = middle
         except LogError:
             end = middle
@@ -103,7 +102,7 @@ def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
 
 
 def whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
-    """Yield the lines of byte strings that were cut anywhere, several together."""
+    """Yield whole lines, several together, from byte strings that were cut anywhere."""
     rest = b""
     for part in parts:
         lines, end, rest = (rest + part).rpartition(b"\n")

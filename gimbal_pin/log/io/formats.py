@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log.io.bag import SUFFIXES, open_bag
-from gimbal_pin.log.io.base import Format, Table
-from gimbal_pin.log.io.candump import MAGIC as CANDUMP
-from gimbal_pin.log.io.candump import open_candump
-from gimbal_pin.log.io.csv import GZIP, open_csv, write_csv
-from gimbal_pin.log.io.joined import JoinedTable, time_of
-from gimbal_pin.log.io.mat import HDF5, open_mat
-from gimbal_pin.log.io.npy import MAGIC as NPY
-from gimbal_pin.log.io.npy import open_npy, open_npz
-from gimbal_pin.log.io.parquet import open_parquet, write_parquet
-from gimbal_pin.log.io.ulog import MAGIC as ULOG
-from gimbal_pin.log.io.ulog import open_ulog
+from gimbal_pin.log.io import bag, candump, csv, mat, npy, parquet, ulog
+from gimbal_pin.log.io.tables import JoinedTable, Table, time_of
+from gimbal_pin.log.log import Array
 
-BAGS = {suffix: Format(open_bag, magic=(magic,)) for magic, suffix in SUFFIXES.items()}
+
+@dataclass(frozen=True)
+class Format:
+    """One file format.
+
+    Attributes:
+        open: Reads what is needed to know a file's columns.
+        write: Writes columns to a file, whole or not at all; None for formats that are only read.
+        magic: How its files begin, where that distinguishes them from all others.
+    """
+
+    open: Callable[[Path], Table]
+    write: Callable[[Mapping[str, Array], Path], None] | None = None
+    magic: tuple[bytes, ...] = ()
+
+
 FORMATS: Mapping[str, Format] = {
-    ".csv": Format(open_csv, write_csv),
-    ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
-    ".txt": Format(open_csv, write_csv),
-    ".parquet": Format(open_parquet, write_parquet, (b"PAR1",)),
-    ".gz": Format(open_csv, magic=(GZIP,)),
-    ".log": Format(open_csv),
-    ".candump": Format(open_candump, magic=CANDUMP),
-    ".npy": Format(open_npy, magic=(NPY,)),
-    ".npz": Format(open_npz, magic=(b"PK\3\4",)),
-    ".mat": Format(open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", HDF5)),
-    ".h5": Format(open_mat),
-    ".hdf5": Format(open_mat),
-    **BAGS,
-    ".ulg": Format(open_ulog, magic=(ULOG,)),
+    ".csv": Format(csv.open_csv, csv.write_csv),
+    ".tsv": Format(csv.open_csv, partial(csv.write_csv, separator="\t")),
+    ".txt": Format(csv.open_csv, csv.write_csv),
+    ".parquet": Format(parquet.open_parquet, parquet.write_parquet, (b"PAR1",)),
+    ".gz": Format(csv.open_csv, magic=(csv.GZIP,)),
+    ".log": Format(csv.open_csv),
+    ".candump": Format(candump.open_candump, magic=candump.MAGIC),
+    ".npy": Format(npy.open_npy, magic=(npy.MAGIC,)),
+    ".npz": Format(npy.open_npz, magic=(b"PK\3\4",)),
+    ".mat": Format(mat.open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", mat.HDF5)),
+    ".h5": Format(mat.open_mat),
+    ".hdf5": Format(mat.open_mat),
+    **{suffix: Format(bag.open_bag, magic=(magic,)) for magic, suffix in bag.SUFFIXES.items()},
+    ".ulg": Format(ulog.open_ulog, magic=(ulog.MAGIC,)),
 }
 """Suffix → format."""
-TEXT = tuple(suffix for suffix, form in FORMATS.items() if form.open is open_csv and form.write is not None)
+TEXT = tuple(suffix for suffix, form in FORMATS.items() if form.open is csv.open_csv and form.write is not None)
 
 
 def open_table(path: Path) -> Table:
@@ -48,34 +56,30 @@ def open_table(path: Path) -> Table:
         LogError: A file is missing or cannot be read.
         UsageError: No format is known that begins so, nor one of the suffix; or a file to be joined has no times.
     """
-    files = files_of(path)
-    tables = [open_file(file) for file in files]
+    tables = [open_file(file) for file in files_of(path)]
     return tables[0] if len(tables) == 1 else JoinedTable(str(path), tables, [time_of(table) for table in tables])
 
 
 def files_of(path: str | Path) -> list[Path]:
-    """Return the files that a log's name means: itself, or what stands between its +, which formats' names end."""
+    """Return the files that a log's name means: itself, or the logs between its +."""
     parts = [Path(part) for part in str(path).split("+")]
     several = len(parts) > 1 and not Path(path).exists() and all(is_log(part) for part in parts)
     return parts if several else [Path(path)]
 
 
 def is_log(path: Path) -> bool:
-    """Tell whether a path is a log's, by its suffix or because it is there."""
+    """Whether a path is a log's, by its suffix or because it is there."""
     return path.suffix.lower() in FORMATS or path.exists()
 
 
 def open_file(path: Path) -> Table:
     """Return what one file holds, or a bag's folder."""
     if (path / "metadata.yaml").is_file():
-        return open_bag(path)
+        return bag.open_bag(path)
     head = b""
     if path.is_file():
-        try:
-            with path.open("rb") as file:
-                head = file.read(16)
-        except OSError:  # told by its reader
-            head = b""
+        with suppress(OSError), path.open("rb") as file:  # its reader says why it cannot be read
+            head = file.read(16)
     begun = next((form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None)
     return (begun or format_of(path)).open(path)
 

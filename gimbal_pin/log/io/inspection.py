@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +12,12 @@ import numpy as np
 import yaml
 
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.log.io.base import Table, listed, readable
 from gimbal_pin.log.io.formats import open_table
-from gimbal_pin.log.io.joined import JoinedTable, time_of
-from gimbal_pin.log.io.mapping import FACTOR
+from gimbal_pin.log.io.mapping import FACTOR, ROW
+from gimbal_pin.log.io.recognise import Channel, Recognised, assigned, recognise
+from gimbal_pin.log.io.tables import JoinedTable, Table, listed, numeric_columns, time_of
 from gimbal_pin.log.log import NOTHING, Array
 from gimbal_pin.log.platform_log import HOLE
-from gimbal_pin.log.recognise import Channel, Guess, Recognised, assigned, recognise
-from gimbal_pin.rig.naming import ROW
 from gimbal_pin.rig.rig import Rig
 
 PLAIN = re.compile(r"[^\W\d][\w .\[\]]*")
@@ -98,7 +96,7 @@ class Inspected:
         return {
             "file": self.name,
             "streams": [
-                {"time": s.time, **s.facts, "channels": [asdict(channel) for channel in s.channels]}
+                {"time": s.time, **s.facts, "channels": [channel.to_dict() for channel in s.channels]}
                 for s in self.streams
             ],
             "mapping": {target: expression(*source[:2]) for target, source in self.mapping.items()},
@@ -123,9 +121,10 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     for _, found in pairs:
         mapping = {**found.mapping, **mapping}
     if rig is not None and len(pairs) > 1 and any(target.startswith("q_") for target in pairs[0][1].missing):
-        every: dict[str, Guess] = {}
+        every: dict[str, Channel] = {}
         for _, found in pairs:
-            every = {**every, **{name: guess for name, guess in found.guesses.items() if name not in every}}
+            for channel in found.channels[1:]:
+                every.setdefault(channel.column, channel)
         mapping = {**mapping, **assigned(pairs[0][1].t, every, rig)}
     order = ["t", *(target for _, found in pairs for target in found.mapping)]
     mapping = {target: mapping[target] for target in dict.fromkeys([*order, *mapping]) if target in mapping}
@@ -136,8 +135,8 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
 
 
 def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, Recognised]:
-    """Return a table's columns and what they are; what cannot be used is told in `notes`."""
-    data, flaws = readable(table)
+    """Return a table's columns and what they are; `notes` takes a sentence on each flaw."""
+    data, flaws = numeric_columns(table)
     notes += flaws
     # What no machine has in any unit must not overflow in what is made of it.
     bounded = {name: np.clip(values, -HUGE, HUGE) for name, values in data.items()}
@@ -154,9 +153,7 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
         time = ROW
         data[ROW] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
     found = recognise(time, data, rig)
-    if time == ROW:
-        found = replace(found, channels=found.channels[1:])
-    return Stream(time, data.pop(time) * found.scale, data, found.channels), found
+    return Stream(time, data.pop(time) * found.scale, data, found.channels[time == ROW :]), found
 
 
 def expression(column: str, factor: str) -> str:

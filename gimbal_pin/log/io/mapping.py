@@ -31,7 +31,9 @@ EXPRESSION = re.compile(
 )
 
 LONGEST = 1000
-"""Characters of an expression: what finds its parts takes the square of that in time."""
+"""Most characters of an expression: matching takes the square of that in time."""
+ROW = "row"
+"""Column that every log has beside its own: the sample's number from 0, for files of a known rate without times."""
 
 
 @dataclass(frozen=True)
@@ -59,34 +61,33 @@ def read_mapping(entries: Sequence[str | Path] = ()) -> dict[str, Source]:
     Raises:
         UsageError: An entry that does not follow the grammar, or a target stated twice.
     """
-    stored = merged([pair for entry in entries if is_file(entry) for pair in read_table(Path(entry))])
-    return {**stored, **merged([parse_entry(str(entry)) for entry in entries if not is_file(entry)])}
+    stored, stated = dict[str, Source](), dict[str, Source]()
+    for entry in entries:
+        if is_file(entry):
+            table = read_yaml(entry)
+            if not isinstance(table, dict):
+                mend = "write one line 'q_yaw: pos1*pi/180' per column"
+                raise UsageError(str(entry), "is no table of columns", mend)
+            for target, text in table.items():
+                place = f"{entry}: {target}"
+                if not isinstance(text, str):
+                    raise UsageError(place, f"maps to {text!r}, which is no text", "quote it: 'column*factor'")
+                add(stored, target, parse_expression(text, place))
+        else:
+            add(stated, *parse_entry(str(entry)))
+    return {**stored, **stated}
 
 
 def is_file(entry: str | Path) -> bool:
-    """Tell whether an entry names a file: it ends in .yaml or .yml, and has no = or is there."""
+    """Whether an entry names a file: it ends in .yaml or .yml, and has no = or is there."""
     return Path(entry).suffix.lower() in (".yaml", ".yml") and ("=" not in str(entry) or Path(entry).is_file())
 
 
-def merged(pairs: Sequence[tuple[str, Source]]) -> dict[str, Source]:
-    """Return the pairs as a dictionary; `UsageError` if a target is stated twice."""
-    sources: dict[str, Source] = {}
-    for target, source in pairs:
-        if target in sources:
-            raise UsageError(source.place, f"'{target}' is mapped already by {sources[target].place}", "keep one")
-        sources[target] = source
-    return sources
-
-
-def read_table(file: Path) -> list[tuple[str, Source]]:
-    """Return the pairs of a YAML file."""
-    table = read_yaml(file)
-    if not isinstance(table, dict):
-        raise UsageError(str(file), "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column")
-    for target, text in table.items():
-        if not (isinstance(target, str) and isinstance(text, str)):
-            raise UsageError(f"{file}: {target}", f"maps to {text!r}, which is no text", "quote it: 'column*factor'")
-    return [(target, parse_expression(text, f"{file}: {target}")) for target, text in table.items()]
+def add(sources: dict[str, Source], target: str, source: Source) -> None:
+    """Add a target; `UsageError` if it is stated twice."""
+    if target in sources:
+        raise UsageError(source.place, f"'{target}' is mapped already by {sources[target].place}", "keep one")
+    sources[target] = source
 
 
 def parse_entry(entry: str) -> tuple[str, Source]:

@@ -6,21 +6,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gimbal_pin.log.io.apart import open_apart
-from gimbal_pin.log.io.arrays import DEEPEST, Stream, streams_of
-from gimbal_pin.log.io.base import Table
+from gimbal_pin.log.io.isolated import open_isolated
+from gimbal_pin.log.io.tables import DEEPEST, Stream, Table, streams_of
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def open_mat(path: Path) -> Table:
     """Read the arrays of real numbers in a MATLAB or HDF5 file, those in structures as ``structure.field``."""
-    kind = partial(open_apart, path, "mat")
+    kind = partial(open_isolated, path, "mat")
     return kind("an HDF5 or MATLAB 7.3 file", "h5py", "mat") if is_hdf5(path) else kind("a .mat", "scipy", "mat")
 
 
 def is_hdf5(path: Path) -> bool:
-    """Tell whether a file is HDF5, behind MATLAB's header of 512 bytes or without one."""
+    """Whether a file is HDF5, behind MATLAB's header of 512 bytes or without one."""
     try:
         with path.open("rb") as file:
             head = file.read(520)

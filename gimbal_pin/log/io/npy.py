@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log.io.arrays import Stream, streams_of, table_of
-from gimbal_pin.log.io.base import Table
+from gimbal_pin.log.io.tables import Stream, Table, streams_of, table_of
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import largest, read_bytes
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gimbal_pin.log.io.apart import open_apart
-from gimbal_pin.log.io.arrays import Stream
-from gimbal_pin.log.io.base import Table
+from gimbal_pin.log.io.isolated import open_isolated
+from gimbal_pin.log.io.tables import Stream, Table
 
 MAGIC = b"ULog\x01\x12\x35"
 
 
 def open_ulog(path: Path) -> Table:
     """Read a ULog; the second instance of a topic is ``topic_1``, and a log of one topic has the time t, too."""
-    return open_apart(path, "ulog", "a PX4 ULog", "pyulog", "px4")
+    return open_isolated(path, "ulog", "a PX4 ULog", "pyulog", "px4")
 
 
 def streams(path: Path) -> tuple[list[Stream], list[str]]:

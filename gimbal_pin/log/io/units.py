@@ -1,8 +1,8 @@
-"""Columns that can be in no SI units: refused where that is sure, told where it is likely."""
+"""Columns that can be in no SI units: refused where that is certain, noted where it is likely."""
 
 from __future__ import annotations
 
-from math import degrees, inf, isfinite, pi
+from math import degrees, isfinite, pi
 
 import numpy as np
 
@@ -12,17 +12,17 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
 TOO_STRONG = 3.0
-"""Torque over a motor's limit from which it is none in N m: noise and clipping go a little beyond."""
-FEW = 0.01
+"""Torque over a motor's limit from which it is not in N m: noise and clipping go a little beyond."""
+SPIKES = 0.01
 """Share of the samples at either end that do not count: spikes are the audit's to find."""
 FEWEST = 50
-"""Samples that can be judged."""
+"""Fewest samples that are judged."""
 BEYOND = 1.5
-"""Travel over what the rig's limits leave, a turn of the encoder aside, from which it is none in radians."""
+"""Travel over the room within the rig's limits, a turn of the encoder aside, from which it is not in radians."""
 INTERVALS = 200
-"""Intervals over which angles are compared with what their rates add up to."""
+"""Intervals over which angles are compared with the integrals of their rates."""
 ALIKE = 0.9
-"""Least correlation of the two that tells their ratio."""
+"""Least correlation of the two by which their ratio counts."""
 OFF = 3.0
 """Ratio of the two from which they are in different units."""
 
@@ -48,38 +48,35 @@ def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None, q_ref:
 
 def check_angles(name: str, rig: Rig, q: Array, q_ref: Array | None) -> None:
     """Raise `LogError` if joints travel much farther than the rig's limits let them, in radians."""
-    way = np.subtract(*np.quantile(q, [1 - FEW, FEW], axis=0))
-    room = np.array([limit.upper - limit.lower if isfinite(limit.upper - limit.lower) else inf for limit in rig.limits])
-    off = [j for j in range(rig.n) if way[j] > BEYOND * room[j] + 2 * pi]
-    if not off:
-        return
-    worst = off[0]
-    if q_ref is not None and (lost := [j for j in off if not followed(q_ref[:, j], q[:, j])]):
-        joint, far, most = rig.joints[lost[0]], way[lost[0]], room[lost[0]]
-        what = f"q_{joint} travels {far:.4g} rad where the rig's limits leave {most:.3g}, and not as q_ref_{joint}"
-        raise LogError(name, what, "the loop lost the joint: give a log of one that holds it, of lower gains")
-    likely = way[worst] < 1.1 * degrees(room[worst])
-    what = f"q_{rig.joints[worst]} travels {way[worst]:.4g} rad where the rig's limits leave {room[worst]:.3g}"
-    factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
-    mend = " ".join(f"--map q_{rig.joints[j]}=COLUMN*{factor}" for j in off)
-    raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {mend}")
-
-
-def followed(reference: Array, angle: Array) -> bool:
-    """Whether an angle goes where its reference does, in whatever unit: their correlation is over `ALIKE`."""
-    a, b = reference - reference.mean(), angle - angle.mean()
-    return bool(a @ b > ALIKE * np.sqrt((a @ a) * (b @ b)))
+    travel = np.subtract(*np.quantile(q, [1 - SPIKES, SPIKES], axis=0))
+    room = np.subtract(*rig.stops[::-1])
+    off = [j for j in range(rig.n) if isfinite(room[j]) and travel[j] > BEYOND * room[j] + 2 * pi]
+    for j in off if q_ref is not None else ():
+        # Where an angle goes as its reference does, in whatever unit, the loop holds the joint.
+        assert q_ref is not None
+        a, b = q_ref[:, j] - q_ref[:, j].mean(), q[:, j] - q[:, j].mean()
+        if not a @ b > ALIKE * np.sqrt((a @ a) * (b @ b)):
+            joint, limits = rig.joints[j], f"where the rig's limits leave {room[j]:.3g}"
+            what = f"q_{joint} travels {travel[j]:.4g} rad {limits}, and not as q_ref_{joint}"
+            raise LogError(name, what, "the loop lost the joint: give a log of one that holds it, of lower gains")
+    if off:
+        j = off[0]
+        what = f"q_{rig.joints[j]} travels {travel[j]:.4g} rad where the rig's limits leave {room[j]:.3g}"
+        likely = travel[j] < 1.1 * degrees(room[j])
+        factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
+        maps = " ".join(f"--map q_{rig.joints[k]}=COLUMN*{factor}" for k in off)
+        raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {maps}")
 
 
 def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
     """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower."""
     ends = np.linspace(0, len(t) - 1, INTERVALS + 1).astype(int)
     added = np.concatenate([np.zeros((1, rig.n)), np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
-    ways, sums = np.diff(q[ends], axis=0), np.diff(added[ends], axis=0)
-    size, other, both = (np.sum(a * b, axis=0) for a, b in ((ways, ways), (sums, sums), (ways, sums)))
+    moved, sums = np.diff(q[ends], axis=0), np.diff(added[ends], axis=0)
+    size, other, both = (np.sum(a * b, axis=0) for a, b in ((moved, moved), (sums, sums), (moved, sums)))
     ratio = np.sqrt(size / np.maximum(other, 1e-300))
-    tells = (both > ALIKE * np.sqrt(size * other)) & (both > 0)
-    off = tells & ((ratio > OFF) | (ratio < 1 / OFF))
+    alike = (both > ALIKE * np.sqrt(size * other)) & (both > 0)
+    off = alike & ((ratio > OFF) | (ratio < 1 / OFF))
     if not off.any():
         return
     j = int(np.argmax(off))
@@ -87,32 +84,27 @@ def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
     what = f"q_{joint} moves {factor:.3g} times as far as dq_{joint} says"
     if factor == 0:
         raise LogError(name, f"q_{joint} stands still, while dq_{joint} does not", "map the columns of one joint")
-    if off.sum() == tells.sum() and abs(np.log10(factor) + 3) < 0.3:
+    if off.sum() == alike.sum() and abs(np.log10(factor) + 3) < 0.3:
         raise LogError(name, f"{what}, as every joint does", "t is in ms, not s: map it: --map t=COLUMN*1e-3")
     mend = f"one of the two is in degrees, or in other units: --map dq_{joint}=COLUMN*{factor:.3g}, or map q_{joint}"
     raise LogError(name, what, mend)
 
 
-def pushed(rig: Rig, tau: Array | None) -> tuple[str, ...]:
-    """Return a sentence per joint that is at its torque limit most of the time: its loop swings, or cannot follow."""
+def torque_notes(rig: Rig, tau: Array | None) -> tuple[str, ...]:
+    """Return a sentence per joint whose torque, (N, n), can be no N m, or is at the motor's limit most of the time."""
     if tau is None:
         return ()
-    shares = near_limit(tau, rig.tau_max).tolist()
-    return tuple(
+    joints = list(zip(rig.joints, rig.tau_max, np.abs(tau).max(axis=0), near_limit(tau, rig.tau_max).tolist()))
+    strong = [
+        f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in other "
+        f"units, map tau_{joint}=COLUMN*(N m per unit)"
+        for joint, limit, most, _ in joints
+        if most > TOO_STRONG * limit
+    ]
+    pushed = [
         f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
         "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower"
-        for joint, limit, share in zip(rig.joints, rig.tau_max, shares)
+        for joint, limit, _, share in joints
         if share > MOSTLY
-    )
-
-
-def strong(rig: Rig, tau: Array | None) -> tuple[str, ...]:
-    """Return a sentence per joint whose torque can be no N m: it is far beyond what its motor has."""
-    if tau is None:
-        return ()
-    return tuple(
-        f"tau_{joint} reaches {reach:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in other "
-        f"units, map tau_{joint}=COLUMN*(N m per unit)"
-        for joint, limit, reach in zip(rig.joints, rig.tau_max, np.abs(tau).max(axis=0))
-        if reach > TOO_STRONG * limit
-    )
+    ]
+    return (*strong, *pushed)

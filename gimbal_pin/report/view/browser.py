@@ -5,11 +5,9 @@ from __future__ import annotations
 import asyncio
 import base64
 import sys
-from collections import deque
 from collections.abc import AsyncIterator, Callable, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
-from itertools import cycle, islice
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +16,6 @@ from gimbal_pin.errors import UsageError
 if TYPE_CHECKING:
     from choreographer import Tab
 
-TABS = 2
-"""Tabs that draw a film's frames by turns: while one draws, the other packs its frame and sends it here."""
 PATIENCE = 60.0
 """Longest wait for one answer of the browser, s."""
 
@@ -51,26 +47,17 @@ async def shoot(
     """
     from tqdm import tqdm
 
-    asked: deque[asyncio.Task[str]] = deque()
-    async with opened(page, min(TABS, len(times))) as tabs:
-        try:
-            waiting = zip(cycle(tabs), times)
-            for _ in tqdm(times, desc="frames", unit="frame", disable=None if len(times) > 30 else True):
-                for tab, time in islice(waiting, len(tabs) - len(asked)):
-                    asked.append(asyncio.create_task(evaluate(tab, f"picture({time!r}, {size[0]}, {size[1]})")))
-                uri = await asked.popleft()
-                if ended.is_set():
-                    return
-                await asyncio.to_thread(take, base64.b64decode(uri.partition(",")[2]))
-        finally:
-            for task in asked:
-                task.cancel()
-            await asyncio.gather(*asked, return_exceptions=True)
+    async with opened(page) as tab:
+        for time in tqdm(times, desc="frames", unit="frame", disable=None if len(times) > 30 else True):
+            uri = await evaluate(tab, f"picture({time!r}, {size[0]}, {size[1]})")
+            if ended.is_set():
+                return
+            await asyncio.to_thread(take, base64.b64decode(uri.partition(",")[2]))
 
 
 @asynccontextmanager
-async def opened(page: str, count: int = 1) -> AsyncIterator[list[Tab]]:
-    """Yield tabs of a headless Chromium that show the page."""
+async def opened(page: str) -> AsyncIterator[Tab]:
+    """Yield a tab of a headless Chromium that shows the page."""
     try:
         from choreographer import Browser
         from choreographer.browsers import BrowserFailedError
@@ -92,12 +79,11 @@ async def opened(page: str, count: int = 1) -> AsyncIterator[list[Tab]]:
         raise UsageError("chromium", "is not installed", mend) from error
     try:
         async with browser:
-            tabs = [await browser.create_tab("about:blank") for _ in range(count)]
-            for tab in tabs:
-                tree = await tab.send_command("Page.getFrameTree")
-                frame = tree["result"]["frameTree"]["frame"]["id"]
-                await tab.send_command("Page.setDocumentContent", {"frameId": frame, "html": page})
-            yield tabs
+            tab = await browser.create_tab("about:blank")
+            tree = await tab.send_command("Page.getFrameTree")
+            frame = tree["result"]["frameTree"]["frame"]["id"]
+            await tab.send_command("Page.setDocumentContent", {"frameId": frame, "html": page})
+            yield tab
     except BrowserFailedError as error:
         raise UsageError("chromium", f"did not start ({error.args[0]})", mend) from error
 

@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.report.view.names import controller_name
-from gimbal_pin.report.view.template import filled
+from gimbal_pin.report.format import controller_name
+from gimbal_pin.report.html import template
 
 if TYPE_CHECKING:
     from gimbal_pin.pointing.outlook import Outlook, Shot
@@ -188,4 +188,4 @@ def page(seen: Outlook, wanted: Array) -> str:
     several = pictures(seen)
     # A name may hold anything: what ends a script inside one must not end this one.
     numbers = json.dumps(data(seen, wanted, several), ensure_ascii=True).replace("</", "<\\/")
-    return filled("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=numbers)
+    return template("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=numbers)

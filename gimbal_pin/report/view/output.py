@@ -13,11 +13,11 @@ import numpy as np
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.files import atomic_write, replacing
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import pictures
 from gimbal_pin.report.view.motion import Frames, columns, frame_times, motion
 from gimbal_pin.report.view.page import page
 from gimbal_pin.report.view.scene import scene
-from gimbal_pin.report.view.stage import VIEWS
 from gimbal_pin.rig.rig import Rig
 
 ENCODERS: Mapping[str, tuple[str, ...]] = {
@@ -46,14 +46,6 @@ ENCODERS: Mapping[str, tuple[str, ...]] = {
     ),
 }
 """Suffix → what ffmpeg is told."""
-
-PRESETS: Mapping[str, tuple[tuple[int, int], float | None, bool]] = {
-    "social": ((1080, 1080), 30.0, True),
-    "paper": ((1920, 1080), None, True),
-    "thumbnail": ((320, 180), 10.0, False),
-}
-"""Name → width and height, pixels, frames per second (None: what suits the format), and whether the frames say what
-they show: in the smallest ones nobody could read it."""
 
 FPS: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 30.0, ".png": 30.0}
 """Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""

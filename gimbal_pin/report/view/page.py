@@ -12,10 +12,10 @@ import numpy as np
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.report.html import template
 from gimbal_pin.report.view import afar, gaze, sight, stage, three
 from gimbal_pin.report.view.motion import Frames, motion
 from gimbal_pin.report.view.scene import Scene, scene
-from gimbal_pin.report.view.template import filled
 from gimbal_pin.rig.rig import Rig
 
 
@@ -70,7 +70,7 @@ def page(
         beside: A second run that is drawn, too.
     """
     pictures, seen = ((), None) if inset is None else inset
-    return filled(
+    return template(
         "gimbal_pin.report.view",
         "page.html.j2",
         title=rig.title,

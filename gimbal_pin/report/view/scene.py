@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view import afar, figure, sight, stage, three
 from gimbal_pin.report.view.motion import Frames, Poses, poses
 from gimbal_pin.report.view.solid import Solid, rounded
@@ -55,7 +56,7 @@ def scene(
         rig: What moves.
         motion: How it moves.
         room: How many times as far away.
-        camera: One of `stage.VIEWS`; None: the usual one, with a target over the camera's shoulder.
+        camera: One of `VIEWS`; None: the usual one, with a target over the camera's shoulder.
         beside: How it moves in a second run, which is shown to the right of the first; None: there is none.
     """
     solids, events, missing = visuals(rig)
@@ -80,7 +81,7 @@ def scene(
         camera = stage.USUAL if motion.wanted is None else stage.AIMING
     shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
-    views = {name: stage.camera(seen, heading, name, room) for name in stage.VIEWS}
+    views = {name: stage.camera(seen, heading, name, room) for name in VIEWS}
     commands = [*stage.commands(views[camera], np.vstack([points, around]), size), *marks]
     clips: figure.Tracks = {}
     for run, shown, home, place in zip(runs, moved, HOMES, (np.zeros(3), shift)):

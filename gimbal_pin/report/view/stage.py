@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gimbal_pin.log.log import Array
+from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view import three
 
 FOV = 32.0
@@ -14,16 +15,6 @@ FOV = 32.0
 
 ASPECT = 16 / 9
 USUAL, AIMING = "three-quarter", "over-the-shoulder"
-VIEWS = {
-    USUAL: (58.0, 17.0, 0.0),
-    "front": (12.0, 8.0, 0.0),
-    "side": (90.0, 8.0, 0.0),
-    "behind": (160.0, 22.0, 0.0),
-    "top": (90.0, 80.0, 0.0),
-    AIMING: (128.0, 17.0, 0.27),
-}
-"""Name → from the line of sight round to the viewer, degrees, the viewer's elevation, degrees, and the share of the
-width that is left free at the right, where pictures stand beside the scene."""
 
 LINE = (0.36, 0.42, 0.50)
 SKY = ("#f4f6fa", "#b3bfcf")

@@ -1,6 +1,6 @@
-"""Rigs in the formats that people have: each becomes a URDF, which everything else reads.
+"""Rigs in other formats: each is converted to a URDF, which everything else reads.
 
-Formats are told apart by what is in the file; the suffix ``.xacro`` counts, too.
+A format is recognised by the root element, xacro by its suffix, too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gimbal_pin.rig.reading import TEXT, read_bytes
 
 Arguments = Mapping[str, str]
 Converted = tuple[str, list[str], list[str]]
-"""Text of a URDF, a sentence on each thing that it does not hold of the file, and paths of what else was read."""
+"""Text of a URDF, a sentence on each thing that is lost, and paths of the files that were read beside it."""
 
 
 class Format(NamedTuple):

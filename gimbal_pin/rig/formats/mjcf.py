@@ -15,9 +15,8 @@ import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin.errors import RigError, UsageError
+from gimbal_pin.rig import urdf
 from gimbal_pin.rig.bounded import Stopped, run
-from gimbal_pin.rig.formats import writing
-from gimbal_pin.rig.urdf import parse_xml, write_inertial
 
 if TYPE_CHECKING:
     import mujoco
@@ -44,7 +43,7 @@ def included(path: Path) -> list[str]:
     """Return the files that a compiled model includes, beside the first one; MuJoCo allows each once."""
     found, open_ = list[str](), [path]
     while open_:
-        root = parse_xml(open_.pop().read_text("utf-8"), str(path))
+        root = urdf.parse_xml(open_.pop().read_text("utf-8"), str(path))
         inner = [path.parent / str(one.get("file", "")) for one in root.iter("include")]
         open_ += [file for file in inner if file.is_file()]
         found += map(str, inner)
@@ -52,7 +51,7 @@ def included(path: Path) -> list[str]:
 
 
 def main(path: str) -> dict[str, Any]:
-    """Compile and convert a file, in a process that has bounds: MuJoCo is not made for strangers' files."""
+    """Compile and convert a file, in a process that has bounds: MuJoCo is not made for untrusted files."""
     import mujoco
 
     try:
@@ -66,12 +65,13 @@ def converted(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
     """Return a compiled model as the text of a URDF, and what was left out."""
     import mujoco
 
-    refuse_loops(model, path)
+    if np.isin(model.eq_type, [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]).any():
+        raise RigError(path, "ties bodies to each other beside its tree (<equality>)", "cut the loop")
     names = {i: model.body(i).name or f"body{i}" for i in range(model.nbody)}
     joints = {i: joint_of(model, i, names[i], path) for i in range(1, model.nbody)}
     first = [i for i in joints if model.body_parentid[i] == 0]
     rooted = len(first) == 1 and joints[first[0]] is None and not len(shapes(model, 0))
-    out, notes = writing.robot(Path(path).stem), list[str]()
+    out, notes = etree.Element("robot", {"name": Path(path).stem}, nsmap={"drake": urdf.DRAKE}), list[str]()
     for i in range(int(rooted), model.nbody):
         add_body(out, model, i, names[i], anchor(model, joints.get(i)))
     for i, joint in joints.items():
@@ -88,26 +88,18 @@ def converted(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
         own = place if kind else place * pin.SE3(FORWARD, np.zeros(3))
         if body >= int(rooted):
             at = pin.SE3(np.eye(3), -anchor(model, joints.get(body))) * own
-            writing.add_sensor(out, name, kind or "camera", names[body], at)
+            urdf.add_sensor(out, name, kind or "camera", names[body], at)
     ties = [k for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0]
     for k in ties:
         first_name, other = (model.joint(int(ids[k])).name for ids in (model.eq_obj1id, model.eq_obj2id))
         offset, slope, *_ = model.eq_data[k]
         for joint_element in out.findall(f"joint[@name='{first_name}']"):
             etree.SubElement(joint_element, "mimic", joint=other, multiplier=f"{slope:.17g}", offset=f"{offset:.17g}")
-    return writing.written(out), notes
-
-
-def refuse_loops(model: mujoco.MjModel, path: str) -> None:
-    """Raise `RigError` if bodies are tied to each other beside the tree."""
-    import mujoco
-
-    if np.isin(model.eq_type, [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]).any():
-        raise RigError(path, "ties bodies to each other beside its tree (<equality>)", "cut the loop")
+    return str(etree.tostring(out, encoding="unicode")), notes
 
 
 def joint_of(model: mujoco.MjModel, body: int, name: str, path: str) -> int | None:
-    """Return the one hinge or slide of a body; None if it has none, or floats: a rig stands on its base."""
+    """Return the one hinge or slide of a body; None if it has none, or floats: a rig's base is fixed."""
     import mujoco
 
     start, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
@@ -138,10 +130,10 @@ def add_body(out: etree._Element, model: mujoco.MjModel, body: int, name: str, a
     if body and model.body_mass[body] > 0:
         own = shift * pose(model.body_ipos[body], model.body_iquat[body])
         inertia = own.rotation @ np.diag(model.body_inertia[body]) @ own.rotation.T
-        write_inertial(link, float(model.body_mass[body]), own.translation, inertia)
+        urdf.write_inertial(link, float(model.body_mass[body]), own.translation, inertia)
     for kind, sizes, where, colour in shapes(model, body):
-        visual = writing.add_visual(link, shift * where, kind, **sizes)
-        etree.SubElement(etree.SubElement(visual, "material", name=""), "color", rgba=writing.spelled(colour))
+        visual = urdf.add_visual(link, shift * where, kind, **sizes)
+        etree.SubElement(etree.SubElement(visual, "material", name=""), "color", rgba=urdf.spelled(colour))
 
 
 def shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, str], pin.SE3, np.ndarray]]:
@@ -153,14 +145,14 @@ def shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, str], 
     for k in range(start, start + int(model.body_geomnum[body])):
         kind, size, at = model.geom_type[k], model.geom_size[k], pose(model.geom_pos[k], model.geom_quat[k])
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
-            shape = ("box", {"size": writing.spelled(2 * size)})
+            shape = ("box", {"size": urdf.spelled(2 * size)})
         elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-            shape = ("sphere", {"radius": writing.spelled(size[:1])})
+            shape = ("sphere", {"radius": urdf.spelled(size[:1])})
         elif kind in (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
-            shape = ("cylinder", {"radius": writing.spelled(size[:1]), "length": writing.spelled(2 * size[1:2])})
+            shape = ("cylinder", {"radius": urdf.spelled(size[:1]), "length": urdf.spelled(2 * size[1:2])})
         elif kind in (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)):
             middle, half = model.geom_aabb[k][:3], model.geom_aabb[k][3:]
-            at, shape = at * pin.SE3(np.eye(3), np.array(middle)), ("box", {"size": writing.spelled(2 * half)})
+            at, shape = at * pin.SE3(np.eye(3), np.array(middle)), ("box", {"size": urdf.spelled(2 * half)})
         else:
             continue
         out.append((*shape, at, np.array(model.geom_rgba[k])))
@@ -170,11 +162,11 @@ def shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, str], 
 def add_joint(
     out: etree._Element, model: mujoco.MjModel, joint: int | None, links: tuple[str, str], origin: pin.SE3
 ) -> list[str]:
-    """Add what joins two links; return a sentence on what a URDF has no word for."""
+    """Add what joins two links; return a sentence on what a URDF cannot hold."""
     import mujoco
 
     if joint is None:
-        writing.add_joint(out, f"{links[1]}_on_{links[0]}", "fixed", *links, origin)
+        urdf.add_joint(out, f"{links[1]}_on_{links[0]}", "fixed", *links, origin)
         return []
     name, axis = model.joint(joint).name or f"joint{joint}", np.array(model.jnt_axis[joint])
     slides, limited = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE, bool(model.jnt_limited[joint])
@@ -182,14 +174,19 @@ def add_joint(
     back = -float(model.qpos0[model.jnt_qposadr[joint]]) * axis
     origin = origin * (pin.SE3(np.eye(3), back) if slides else pin.SE3(pin.exp3(back), np.zeros(3)))
     kind = "prismatic" if slides else "revolute" if limited else "continuous"
-    new, dof = writing.add_joint(out, name, kind, *links, origin, axis), int(model.jnt_dofadr[joint])
+    new, dof = urdf.add_joint(out, name, kind, *links, origin, axis), int(model.jnt_dofadr[joint])
     low, high = model.jnt_range[joint] if limited else (-1e16, 1e16)
     effort = f"{strongest(model, joint):.17g}"
     etree.SubElement(new, "limit", lower=f"{low:.17g}", upper=f"{high:.17g}", effort=effort, velocity="0")
     damping, friction = float(model.dof_damping[dof]), float(model.dof_frictionloss[dof])
     etree.SubElement(new, "dynamics", damping=f"{damping:.17g}", friction=f"{friction:.17g}")
     if model.dof_armature[dof] > 0:
-        writing.add_armature(out, name, float(model.dof_armature[dof]))
+        transmission = etree.SubElement(out, "transmission", name=f"{name}_transmission")
+        etree.SubElement(transmission, "joint", name=name)
+        actuator = etree.SubElement(transmission, "actuator", name=f"{name}_motor")
+        etree.SubElement(actuator, f"{{{urdf.DRAKE}}}gear_ratio", value="1")
+        armature = f"{float(model.dof_armature[dof]):.17g}"
+        etree.SubElement(actuator, f"{{{urdf.DRAKE}}}rotor_inertia", value=armature)
     spring = f"{name} has a spring, which is left out: it is a cable-spring to plant or to find"
     return [spring] if model.jnt_stiffness[joint] else []
 

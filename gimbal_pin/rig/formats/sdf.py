@@ -15,11 +15,10 @@ import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin.errors import RigError
-from gimbal_pin.rig.formats import writing
+from gimbal_pin.rig import urdf
 from gimbal_pin.rig.reading import LONGEST, decimal
 from gimbal_pin.rig.records import LARGEST
-from gimbal_pin.rig.urdf import repeated, write_inertial
-from gimbal_pin.rig.urdf_checks import ENTRIES, LINKS
+from gimbal_pin.rig.urdf_checks import ENTRIES, LINKS, repeated
 
 KINDS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
 CAMERAS = ("camera", "depth", "depth_camera", "rgbd_camera", "thermal", "thermal_camera", "wideanglecamera")
@@ -32,7 +31,7 @@ def convert(root: etree._Element, place: str) -> tuple[str, list[str]]:
     """Return the model of an SDF as a URDF, and a sentence on what that does not hold.
 
     Raises:
-        RigError: There is not one model, or in it is what a URDF has no word for.
+        RigError: There is not one model, or it has something that a URDF cannot hold.
     """
     models = root.xpath("model | world/model")
     if len(models) != 1:
@@ -71,7 +70,7 @@ class Converter:
             own = moved.get(name)
             at = pose if own is None else self.pose_of(own.get("name", ""), own)
             frames[name] = pin.SE3(pose.rotation, at.translation)
-        out = writing.robot(self.model.get("name", "model"))
+        out = etree.Element("robot", name=self.model.get("name", "model"))
         for link in links:
             self.add_link(out, link, frames[link.get("name", "")])
         for joint in joints:
@@ -83,8 +82,8 @@ class Converter:
                 kind = "camera" if kind in CAMERAS else kind
                 if kind in ("camera", "imu"):
                     origin = frames[name].actInv(self.pose_of(name, link) * self.stated(sensor))
-                    writing.add_sensor(out, sensor.get("name", kind), kind, name, origin)
-        return writing.written(out), self.notes
+                    urdf.add_sensor(out, sensor.get("name", kind), kind, name, origin)
+        return str(etree.tostring(out, encoding="unicode")), self.notes
 
     def kind(self, joint: etree._Element) -> str:
         """Return the type of a joint."""
@@ -112,7 +111,7 @@ class Converter:
             value = self.number(inertial, f"inertia/{entry}", float(row == column))
             inertia[row, column] = inertia[column, row] = value
         turned = origin.rotation @ inertia @ origin.rotation.T
-        write_inertial(new, self.number(inertial, "mass", 1.0), origin.translation, turned)
+        urdf.write_inertial(new, self.number(inertial, "mass", 1.0), origin.translation, turned)
         for visual in link.findall("visual"):
             self.add_visual(new, visual, shift * self.stated(visual))
 
@@ -123,10 +122,10 @@ class Converter:
             if shape.tag == "mesh" and sizes.get("uri"):
                 file = re.sub("^model://", "package://", sizes["uri"])
                 scale = {"scale": sizes["scale"]} if "scale" in sizes else {}
-                new = writing.add_visual(link, pose, "mesh", filename=file, **scale)
+                new = urdf.add_visual(link, pose, "mesh", filename=file, **scale)
             elif shape.tag in ("box", "sphere", "cylinder", "capsule"):
                 kept = {key: sizes[key] for key in ("size", "radius", "length") if key in sizes}
-                new = writing.add_visual(link, pose, "cylinder" if shape.tag == "capsule" else shape.tag, **kept)
+                new = urdf.add_visual(link, pose, "cylinder" if shape.tag == "capsule" else shape.tag, **kept)
             else:
                 continue
             colour = visual.findtext("material/diffuse") or visual.findtext("material/ambient")
@@ -144,7 +143,7 @@ class Converter:
                 raise RigError(self.at(joint), what, "name a link that exists")
         origin = frames[parent].actInv(frames[child])
         if kind == "fixed":
-            writing.add_joint(out, name, kind, parent, child, origin)
+            urdf.add_joint(out, name, kind, parent, child, origin)
             return
         axis, limit = joint.find("axis"), {}
         way = np.array([0.0, 0.0, 1.0]) if axis is None else self.axis(joint, axis)
@@ -155,7 +154,7 @@ class Converter:
             limit[key] = stated if isfinite(value) and abs(value) < LARGEST else unknown
         unbounded = limit["lower"] == -LARGEST and limit["upper"] == LARGEST
         kind = "continuous" if kind == "revolute" and unbounded else kind
-        new = writing.add_joint(out, name, kind, parent, child, origin, frames[child].rotation.T @ way)
+        new = urdf.add_joint(out, name, kind, parent, child, origin, frames[child].rotation.T @ way)
         etree.SubElement(new, "limit", {key: f"{value:.17g}" for key, value in limit.items()})
         friction = {key: self.number(joint, f"axis/dynamics/{key}", 0.0) for key in ("damping", "friction")}
         etree.SubElement(new, "dynamics", {key: f"{value:.17g}" for key, value in friction.items()})

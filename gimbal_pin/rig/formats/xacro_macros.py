@@ -23,7 +23,7 @@ NAMESPACE = "ros.org/wiki/xacro"
 
 
 def is_xacro(root: etree._Element, path: Path) -> bool:
-    """Tell whether there is a macro in a file, or its name says so; a URDF that xacro wrote still names it."""
+    """Whether there is a macro in a file, or its name says so; a URDF that xacro wrote still names it."""
     if root.tag != "robot":
         return False
     spaced = any(isinstance(e.tag, str) and NAMESPACE in e.tag for e in root.iter())
@@ -60,7 +60,7 @@ def main(path: str, arguments: str) -> dict[str, Any]:
                 raise xacro.XacroException(f"no folder '{package}' above the file or beside one of them") from None
             return str(found)
 
-    def heed(event: str, given: tuple[Any, ...]) -> None:
+    def record_opened(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str):
             if Path(given[0]).exists() and not Path(given[0]).is_file():
                 raise xacro.XacroException(f"{given[0]} is no regular file")
@@ -68,6 +68,6 @@ def main(path: str, arguments: str) -> dict[str, Any]:
 
     files: list[str] = []
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
-    sys.addaudithook(heed)  # what macros include, load as YAML, or name by an argument: all of it is opened here
+    sys.addaudithook(record_opened)  # files that macros include, load as YAML, or name by an argument
     text = str(xacro.process_file(path, mappings=json.loads(arguments)).toxml())
     return {"text": text, "files": list(dict.fromkeys(files))}

@@ -1,0 +1,128 @@
+"""What is refused: too little data, and parameters that leave no trace in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gimbal_pin.errors import DataError, LogError, UsageError
+from gimbal_pin.estimation.estimators import Estimate
+from gimbal_pin.estimation.rows import Block, Filtering, Rows, settling
+from gimbal_pin.estimation.rows.channels import Flags
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
+
+LONGEST_INTERVAL = 0.2
+"""Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
+SHORTEST_INTERVAL = 2e-5
+"""Shortest, s: drives' current loops run at 50 kHz at most; below, t has another unit."""
+WRONG_UNIT = 20.0
+"""Times the motor's limit, rms, that no torque is: a motor's short-time torque is some five times what it holds, and a
+torque in thousandths of its unit is a thousand times too large."""
+FAINT = 1e-12
+"""A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
+DROWNED = 0.1
+"""Share of a joint's samples under which the error says that the others were masked out."""
+
+
+def check_log(log: Log, filters: Filtering) -> None:
+    """Raise what tells that no filter of these can be run over a log.
+
+    Raises:
+        DataError: It has no torque.
+        LogError: Its samples lie too far apart.
+        UsageError: The cutoff leaves nothing to remove.
+    """
+    if log.tau is not None:
+        torque = np.abs(log.tau).max(axis=0)
+        check_driven(log.name, log.joints, torque, np.full(len(torque), torque.max() < FAINT))
+    if len(log) > 1:
+        check_sampling(log.name, log.dt, filters.cutoff)
+
+
+def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags) -> None:
+    """Raise `DataError` if a joint's torque is none while it moves: parameters of zero would explain it perfectly.
+
+    Args:
+        place: What the error names.
+        joints: Names of the joints.
+        torque: Largest torque of each, N m, (n,).
+        moving: Whether it moves, (n,).
+    """
+    silent = torque < FAINT
+    if (moving & silent).any():
+        name = joints[int(np.argmax(moving & silent))]
+        one = f"tau_{name} is zero all along, while {name} moves"
+        what = "its torques are zero at every joint" if silent.all() else one
+        raise DataError(place, what, "log what the drives report or were commanded, in N m")
+
+
+def check_unit(rig: Rig, log: Log) -> None:
+    """Raise `LogError` if a torque is so many times its motor's limit that it can only be in another unit."""
+    if log.tau is None:
+        return
+    size = np.sqrt(np.mean(log.tau**2, axis=0))
+    for joint, most, limit, motor in zip(rig.joints, size.tolist(), rig.tau_max.tolist(), rig.motors):
+        if most > WRONG_UNIT * limit:
+            factor = f"{1e-3 * motor.torque_constant:.3g}" if motor.torque_constant != 1.0 else "1e-3*KT"
+            what = f"is {most / limit:.2g} times the motor's {limit:.3g} N m, rms: it has another unit, mA or mN m say"
+            mend = f"map it: --map tau_{joint}=tau_{joint}*{factor} from mA, *1e-3 from mN m"
+            raise LogError(f"{log.name}: tau_{joint}", what, mend)
+
+
+def check_sampling(name: str, dt: float, cutoff: float) -> None:
+    """Raise what `check_log` raises, for a sampling interval, s, and a cutoff, Hz."""
+    if dt > LONGEST_INTERVAL:
+        mend = "if t is in ms, map it: --map t=COLUMN*1e-3; else record twenty samples a second or more"
+        raise LogError(name, f"has {dt:.3g} s between two samples, too long to see a rig move", mend)
+    if dt < SHORTEST_INTERVAL:
+        mend = "if t has another unit, map it: --map t=COLUMN*FACTOR; else keep every tenth sample or fewer"
+        raise LogError(name, f"has {dt:.3g} s between two samples, too short for a drive", mend)
+    if cutoff * dt > 0.2:
+        what = f"of {cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
+        raise UsageError(f"{name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
+
+
+def check_enough(rows: Rows, blocks: Sequence[Block]) -> None:
+    """Raise `DataError` if there are fewer rows than three per parameter, or a joint moves without a torque."""
+    have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
+    if have < want:
+        seconds = max((float(np.ptp(log.t)) for log in rows.logs if len(log)), default=0.0)
+        name = rows.logs[0].name if rows.logs else "no log"
+        what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
+        need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * settling(rows.filtering)
+        raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
+    torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
+    check_driven(rows.logs[0].name, rows.rig.joints, torque, used_shares(blocks) > DROWNED)
+
+
+def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
+    """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
+    if hidden := unseen(names, blocks, estimate):
+        raise DataError(place, *why_hidden(blocks), hidden)
+
+
+def why_hidden(blocks: Sequence[Block]) -> tuple[str, str]:
+    """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
+    kept = used_shares(blocks).min()
+    if kept >= DROWNED:
+        return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
+    what = f"no faster than their rate's noise, or still, are all but {100 * kept:.2g} % of a joint's samples"
+    mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_)"
+    return f"{what}; the rest leaves no trace of", mend
+
+
+def used_shares(blocks: Sequence[Block]) -> Array:
+    """Return the share of each joint's samples that tell which way it turns, (n,)."""
+    return np.asarray(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0))
+
+
+def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+    """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
+    power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
+    torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))
+    reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
+    std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
+    blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
+    return tuple(name for name, hidden in zip(names, blind) if hidden or torque.max() < FAINT)

@@ -1,0 +1,341 @@
+"""One gimbal, several cameras: the gimbal's parameters are shared, each camera has its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.dynamics.model import Estimated, Model, friction_effects
+from gimbal_pin.dynamics.reduction import Reduction, reduce, scan, stacked, units
+from gimbal_pin.dynamics.regressor import SCAN
+from gimbal_pin.effects.rig_effect import payload
+from gimbal_pin.errors import UsageError
+from gimbal_pin.estimation.balance import reported
+from gimbal_pin.estimation.channel_assignment import check_assignment
+from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
+from gimbal_pin.estimation.estimators.least_squares import residuals
+from gimbal_pin.estimation.identification import (
+    Identified,
+    assembled,
+    check_enough,
+    check_log,
+    check_seen,
+    faults,
+    refitted,
+    split,
+)
+from gimbal_pin.estimation.rows import Block, Filtering, Rows, camera_body, over_phi, regression
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import PHI, Rig
+
+BARE = "none"
+"""The payload that weighs nothing: where there is a log of it, the others are measured from it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """What joint torques show of one camera.
+
+    Attributes:
+        names: Parameters of the camera that show, regrouped; about the joint that carries it, in that joint's frame.
+        units: Their SI units.
+        value: Estimate, (r,).
+        covariance: Its covariance, (r, r); zero where it was not estimated, but taken as its URDF says.
+        urdf: What its URDF says, (r,).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    covariance: Array
+    urdf: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, (r,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def mass(self) -> float | None:
+        """The identified mass, kg; None where it was not estimated, shows only in sums, or is that of nothing."""
+        rows = zip(self.names, self.value.tolist(), self.std.tolist())
+        return next((x for name, x, std in rows if name.endswith(".m") and " " not in name and std and x > 0), None)
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """Return rows of name, value, std, unit and the URDF's value."""
+        rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units, self.urdf.tolist())
+        return [{"name": n, "value": x, "std": s, "unit": u, "urdf": given} for n, x, s, u, given in rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Several:
+    """The result of `identify_several` and of `identify_new`.
+
+    Attributes:
+        identified: Payload → model of the gimbal with it; the gimbal's own parameters and friction are the same in all.
+        cameras: Payload → its own parameters.
+        reference: The payload whose URDF the cameras' parameters stand on: `BARE`, or the first.
+    """
+
+    identified: Mapping[str, Identified]
+    cameras: Mapping[str, Camera]
+    reference: str
+
+    @property
+    def first(self) -> Identified:
+        """The gimbal with the reference, or with the first payload where that has no log."""
+        return self.identified.get(self.reference, next(iter(self.identified.values())))
+
+    def __repr__(self) -> str:
+        """A few lines per camera: what was estimated, and how well it predicts."""
+        return "\n".join([*(repr(one) for one in self.identified.values()), self.sentence])
+
+    def refitted(self, whole: Several) -> Several:
+        """Return an estimate from all data with the held-out accuracy of this one, which had not seen all of it."""
+        each = {name: refitted(self.identified[name], one) for name, one in whole.identified.items()}
+        return replace(whole, identified=each)
+
+    @property
+    def sentence(self) -> str:
+        """Say what the cameras' parameters stand on."""
+        if self.reference == BARE:
+            return "the cameras' own parameters are measured against the gimbal without any"
+        return f"the cameras' own parameters stand on {self.reference} being as its URDF says: add a log of '@{BARE}'"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds (CONTRACT, `identify`): the reference's, and every payload's under `payloads`."""
+        cameras = {name: one.to_dict() for name, one in self.cameras.items()}
+        each = {
+            name: {**reported(one, self.cameras[name].mass), "camera": cameras[name]}
+            for name, one in self.identified.items()
+        }
+        first = each.get(self.reference, next(iter(each.values())))
+        logs = [log for one in self.identified.values() for log in one.logs]
+        return {**first, "logs": logs, "reference": self.reference, "note": self.sentence, "payloads": each}
+
+
+def parted(
+    rig: Rig, logs: Sequence[Log], holdout: str | None, filters: Filtering, reduction: Reduction
+) -> tuple[Rows, Sequence[Block] | None, str]:
+    """Return training rows, held-out blocks, and how they were parted: every log at two thirds."""
+    if holdout not in (None, "none", "last-third"):
+        raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
+    for log in logs:
+        check_log(log, filters)
+    train, test, how = split(logs, holdout or "last-third", filters)
+    rows = Rows(rig, reduction, friction_effects(rig.joints), train, filters)
+    return rows, regression(replace(rows, logs=test)) if test else None, how
+
+
+def rigid(block: Block, own: Carried) -> Array:
+    """Torque per parameter of the camera, (m, n, r): the base columns hold it already, filtered and masked."""
+    return np.asarray(block.A[:, :, : len(own.columns)] @ own.columns)
+
+
+def with_camera(own: Carried, estimate: Estimate, pick: Array, width: int) -> Estimate:
+    """Return the estimate of the gimbal with one camera, ``theta + K_c gamma``, of one of all parameters.
+
+    Args:
+        own: What shows of a camera.
+        estimate: Of theta, then of every camera's gamma.
+        pick: Map from all of them to this camera's gamma, see `camera_map`.
+        width: Number of parameters in theta.
+    """
+    whole = np.eye(width, len(estimate.theta))
+    whole[: len(own.columns)] += own.columns @ pick
+    return replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
+
+
+def camera_map(size: int, place: int, width: int, total: int) -> Array:
+    """Map from all parameters to the change that camera `place` makes, (size, total); zero for the reference."""
+    out = np.zeros((size, total))
+    if place:
+        out[:, width + size * (place - 1) : width + size * place] = np.eye(size)
+    return out
+
+
+def camera(own: Carried, reference: Rig, mounted: Rig, theta: Array, covariance: Array, pick: Array) -> Camera:
+    """Return the mounted camera: the reference's stated parameters and the change."""
+    base, urdf = own.shown(stated(reference)), own.shown(stated(mounted))
+    leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
+    return Camera(own.reduction.base_names, units(leading), base + pick @ theta, pick @ covariance @ pick.T, urdf)
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """The parameters of the body that carries the camera, as far as joint torques show them.
+
+    Attributes:
+        body: Which body, from 0.
+        reduction: Its ten parameters' reduction: what of them shows.
+        columns: K_c: base parameters per independent one of them, (b, r).
+    """
+
+    body: int
+    reduction: Reduction
+    columns: Array
+
+    @staticmethod
+    def of(rig: Rig, reduction: Reduction) -> Carried:
+        """Return what shows of the camera's body if all the others are known."""
+        body = camera_body(rig)
+        matrix, names = stacked(rig)
+        mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
+        own = scan(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
+        places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
+        return Carried(body, own, over_phi(rig, reduction)[:, places])
+
+    def shown(self, phi: Array) -> Array:
+        """What of ten parameters shows, (r,)."""
+        return np.asarray(self.reduction.mixing @ phi[[PHI.index(symbol) for symbol in SCAN]])
+
+
+def stated(rig: Rig) -> Array:
+    """Ten parameters of the payload as its URDF states it, about the joint; zero where nothing is mounted."""
+    try:
+        return np.array(payload(rig)[1].toDynamicParameters())
+    except UsageError:
+        return np.zeros(10)
+
+
+def identify_several(
+    rigs: Mapping[str, Rig],
+    logs: Mapping[str, Sequence[Log]],
+    *,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+) -> Several:
+    """Estimate one gimbal with several cameras: base parameters of the first, what the others change, one friction.
+
+    Args:
+        rigs: Payload → the gimbal with it.
+        logs: Payload → its logs; each is split at two thirds of its time.
+        estimator: Blocks → `Estimate`.
+        holdout: "last-third" or "none"; None: the last third.
+        filtering: Cutoff and alignment.
+
+    Raises:
+        UsageError: Another way of holding out.
+        DataError: The logs are too short, or some parameters leave no trace in them.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
+    """
+    filters = filtering or Filtering()
+    reference = BARE if BARE in rigs else next(iter(rigs))
+    order = (reference, *(name for name in rigs if name != reference))
+    reduction = reduce(rigs[reference])
+    own = Carried.of(rigs[reference], reduction)
+    parts = {name: parted(rigs[name], logs[name], holdout, filters, reduction) for name in order}
+    blocks = {name: regression(rows) for name, (rows, _, _) in parts.items()}
+    for name, (rows, _, _) in parts.items():
+        check_enough(rows, blocks[name])
+    wide = [list(widened(blocks[name], own, k, len(order))) for k, name in enumerate(order)]
+    joint = alike(wide, estimator([block for part in wide for block in part]).theta)
+    estimate = estimator(joint)
+    first = parts[reference][0]
+    names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
+    check_seen(first.logs[0].name, names, joint, estimate)
+    width, total, size = len(first.names), len(estimate.theta), own.columns.shape[1]
+    pick = {name: camera_map(size, k, width, total) for k, name in enumerate(order)}
+    identified = {
+        name: replace(
+            assembled(rows, blocks[name], with_camera(own, estimate, pick[name], width), tested, how),
+            faults=faults(rigs[name], logs[name]),
+        )
+        for name, (rows, tested, how) in parts.items()
+    }
+    for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
+        check_assignment(part, weighted(part))
+    known = (estimate.theta, estimate.covariance)
+    cameras = {name: camera(own, rigs[reference], rigs[name], *known, pick[name]) for name in order}
+    return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
+
+
+def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> Iterator[Block]:
+    """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in."""
+    for block in blocks:
+        size = own.columns.shape[1]
+        extra = np.zeros((*block.b.shape, size * (count - 1)))
+        if place:
+            extra[:, :, size * (place - 1) : size * place] = rigid(block, own)
+        yield block._replace(A=np.concatenate([block.A, extra], axis=2))
+
+
+def alike(parts: Sequence[Sequence[Block]], theta: Array) -> list[Block]:
+    """Scale each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's."""
+    left = [np.sqrt(np.mean(np.concatenate([residuals(b, theta) for b in part]) ** 2, axis=0)) for part in parts]
+    weights = [np.mean(left, axis=0) / np.maximum(one, 1e-300) for one in left]
+    return [
+        block._replace(A=block.A * weight[:, None], b=block.b * weight)
+        for part, weight in zip(parts, weights)
+        for block in part
+    ]
+
+
+def identify_new(
+    rig: Rig,
+    logs: Sequence[Log],
+    known: Model,
+    *,
+    estimator: Estimator = weighted,
+    holdout: str | None = None,
+    filtering: Filtering | None = None,
+) -> Several:
+    """Estimate a new camera on a known gimbal: those of its parameters that show, everything else as it is known.
+
+    ``gamma = argmin ‖tau - A theta - A_c gamma‖``; the covariance holds what is not known of theta.
+
+    Args:
+        rig: The gimbal with the new camera.
+        logs: Some 10 s of motion.
+        known: A model that `identify` wrote, of the gimbal with another camera.
+        estimator: Blocks → `Estimate`.
+        holdout: As for `identify`; None: "none", for there is little to hold out.
+        filtering: Cutoff and alignment.
+
+    Raises:
+        UsageError: The known model was not identified, or holds effects on top of friction.
+        DataError: The logs are too short, or do not show the camera.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
+    """
+    filters, reduction = filtering or Filtering(), reduce(rig)
+    rows, tested, how = parted(rig, logs, holdout or "none", filters, reduction)
+    if rows.names != estimated(known).names:
+        raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
+    own = Carried.of(rig, reduction)
+    theta, spread = estimated(known).theta, estimated(known).covariance
+    blocks = regression(rows)
+    mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ theta) for block in blocks]
+    found = estimator(mine)
+    # Against the whole torque: a camera that is as the known one leaves none of its own.
+    heard = [part._replace(b=block.b) for part, block in zip(mine, blocks)]
+    check_seen(rows.logs[0].name, own.reduction.base_names, heard, found)
+    G = -sensitivity(mine, blocks, found.residual_std)
+    both = np.concatenate([theta, found.theta])
+    covariance = np.block([[spread, spread @ G.T], [G @ spread, found.covariance + G @ spread @ G.T]])
+    joint = replace(found, theta=both, covariance=covariance)
+    pick = camera_map(own.columns.shape[1], 1, len(theta), len(both))
+    identified = assembled(rows, blocks, with_camera(own, joint, pick, len(theta)), tested, how)
+    check_assignment(blocks, identified.estimate)
+    identified = replace(identified, faults=faults(rig, logs))
+    name = rig.payload or "camera"
+    one = camera(own, known.rig, rig, joint.theta, joint.covariance, pick)
+    return Several({name: identified}, {name: one}, known.rig.payload or BARE)
+
+
+def estimated(known: Model) -> Estimated:
+    """Return what is known of a model's parameters; `UsageError` if it was not identified."""
+    if known.estimated is None:
+        raise UsageError("--known", "holds no uncertainty", "give a model that 'gimbal-pin identify -o' wrote")
+    return known.estimated
+
+
+def sensitivity(mine: Sequence[Block], blocks: Sequence[Block], residual_std: Array) -> Array:
+    """``(A_cᵀWA_c)⁻¹ A_cᵀWA``: how the camera's parameters follow the known ones, (r, k), W from the residuals."""
+    weight = 1.0 / np.maximum(residual_std, 1e-300) ** 2
+    own = sum(np.einsum("tjk,j,tjl->kl", a.A, weight, a.A) for a in mine)
+    both = sum(np.einsum("tjk,j,tjl->kl", a.A, weight, b.A) for a, b in zip(mine, blocks))
+    return np.asarray(np.linalg.lstsq(np.asarray(own), np.asarray(both), rcond=1e-12)[0])

@@ -1,0 +1,117 @@
+"""How far two recorders' clocks are apart, by what both saw of one motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import correlate, correlation_lags
+
+from gimbal_pin.log.log import Array
+
+SURE = 0.9
+"""Least correlation of two channels of the same motion, from which an offset is taken."""
+ALONE = 0.98
+"""Largest share of the best correlation at another offset: beyond, the motion is periodic and the offset ambiguous."""
+COARSE, FINE = 2**12, 2**16
+"""Samples of the common grid on which pairs are compared, and of the one for the best pair: 2 ms and 50 ms a pair."""
+CHANNELS = 16
+"""Channels of a recorder that are compared with each of the other's."""
+
+
+class Offset(NamedTuple):
+    """What the second clock is behind the first.
+
+    Attributes:
+        seconds: To be added to its times.
+        sentence: How that is known, or why it is taken as zero.
+    """
+
+    seconds: float
+    sentence: str
+
+
+def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array]) -> Offset:
+    """Return the offset of two recorders' clocks: from a channel that both have, or an angle and its rate.
+
+    The rates of both channels of a pair are compared, or one's rate with the other itself, on a grid of the coarser
+    interval; the offset is the peak of the normalised correlation, refined by a parabola.
+
+    Args:
+        t: The first's times, s, (N,).
+        one: The first's channels, (N,) each.
+        u: The second's times, (M,).
+        other: Its channels, (M,) each.
+    """
+    if np.isin(u, t).mean() > 0.5:
+        return Offset(0.0, "has the first's times: one clock")
+    if min(len(t), len(u)) < 8:
+        return Offset(0.0, "has too few samples to tell its clock's offset: taken as zero")
+    usual, span = max(np.median(np.diff(t)), np.median(np.diff(u))), max(np.ptp(t), np.ptp(u))
+    if not usual > 0:
+        return Offset(0.0, "has times that do not increase: its clock's offset is taken as zero")
+    step, most = (float(max(usual, span / size)) for size in (FINE, COARSE))
+    best = max((peak(*pair) for pair in pairs(t, one, u, other, most)), default=None)
+    if best is not None and step < most:
+        a, b = best.channels
+        best = max(peak(*pair) for pair in pairs(t, {a: one[a]}, u, {b: other[b]}, step))
+    if best is None or best.correlation < SURE:
+        return Offset(0.0, "has no channel that is alike in the first: its clock's offset is taken as zero")
+    if best.rival > ALONE * best.correlation:
+        return Offset(0.0, "moves periodically, which does not tell its clock's offset: taken as zero")
+    seconds = t[0] - u[0] + best.lag * step
+    if abs(seconds) < step / 2:
+        return Offset(0.0, f"has the first's clock to less than half a sample (by its {best.names})")
+    return Offset(float(seconds), f"by {best.names} its times are {-seconds:+.4g} s off the first's: shifted")
+
+
+class Peak(NamedTuple):
+    """The best lag of a pair of channels: correlation there, lag in steps, the best of any other peak, and the pair."""
+
+    correlation: float
+    lag: float
+    rival: float
+    names: str
+    channels: tuple[str, str]
+
+
+Pair = tuple[Array, Array, str, tuple[str, str]]
+
+
+def pairs(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array], step: float) -> Iterator[Pair]:
+    """Yield two sampled channels, what they are, and their names: of one name, or else rates against channels."""
+    grids = [(x[0] + step * np.arange(int(np.ptp(x) / step) + 1)) for x in (t, u)]
+    a = {name: np.interp(grids[0], t, x) for name, x in list(one.items())[:CHANNELS] if np.ptp(x)}
+    b = {name: np.interp(grids[1], u, x) for name, x in list(other.items())[:CHANNELS] if np.ptp(x)}
+    if both := a.keys() & b.keys():
+        yield from (
+            (np.gradient(a[name], step), np.gradient(b[name], step), name, (name, name)) for name in sorted(both)
+        )
+        return
+    for name, x in a.items():
+        for its, y in b.items():
+            yield np.gradient(x, step), y, f"{its} and the rate of {name}", (name, its)
+            yield x, np.gradient(y, step), f"{name} and the rate of {its}", (name, its)
+
+
+def peak(x: Array, y: Array, names: str, channels: tuple[str, str]) -> Peak:
+    """Return the lag by which y, (M,), comes after its like in x, (N,), where at least half of the shorter overlaps."""
+    x, y = x - x.mean(), y - y.mean()
+    lags = correlation_lags(len(x), len(y))
+    products, power, other = (
+        correlate(p, q, method="fft") for p, q in ((x, y), (x**2, np.ones(len(y))), (np.ones(len(x)), y**2))
+    )
+    overlap = np.minimum(len(x), lags + len(y)) - np.maximum(0, lags)
+    scale = np.sqrt(np.maximum(power, 1e-12 * power.max()) * np.maximum(other, 1e-12 * other.max()))
+    values = np.where(overlap >= min(len(x), len(y)) / 2, products / scale, -1.0)
+    k = int(np.argmax(values))
+    # Beyond the main lobe: from where the correlation has gone below zero, or below half of its peak.
+    low = np.flatnonzero(values < values[k] / 2)
+    left, right = low[low < k], low[low > k]
+    others = np.concatenate([values[: left[-1] + 1] if len(left) else [], values[right[0] :] if len(right) else []])
+    bend = 0.0
+    if 0 < k < len(values) - 1 and values[k - 1] > -1 and values[k + 1] > -1:
+        before, at, after = values[k - 1 : k + 2]
+        bend = 0.5 * (before - after) / curve if (curve := before - 2 * at + after) < 0 else 0.0
+    return Peak(float(values[k]), float(lags[k] + bend), float(max(others, default=-1.0)), names, channels)

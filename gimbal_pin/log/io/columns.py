@@ -1,0 +1,183 @@
+"""Which columns a log has (CONTRACT.md), and how a table's columns become channels in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gimbal_pin.errors import LogError
+from gimbal_pin.log.io.mapping import ROW, Source, check_targets, read_mapping
+from gimbal_pin.log.io.tables import Table, listed
+from gimbal_pin.log.log import REACH, SOONEST, Array, Log, implausible, untimely
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.rig import Rig
+
+JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
+"""Attribute of `Log` → prefix of its columns, in the CONTRACT's order."""
+IMU_COLUMNS = {"gyro": "xyz", "accel": "xyz", "quat": "wxyz"}
+"""Attribute of `Imu` (and prefix of its columns) → its axes."""
+LOST = 0.1
+"""Share of the rows that may be left out: of a column of another rate every second value or more is missing, of what a
+recorder loses, or repeats before it begins, far less."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that stand together: a file has all of them or none.
+
+    Attributes:
+        columns: Names as in the CONTRACT.
+        required: Whether a file without them is refused.
+    """
+
+    columns: tuple[str, ...]
+    required: bool = False
+
+
+def joint_group(prefix: str, joints: Sequence[str], required: bool = False) -> Group:
+    """Return the group of one quantity over all joints."""
+    return Group(tuple(f"{prefix}_{joint}" for joint in joints), required)
+
+
+def imu_groups(link: str) -> dict[str, Group]:
+    """Return ``<attribute>_<link>`` → group of an IMU fixed to `link`."""
+    axes = IMU_COLUMNS.items()
+    return {f"{kind}_{link}": Group(tuple(f"{kind}_{link}_{axis}" for axis in names)) for kind, names in axes}
+
+
+def log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool) -> dict[str, Group]:
+    """Return key → group of everything that a log of these joints and links may hold."""
+    required = ("q", "tau") if need_tau else ("q",)
+    groups = {"t": Group(("t",), True)}
+    groups |= {key: joint_group(prefix, joints, key in required) for key, prefix in JOINT_COLUMNS.items()}
+    for link in links:
+        groups |= imu_groups(link)
+    return groups
+
+
+def log_columns(log: Log) -> dict[str, Array]:
+    """Return column → (N,) values of everything in a log, in the CONTRACT's order."""
+    columns = {"t": log.t}
+    for attribute, prefix in JOINT_COLUMNS.items():
+        if (values := getattr(log, attribute)) is not None:
+            columns |= zip(joint_group(prefix, log.joints).columns, values.T)
+    for link, imu in log.imus.items():
+        groups = imu_groups(link)
+        for name, values in imu.channels.items():
+            columns |= zip(groups[f"{name}_{link}"].columns, values.T)
+    return columns
+
+
+def links_of(rig: Rig) -> list[str]:
+    """Return the names of all links of a rig, which an IMU may be fixed to."""
+    return urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+
+
+def mapped(rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]) -> dict[str, Source]:
+    """Return target → source of a mapping to these groups; `UsageError` or `LogError` if it cannot be one.
+
+    Two channels that claim one name are refused: of joints `a` and `ref_a`, ``q_ref_a``.
+    """
+    names = [column for group in groups.values() for column in group.columns]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        mend = "rename the joint in the URDF"
+        raise LogError(f"rig {rig.name}", f"two of its channels would be called '{twice[0]}'", mend)
+    sources = read_mapping(mapping)
+    check_targets(sources, names, rig.joints)
+    return sources
+
+
+def read_groups(
+    table: Table, groups: Mapping[str, Group], sources: Mapping[str, Source], notes: list[str] | None = None
+) -> dict[str, Array]:
+    """Return key → (N, k) array of each group that the table holds, scaled to SI; ``t`` among them increases.
+
+    Args:
+        table: What is read.
+        groups: Key → columns.
+        sources: Target → column that a mapping names.
+        notes: Takes a sentence on each row or group that is left out; None: none may be.
+
+    Raises:
+        LogError: A column is missing or there twice, a value is no number or no machine's, or time does not increase.
+    """
+    known = {**{column: Source(column) for column in table.columns}, **sources}
+    present = {c: known[c] for group in groups.values() for c in group.columns if c in known}
+    check_header(table, groups, present)
+    wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in table.columns]
+    raw = table.read(wanted or table.columns[:1])
+    raw.setdefault(ROW, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
+    for group in groups.values():
+        if notes is not None and not group.required and group.columns[0] in present:
+            sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > LOST]
+            if sparse:
+                notes.append(f"{table.name}: {listed(sparse)} are mostly empty or nan: left out")
+                present = {c: source for c, source in present.items() if c not in group.columns}
+    kept = whole_rows(table, {source.column: raw[source.column] for source in present.values()}, present["t"], notes)
+    arrays = {}
+    for key, group in groups.items():
+        if group.columns[0] in present:
+            named = [present[column] for column in group.columns]
+            with np.errstate(over="ignore"):  # refused below
+                arrays[key] = np.column_stack([raw[source.column][kept] * source.factor for source in named])
+            if (wrong := implausible(key if key in REACH else key.split("_")[0], arrays[key])) is not None:
+                row, column, what, mend = wrong
+                raise LogError(table.place(int(kept[row]), named[column].column), what, mend)
+    if (late := untimely(arrays["t"][:, 0])) is not None:
+        raise LogError(table.place(int(kept[late[0]]), present["t"].column), *late[1:])
+    return arrays
+
+
+def whole_rows(
+    table: Table, raw: Mapping[str, Array], time: Source, notes: list[str] | None
+) -> NDArray[np.integer[Any]]:
+    """Return the rows that hold every value, from where time goes on without repeating itself or going back.
+
+    `notes` as for `read_groups`; `LogError` at the first missing value if more than `LOST` of the rows lack one.
+    """
+    count = len(raw[time.column])
+    missing = {column: np.isnan(values) for column, values in raw.items()}
+    full = np.flatnonzero(~np.any(list(missing.values()), axis=0))
+    most = 0 if notes is None else LOST * count
+    said = [] if notes is None else notes
+    if len(full) < count:
+        column, row = min(((c, int(np.argmax(x))) for c, x in missing.items() if x.any()), key=lambda one: one[1])
+        place, lack = table.place(row, column), f"{count - len(full)} of {count} rows lack a value"
+        if count - len(full) > most:
+            mend = "fill it in or delete the row; put columns of another rate into a.csv+b.csv"
+            raise LogError(place, f"is empty or nan, and {lack}", mend)
+        said.append(f"{place}: is empty or nan: {lack} and are left out")
+    stays = np.flatnonzero(np.diff(raw[time.column][full]) * time.factor < SOONEST)
+    begin = int(stays[-1]) + 1 if len(stays) else 0
+    if 0 < begin <= most:
+        place = table.place(int(full[begin]), time.column)
+        said.append(f"{place}: time goes on from here; what stands before, {begin} of {count} rows, is left out")
+        full = full[begin:]
+    return full
+
+
+def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
+    """Raise `LogError` unless sources exist once, required groups are there, and no group is there in part."""
+    for source in present.values():
+        count = table.columns.count(source.column)
+        if count == 0 and source.column != ROW:
+            what = f"has no column '{source.column}', which {source.place} names (its columns: {listed(table.columns)})"
+            raise LogError(table.name, what, "map from a column that is there")
+        if count > 1:
+            raise LogError(table.name, f"has {count} columns '{source.column}'", "rename all but one in the header")
+    missing = [c for group in groups.values() if group.required for c in group.columns if c not in present]
+    if missing:
+        what = f"has no column {listed(missing)} (its columns: {listed(table.columns)})"
+        mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
+        raise LogError(table.name, what, mend + f" or t={ROW}*SECONDS" * (missing[0] == "t"))
+    for group in groups.values():
+        absent = [column for column in group.columns if column not in present]
+        if absent and len(absent) < len(group.columns):
+            there = next(column for column in group.columns if column in present)
+            mend = "give the whole group or none of it: rename, delete or --map a column"
+            raise LogError(table.name, f"has column '{there}' but not {listed(absent)}", mend)

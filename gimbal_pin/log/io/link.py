@@ -1,0 +1,237 @@
+"""A running gimbal on the other end of a serial line or UDP: frames in and out, its log as lines of a growing CSV.
+
+A frame is ``uint8 version, uint8 type, uint16 sequence``, a body and a CRC (CCITT-FALSE), stuffed by COBS (Cheshire and
+Baker, IEEE/ACM Trans. Networking 7(2), 1999) with a zero byte at its end, little-endian throughout; `gimbal_link.h` of
+an exported controller lists the bodies.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import struct
+import time
+from binascii import crc_hqx
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from math import inf
+from typing import NamedTuple
+
+from gimbal_pin.errors import LogError, UsageError
+
+VERSION = 1
+HELLO, LOG, TUNE, ANSWER = 1, 2, 3, 4
+"""Types of frames: a host asks for the log, a sample, new parameters, what became of them."""
+ADDRESS = re.compile(
+    r"udp://(?P<host>[\w.-]+|\[[\da-fA-F:]+\]):(?P<port>\d{1,5})|serial:(?P<device>[^@]+)@(?P<baud>\d{1,8})"
+)
+MEND = "write udp://HOST:PORT or serial:DEVICE@BAUD"
+LONGEST = 65536
+"""Bytes without a zero that are no frame: as many as a datagram holds."""
+HELD = 1 << 20
+"""Bytes that wait while samples are learned from: ten seconds of three joints at 1 kHz; a system may grant fewer."""
+PAUSE = 0.05
+"""Longest wait for bytes at a time, s: Ctrl-C is heard after that."""
+GREETING = 1.0
+"""Time between two HELLOs, s."""
+
+
+class Frame(NamedTuple):
+    """One frame.
+
+    Attributes:
+        type: `HELLO` to `ANSWER`.
+        sequence: The sender's count.
+        body: What it holds.
+    """
+
+    type: int
+    sequence: int
+    body: bytes
+
+
+class Channel(NamedTuple):
+    """Bytes to and from a gimbal.
+
+    Attributes:
+        name: Its address.
+        read: Waits up to `PAUSE` for bytes; empty where none came.
+        write: Sends bytes.
+    """
+
+    name: str
+    read: Callable[[], bytes]
+    write: Callable[[bytes], object]
+
+
+def is_link(path: str) -> bool:
+    """Tell whether a log's name is the address of a gimbal."""
+    return path.startswith(("udp:", "serial:"))
+
+
+def framed(frame: Frame) -> bytes:
+    """Return a frame as bytes, its zero included."""
+    plain = struct.pack("<BBH", VERSION, frame.type, frame.sequence % 2**16) + frame.body
+    return stuffed(plain + struct.pack("<H", crc_hqx(plain, 0xFFFF))) + b"\0"
+
+
+def unframed(data: bytes) -> Frame | None:
+    """Return the frame of the bytes between two zeros, or None: cut, corrupted, or of another version."""
+    plain = unstuffed(data)
+    if plain is None or len(plain) < 6 or plain[0] != VERSION:
+        return None
+    if crc_hqx(plain[:-2], 0xFFFF) != int.from_bytes(plain[-2:], "little"):
+        return None
+    return Frame(plain[1], int.from_bytes(plain[2:4], "little"), plain[4:-2])
+
+
+def stuffed(plain: bytes) -> bytes:
+    """Return bytes without a zero: each run of up to 254 that are none behind its length plus one."""
+    out = bytearray()
+    for run in plain.split(b"\0"):
+        while len(run) >= 254:
+            out += b"\xff" + run[:254]
+            run = run[254:]
+        out += bytes([len(run) + 1]) + run
+    return bytes(out)
+
+
+def unstuffed(data: bytes) -> bytes | None:
+    """Return what was stuffed; None where a length leads beyond the end."""
+    out, at = bytearray(), 0
+    while at < len(data):
+        run = data[at]
+        if run == 0 or at + run > len(data):
+            return None
+        out += data[at + 1 : at + run]
+        at += run
+        if run < 255 and at < len(data):
+            out += b"\0"
+    return bytes(out)
+
+
+@contextmanager
+def opened(address: str) -> Iterator[Channel]:
+    """Open a serial line, or a UDP socket that hears the one address alone.
+
+    Raises:
+        UsageError: The address is none, or pyserial is not installed.
+        LogError: It cannot be opened, or breaks off.
+    """
+    found = ADDRESS.fullmatch(address)
+    if found is None or int(found["port"] or 1) not in range(1, 65536):
+        raise UsageError(address, "is no address of a gimbal", MEND)
+    try:
+        if found["device"] is None:
+            host, port = found["host"].strip("[]"), int(found["port"])
+            family, kind, _, _, at = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            with socket.socket(family, kind) as udp:
+                udp.connect(at)
+                udp.settimeout(PAUSE)
+                udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, HELD)
+                yield Channel(address, lambda: received(udp), udp.send)
+            return
+        try:
+            import serial
+        except ImportError:
+            mend = "install it with: pip install 'gimbal-pin[serial]'"
+            raise UsageError(address, "needs pyserial, which is not installed", mend) from None
+        with serial.Serial(found["device"], int(found["baud"]), timeout=PAUSE, write_timeout=GREETING) as line:
+            yield Channel(address, lambda: line.read(max(1, line.in_waiting)), line.write)
+    except (OSError, OverflowError, ValueError) as error:  # pyserial's own are OSErrors, or of a baud rate that is none
+        raise LogError(address, f"cannot be reached ({error})", "see that the gimbal runs there") from error
+
+
+def received(udp: socket.socket) -> bytes:
+    """Return a datagram; nothing where none came, or where nobody listens yet."""
+    try:
+        return udp.recv(LONGEST)
+    except TimeoutError:
+        return b""
+    except ConnectionRefusedError:
+        time.sleep(PAUSE)
+        return b""
+
+
+def frames(channel: Channel, idle: float = inf) -> Iterator[Frame | None]:
+    """Yield the frames that come, and None every `PAUSE`, until none came for `idle` seconds; greet once a second."""
+    rest, count, heard, greeted, paused = b"", 0, time.monotonic(), -inf, -inf
+    while (now := time.monotonic()) - heard <= idle:
+        if now - greeted >= GREETING:
+            send(channel, framed(Frame(HELLO, count, b"")))
+            greeted, count = now, count + 1
+        *parts, rest = (rest + channel.read()).split(b"\0")
+        rest = rest[-LONGEST:]
+        for part in parts:
+            if part and (frame := unframed(part)) is not None:
+                heard = now
+                yield frame
+        if now - paused >= PAUSE:
+            paused = now
+            yield None
+    yield None
+
+
+def send(channel: Channel, data: bytes) -> None:
+    """Send bytes; where nobody listens yet they are lost, as on a line."""
+    try:
+        channel.write(data)
+    except ConnectionRefusedError:
+        return
+
+
+def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[bytes]:
+    """Yield the log of a running gimbal as CSV text, several lines at a time.
+
+    Samples that do not come later than those before, from a second sender or a gimbal that begins anew, are left out.
+
+    Args:
+        address: ``udp://host:port`` or ``serial:/dev/…@baud``.
+        joints: The rig's joints, in whose order the gimbal sends.
+        idle: Time without a frame after which the log ends, s.
+
+    Raises:
+        UsageError, LogError: As `opened`; or a sample is one of another number of joints, or none came.
+    """
+    n, newest = len(joints), -1
+    text = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
+    with opened(address) as channel:
+        for frame in frames(channel, idle):
+            if frame is None:
+                if text and newest >= 0:
+                    yield ("\n".join(text) + "\n").encode()
+                    text = []
+            elif frame.type == LOG:
+                if len(frame.body) != 12 + 12 * n:
+                    what = f"sends samples of {(len(frame.body) - 12) / 12:g} joints"
+                    raise LogError(address, what, f"name the rig that runs there: this one has {n}")
+                time_us, _, *values = struct.unpack(f"<QI{3 * n}f", frame.body)
+                if time_us > newest:
+                    newest = time_us
+                    text.append(",".join([f"{1e-6 * time_us:.6f}", *(f"{x:.9g}" for x in values)]))
+    if newest < 0:
+        raise LogError(address, f"sent no sample within {idle:g} s", "see that the gimbal runs there")
+
+
+def tune(address: str, body: bytes, patience: float = 3.0) -> int:
+    """Send new parameters to a running gimbal, and return the status that it answers.
+
+    They are sent again each half second until it answers: to apply them twice is to apply them once.
+
+    Raises:
+        UsageError, LogError: As `opened`; or no answer came within `patience` seconds.
+    """
+    end, sequence, due = time.monotonic() + patience, time.time_ns() >> 20 & 0xFFFF, -inf
+    with opened(address) as channel:
+        for frame in frames(channel, patience):
+            now = time.monotonic()
+            if frame is not None and frame.type == ANSWER and len(frame.body) == 4:
+                asked, status = struct.unpack("<HH", frame.body)
+                if asked == sequence:
+                    return int(status)
+            if now > end:
+                break
+            if now >= due:
+                send(channel, framed(Frame(TUNE, sequence, body)))
+                due = now + 0.5
+    raise LogError(address, f"did not answer within {patience:g} s", "see that the gimbal runs there")

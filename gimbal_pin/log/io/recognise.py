@@ -1,0 +1,506 @@
+"""What a log's columns are: by their names, and by how their values depend on each other.
+
+A rate is what adds up to an angle: over a few hundred intervals ``x(b) - x(a) = k sum v dt``, and k gives their units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from math import inf, isfinite, pi
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from gimbal_pin.errors import digits
+from gimbal_pin.log.io.mapping import ROW
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.reading import words
+from gimbal_pin.rig.rig import Rig
+
+WORDS = {
+    "temperature": "temp temps temperature celsius",
+    "gyro": "gyr gyro gyros angvel",
+    "accel": "acc accel accelerometer",
+    "quaternion": "quat quaternion orientation",
+    "attitude": "euler rpy attitude",
+    "torque": "tau torque torques effort trq moment",
+    "current": "iq current currents curr amps amp ampere",
+    "voltage": "uq ud vsupply voltage volt volts vbus",
+    "rate": "vel velocity velocities dq qd qdot speed omega rate velo rpm dps",
+    "position": "pos position positions angle angles theta q ang encoder enc winkel counts ticks",
+}
+KINDS: Mapping[str, frozenset[str]] = {kind: frozenset(text.split()) for kind, text in WORDS.items()}
+"""Kind of channel → words of which one stands in its name; the first kind that has one."""
+WANTED = {"des", "desired", "ref", "reference", "cmd", "command", "commanded", "target", "setpoint", "sp", "goal"}
+"""Words of references and commands, which are not measured."""
+MEASURED, PLAIN, DERIVED, CONTROLLER = 0, 1, 2, 3
+RANK = {
+    **dict.fromkeys(("meas", "measured", "actual", "raw"), MEASURED),
+    **dict.fromkeys(("filt", "filtered", "filter", "est", "estimated", "smooth", "lp"), DERIVED),
+    **dict.fromkeys(("con", "control", "ctrl", "fric", "friction", "ff", "feedforward", "ext", "int"), CONTROLLER),
+}
+"""Words beside a kind's → which of several columns of one joint is taken: the lowest."""
+UNITS: Mapping[str, Mapping[str, str]] = {
+    "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
+                 "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad"},
+    "gyro": {"rad": "rad", "deg": "deg", "dps": "deg"},
+    "current": {"ma": "mA", "milliamps": "mA"},
+    "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "rpm": "rpm", "rps": "turns", "turns": "turns"},
+}  # fmt: skip
+"""Words in a name that say its unit."""
+FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "rpm": "pi/30", "mA": "1e-3"}
+"""Unit → its radians or amperes, as a mapping writes it."""
+VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "rpm": pi / 30}
+TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
+TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
+              "micros": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
+SLOWEST = 5.0
+"""Samples a second below which no joint is logged: the coarsest unit of time that makes it faster is the clock's."""
+INTERVALS = 300
+"""Over so many intervals rates are added up: each holds noise of the angle twice only."""
+ALIKE = 0.9
+"""Least correlation of an angle's ways with its rate's sums: in the measured logs of the tests it is over 0.97."""
+NEAR = 0.1
+"""Relative error of k up to which it is a ratio of units: slow filters of a rate take some of its size."""
+EXPLAINED = 0.5
+"""Least share of a column that the joints' motion explains for it to be a torque: in the measured logs of the tests,
+names taken away, torques and currents have 0.79 to 1 (two have 0.45), references and supply voltages 0.36 at most."""
+OFF = 3.0
+"""Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
+FAST = 6.0
+"""A platform that turns faster, rad/s rms, is most likely given in degrees (as `platform_log` refuses it)."""
+AVERAGED = 0.05
+"""Time over which motion and torque are averaged before they are compared, s: differentiated steps of encoders go."""
+POWERS = range(6, 25)
+"""Powers of two that encoders count in a turn: 64 to 16 million."""
+
+
+@dataclass(eq=False)
+class Channel:
+    """What is thought of one column.
+
+    Attributes:
+        column: Its name.
+        values: Its values, (N,).
+        quantity: One of `KINDS`, "time", "constant", "copy" or "unknown".
+        unit: rad, deg, turns, counts, rpm, s, ms, …, "A", "N m"; empty where it is unknown.
+        factor: What it is multiplied by to be in SI units, as a mapping writes it.
+        wanted: Whether it is a reference or command, not a measurement.
+        rate_of: The column of whose angle it is the rate; empty where none is known.
+        scale: Radians in one unit of an angle.
+        reasons: Why.
+        joint: The rig's joint that it is of, or None.
+    """
+
+    column: str
+    values: Array
+    quantity: str = "unknown"
+    unit: str = ""
+    factor: str = ""
+    wanted: bool = False
+    rate_of: str = ""
+    scale: float = 1.0
+    reasons: list[str] = field(default_factory=list)
+    joint: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """Its quantity; "reference" for an angle that was commanded."""
+        return "reference" if self.wanted and self.quantity == "position" else self.quantity
+
+    @property
+    def still(self) -> bool:
+        """Whether it never changes."""
+        return bool(np.ptp(self.values) == 0)
+
+    @property
+    def low(self) -> float:
+        """Its least value."""
+        return float(self.values.min())
+
+    @property
+    def high(self) -> float:
+        """Its largest value."""
+        return float(self.values.max())
+
+    @cached_property
+    def step(self) -> float:
+        """Its quantum; 0 where it has none."""
+        return 0.0 if self.quantity == "time" else quantum(self.values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` writes of a column."""
+        names = ("column", "kind", "unit", "factor", "reasons", "low", "high", "step", "joint")
+        return {name: getattr(self, name) for name in names}
+
+
+class Recognised(NamedTuple):
+    """What a stream holds for a rig.
+
+    Attributes:
+        channels: Every column, that of the times first.
+        mapping: Target → (column, factor, remark) for the rig, in the CONTRACT's order; empty without a rig.
+        missing: Targets that a log of the rig needs and that no column is.
+        t: Times, s, of the samples that are later than all before them, (M,).
+        scale: Seconds of one unit of the times.
+    """
+
+    channels: tuple[Channel, ...]
+    mapping: Mapping[str, tuple[str, str, str]]
+    missing: tuple[str, ...]
+    t: Array
+    scale: float
+
+
+def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> Recognised:
+    """Return what the columns of one stream are, for a rig if one is given.
+
+    Args:
+        time: Name of the column of times, or `ROW`: the interval between samples is then found where a rate whose name
+            gives its unit adds up to an angle.
+        data: Column → values, (N,) each.
+        rig: Whose joints they may be of.
+    """
+    unit, scale, factor, why = time_unit(time, data[time])
+    later = np.diff(np.maximum.accumulate(data[time]), prepend=-inf) > 0
+    t = data[time][later] * scale
+    channels = {name: named(name, values[later]) for name, values in data.items() if name != time}
+    known: dict[bytes, str] = {}
+    for channel in channels.values():
+        first = channel.column if channel.still else known.setdefault(channel.values.tobytes(), channel.column)
+        if first != channel.column:
+            channel.reasons.append(f"the same as '{first}'")
+            channel.quantity = "copy" if channel.quantity == "unknown" else channel.quantity
+    kinds = ("position", "rate") if time == ROW else ("position", "rate", "unknown", "attitude", "gyro")
+    ties = relations(t, [channel for channel in channels.values() if not channel.still and channel.quantity in kinds])
+    pair_rates(ties, channels)
+    if time == ROW and (step := interval(ties, channels)) is not None:
+        scale, factor, why = step, f"{step:.4g}", "the rates add up to the angles with so many seconds a sample"
+        t, ties = t * scale, [tie._replace(ratio=tie.ratio / scale) for tie in ties]
+    rooms = [] if rig is None else np.subtract(*rig.stops[::-1]).tolist()
+    units(ties, channels, max(filter(isfinite, rooms), default=inf), bool(rooms))
+    mapping: dict[str, tuple[str, str, str]] = {}
+    if rig is not None:
+        mapping = {"t": (time, factor, why), **assigned(t, channels, rig)}
+        if time == ROW and not factor:
+            del mapping["t"]
+        for target, (column, _, _) in mapping.items():
+            joint = target.partition("_")[2].removeprefix("ref_")
+            if column in channels and joint in rig.joints:
+                channels[column].joint = joint
+    needed = [] if rig is None else [f"{prefix}_{joint}" for prefix in ("q", "tau") for joint in rig.joints]
+    missing = tuple(target for target in needed if target not in mapping)
+    first_one = Channel(time, data[time], "time", unit, factor, reasons=[why])
+    return Recognised((first_one, *channels.values()), mapping, missing, t, scale)
+
+
+def interval(ties: Sequence[Tie], channels: Mapping[str, Channel]) -> float | None:
+    """Return the seconds from row to row by which rates add up to angles; units that no name gives are the same."""
+    for tie in ties:
+        x, v = channels[tie.x], channels[tie.v]
+        if v.rate_of == tie.x:
+            return abs(tie.ratio) * VALUES.get(x.unit, 1.0) / VALUES.get(v.unit, VALUES.get(x.unit, 1.0))
+    return None
+
+
+def time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
+    """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval."""
+    if name == ROW:
+        return ROW, 1.0, "", "the sample's number"
+    split = words(name)
+    step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
+    if split and split[-1] in TIME_WORDS:
+        unit, scale, factor = TIME_UNITS[TIME_WORDS[split[-1]]]
+        return unit, scale, factor, f"its name says {unit}"
+    for unit, scale, factor in TIME_UNITS:
+        if 0 < step * scale <= 1 / SLOWEST:
+            return unit, scale, factor, f"increases by {digits(step, 3)}: {digits(1 / (step * scale), 3)} Hz in {unit}"
+    return "s", 1.0, "", "nothing tells its unit"
+
+
+def named(column: str, values: Array) -> Channel:
+    """Return what a name says of a column."""
+    channel, split = Channel(column, values), words(column)
+    kind = next((kind for kind, known in KINDS.items() if known & set(split)), None)
+    if {"angular", "velocity"} <= set(split):
+        kind = "gyro"
+    elif {"linear", "acceleration"} <= set(split):
+        kind = "accel"
+    channel.wanted = bool(WANTED & set(split))
+    if kind is not None:
+        channel.quantity = kind
+        channel.reasons.append(f"its name says {kind}")
+    if channel.still:
+        channel.reasons.append("never changes")
+        channel.quantity = kind or "constant"
+    known_units = UNITS.get(kind or "", {})
+    if unit := next((known_units[word] for word in split if word in known_units), ""):
+        channel.unit = unit
+        channel.reasons.append(f"its name says {unit}")
+    return channel
+
+
+def measured_motion(column: str, values: Array) -> bool:
+    """Whether a column is an angle or a rate that was measured, by its name."""
+    channel = named(column, values)
+    return channel.quantity in ("position", "rate", "gyro", "attitude") and not channel.wanted
+
+
+class Tie(NamedTuple):
+    """One column is the integral of another: ``x = ratio * sum v dt`` with that correlation."""
+
+    correlation: float
+    ratio: float
+    x: str
+    v: str
+
+
+def relations(t: Array, channels: Sequence[Channel]) -> list[Tie]:
+    """Return every pair of which one is the other's rate, the highest correlation first."""
+    ends = np.unique(np.linspace(0, len(t) - 1, INTERVALS + 1).astype(int))
+    if len(ends) < 10:
+        return []
+    moved = {channel.column: np.diff(channel.values[ends]) for channel in channels}
+    sums = {channel.column: np.diff(cumulative_trapezoid(channel.values, t, initial=0.0)[ends]) for channel in channels}
+    found = []
+    for x, way in moved.items():
+        for v, total in sums.items():
+            size, other, both = float(way @ way), float(total @ total), float(way @ total)
+            if x != v and size and other and abs(both) > ALIKE * (size * other) ** 0.5:
+                ratio = np.sign(both) * (size / other) ** 0.5
+                found.append(Tie(abs(both) / (size * other) ** 0.5, float(ratio), x, v))
+    return sorted(found, reverse=True)
+
+
+def pair_rates(ties: Sequence[Tie], channels: Mapping[str, Channel]) -> None:
+    """Set which columns that their names leave open are angles and rates, and of which angle each rate is.
+
+    Columns that are named angle and rate are paired first where their names differ in nothing else.
+    """
+    for strict in (True, False):
+        strip = KINDS["position"] | KINDS["rate"] | (frozenset() if strict else RANK.keys())
+        for tie in ties:
+            x, v = channels[tie.x], channels[tie.v]
+            taken = x.rate_of or v.rate_of or x.column in {channel.rate_of for channel in channels.values()}
+            if taken or x.quantity not in ("position", "unknown") or v.quantity not in ("rate", "unknown"):
+                continue
+            if "unknown" in (x.quantity, v.quantity):
+                fits = same_unit(tie.ratio) is not None
+            else:
+                fits = x.wanted == v.wanted and {*words(x.column)} - strip == {*words(v.column)} - strip
+            if fits:
+                x.quantity, v.quantity, v.rate_of = "position", "rate", x.column
+
+
+def same_unit(ratio: float) -> tuple[str, str] | None:
+    """Return the units of an angle and a rate of that ratio, the most usual; None where it is of none."""
+    pairs = [("rad", "rad"), ("rad", "deg"), ("deg", "rad"), ("rad", "rpm"), ("deg", "rpm"), ("turns", "rpm"),
+             ("turns", "rad"), ("rad", "turns")]  # fmt: skip
+    return next((p for p in pairs if abs(abs(ratio) * VALUES[p[0]] / VALUES[p[1]] - 1) < NEAR), None)
+
+
+def units(ties: Sequence[Tie], channels: Mapping[str, Channel], room: float, with_rig: bool) -> None:
+    """Set the units and factors of all columns; `room`: the widest range of a joint, rad."""
+    for channel in channels.values():
+        if channel.quantity in ("position", "attitude"):
+            unit_of_angle(channel, room, with_rig)
+    beside = {kind: [c.values for c in channels.values() if c.quantity == kind] for kind in ("gyro", "accel")}
+    for channel in channels.values():
+        if channel.quantity == "rate" and channel.rate_of:
+            x = channels[channel.rate_of]
+            tie = next(tie for tie in ties if (tie.x, tie.v) == (channel.rate_of, channel.column))
+            true = tie.ratio * x.scale  # rad/s in a unit of the column
+            channel.unit = channel.unit or next((u for u, v in VALUES.items() if abs(abs(true) / v - 1) < NEAR), "")
+            channel.reasons.append(adds_up(tie))
+            channel.factor = ("-" if true < 0 else "") + FACTORS.get(channel.unit, "")
+            if not channel.unit and not 1 / OFF < abs(true) < OFF:
+                channel.factor = f"{true:.4g}"
+        elif channel.quantity == "gyro":
+            of = next((t for t in ties if t.v == channel.column and channels[t.x].quantity == "attitude"), None)
+            most = max(float(np.sqrt(np.mean(values**2))) for values in beside["gyro"])
+            if not channel.unit and of is not None and same_unit(of.ratio) == ("rad", "rad"):
+                channel.unit = channels[of.x].unit
+                channel.reasons.append(adds_up(of))
+            elif not channel.unit:
+                channel.unit = "deg" if most > FAST else "rad"
+                fast = ", too fast for rad/s" if most > FAST else ""
+                channel.reasons.append(f"the gyro's largest axis has {digits(most, 3)} rms{fast}")
+            channel.factor = FACTORS[channel.unit]
+        elif channel.quantity == "accel":
+            size = float(np.median(np.sqrt(sum(values**2 for values in beside["accel"]))))
+            channel.unit, channel.factor = ("g", "9.80665") if 0.5 < size < 2.0 else ("m/s²", "")
+            channel.reasons.append(f"its axes' size is {digits(size, 3)} most of the time")
+        elif channel.quantity in ("rate", "current"):
+            channel.unit = channel.unit or ("rad" if channel.quantity == "rate" else "A")
+            channel.factor = FACTORS.get(channel.unit, "")
+        elif channel.quantity == "torque":
+            channel.unit = "N m"
+    for channel in channels.values():
+        if channel.quantity in ("rate", "gyro") and channel.unit in ("rad", "deg", "turns"):
+            channel.unit += "/s"
+
+
+def adds_up(tie: Tie) -> str:
+    """Return a sentence on a column that is the rate of another."""
+    return f"adds up to '{tie.x}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})"
+
+
+def unit_of_angle(channel: Channel, room: float, with_rig: bool) -> None:
+    """Set the unit of an angle: by its name, a quantum that divides a turn, its range, and the rig's `room`, rad."""
+    x, say = channel.values, channel.reasons.append
+    travel, most, step = float(np.ptp(x)), float(np.abs(x).max()), channel.step
+    if channel.unit == "counts":
+        turn = next((2**k for k in POWERS if 0.98 * 2**k <= most <= 1.001 * 2**k), None)
+        channel.factor, channel.scale = (f"2*pi/{turn}", 2 * pi / turn) if turn else ("", 1.0)
+        say(f"goes to {digits(most, 4)}: {turn} counts a turn" if turn
+            else "how many counts a turn has does not show: multiply by 2*pi/(counts per turn)")  # fmt: skip
+        return
+    if not channel.unit:
+        parts = {unit: turn / step for unit, turn in (("rad", 2 * pi), ("deg", 360.0)) if step}
+        # By chance a step is that near to one of the 19 powers of two in 1 of 3500 logs (2e-4 / log 2).
+        exact = [unit for unit, n in parts.items() if any(abs(n / 2**k - 1) < 1e-4 for k in POWERS)]
+        goes_on = abs(x[-1] - x[0]) > 0.5 * travel
+        channel.unit = "deg"
+        if exact:
+            channel.unit = exact[0]
+            say(f"its step of {digits(step, 3)} {exact[0]} parts a turn into {parts[exact[0]]:.0f}")
+        elif travel > 1.5 * room:
+            say(f"goes {digits(travel, 3)}, more than the {digits(room, 3)} rad that the rig leaves")
+        elif not with_rig and travel > 4 * pi and not goes_on and most < 400:
+            say(f"goes to and fro over {digits(travel, 3)}, more than two turns in radians")
+        elif channel.quantity == "attitude" and most > 2 * pi:
+            say(f"an attitude reaches {digits(most, 3)}, which no radians do")
+        else:
+            channel.unit = "rad"
+            say(f"goes {digits(travel, 3)}" + (" and on: it turns" if travel > 4 * pi else ", as radians do"))
+    channel.factor, channel.scale = FACTORS.get(channel.unit, ""), VALUES.get(channel.unit, 1.0)
+
+
+def quantum(x: Array) -> float:
+    """Return the step of which nearly all differences between values are multiples; 0 where there is none."""
+    distinct = np.unique(x)
+    steps = np.diff(distinct)
+    steps = steps[steps > 1e-9 * max(np.abs(distinct).max(), 1e-300)]
+    if len(steps) < 5 or len(distinct) > 0.98 * len(x):  # nearly all values differ: no step shows
+        return 0.0
+    one = float(np.median(steps[steps <= 1.5 * np.quantile(steps, 0.05)]))
+    count = np.round(steps / one)
+    one = float(np.sum(steps * count) / np.sum(count**2)) if count.any() else one
+    off = np.abs(steps / one - np.round(steps / one))
+    return one if np.mean(off < 0.05) > 0.95 else 0.0
+
+
+def assigned(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple[str, str, str]]:
+    """Return target → (column, factor, remark) of a rig's log, in the CONTRACT's order.
+
+    Args:
+        t: Time, s, (N,).
+        channels: Column → what it is; those of several streams together, too.
+        rig: Whose joints.
+    """
+    found: dict[str, tuple[str, str, str]] = {}
+    q, v = by_joint(channels, rig, "position"), by_joint(channels, rig, "rate")
+    if not v:  # those that add up to the angles
+        of_angle = {channel.rate_of: channel.column for channel in channels.values() if channel.rate_of}
+        v = {joint: of_angle[column] for joint, column in q.items() if column in of_angle}
+    tau = by_joint(channels, rig, "torque") or by_joint(channels, rig, "current") or torques(t, channels, rig, q, v)
+    kinds = {"q": q, "dq": v, "tau": tau, "q_ref": by_joint(channels, rig, "position", wanted=True),
+             "temp": by_joint(channels, rig, "temperature")}  # fmt: skip
+    for prefix, columns in kinds.items():
+        for joint, column in columns.items():
+            channel = channels[column]
+            remark = channel.reasons[-1] if channel.reasons else ""
+            if prefix == "tau" and channel.quantity == "current":
+                remark = "a current, A: multiply it by the motor's torque constant, N m per A"
+            found[f"{prefix}_{joint}"] = (column, channel.factor, remark)
+    links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
+        found |= imu_columns([c for c in channels.values() if c.quantity == kind], rig.base, links, prefix, axes)
+    return found
+
+
+def by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False) -> dict[str, str]:
+    """Return joint → column of a kind: of the columns whose names differ by joint alone, the best set of all joints."""
+    several = [c for c in channels.values() if c.quantity == kind and c.wanted == wanted and not c.still]
+    sets: dict[tuple[str, ...], dict[str, str]] = {}
+    for channel in several:
+        split = words(channel.column)
+        inside = [joint for joint in rig.joints if set(words(joint)) <= set(split)]
+        joint = max(inside, key=lambda joint: len(words(joint)), default="")
+        known = KINDS[kind] | {*words(joint)}
+        rest = tuple(word for word in split if not (word.isdigit() or word in known))
+        key = joint or next((word for word in reversed(split) if word.isdigit()), "")
+        sets.setdefault(rest, {}).setdefault(key, channel.column)
+    best: dict[str, str] = {}
+    lowest: float = inf
+    for rest, each in sets.items():
+        ranks = [RANK.get(word, PLAIN) for word in rest]
+        rank = MEASURED if MEASURED in ranks else max(ranks, default=PLAIN)
+        numbered = sorted((int(key), column) for key, column in each.items() if key.isdigit())
+        columns = list(each.values()) if len(each) == rig.n == 1 else []
+        if set(rig.joints) <= each.keys():
+            columns = [each[joint] for joint in rig.joints]
+        elif len(numbered) == rig.n and all(b - a == 1 for (a, _), (b, _) in pairwise(numbered)):
+            columns = [column for _, column in numbered]
+        if (complete := dict(zip(rig.joints, columns))) and rank < lowest:
+            best, lowest = complete, rank
+    return best or (dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {})
+
+
+def torques(
+    t: Array, channels: Mapping[str, Channel], rig: Rig, q: Mapping[str, str], v: Mapping[str, str]
+) -> dict[str, str]:
+    """Return joint → a column without a name that the joints' motion explains; empty unless there are just n.
+
+    Regressed on a constant, all accelerations, rates and their signs, and sines and cosines of the angles' sums from
+    the base on (gravity), all averaged over `AVERAGED`. The joints are taken in the columns' order: what moves one axis
+    of several moves all, so that the explained share does not tell them apart.
+    """
+    free = [c for c in channels.values() if c.quantity == "unknown" and not c.still]
+    lengths = {len(channels[column].values) for column in (*q.values(), *v.values())}
+    if not (len(q) == len(v) == rig.n and len(free) >= rig.n and lengths == {len(t)}):
+        return {}
+    width = min(max(round(AVERAGED / float(np.median(np.diff(t)))), 1), len(t) // 4)
+
+    def averaged(x: Array) -> Array:
+        return np.convolve(x, np.ones(width) / width, "valid")
+
+    rates = [averaged(channels[v[joint]].values) for joint in rig.joints]
+    angles = [channels[q[joint]].values * channels[q[joint]].scale for joint in rig.joints]
+    sums = [averaged(x) for x in np.cumsum(angles, axis=0)]
+    at = averaged(t)
+    parts = [np.ones_like(at), *(np.gradient(x, at) for x in rates), *rates, *map(np.sign, rates)]
+    basis = np.column_stack([*parts, *map(np.sin, sums), *map(np.cos, sums)])
+    explained = []
+    for channel in free:
+        y = averaged(channel.values)
+        rest = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+        if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > EXPLAINED:
+            explained.append(channel)
+            channel.reasons.append(f"{100 * share:.0f} % of it follow from the joints' motion")
+    if len(explained) != rig.n:
+        return {}
+    for channel in explained:
+        channel.quantity = "torque"
+    return dict(zip(rig.joints, (channel.column for channel in explained)))
+
+
+def imu_columns(
+    channels: Iterable[Channel], base: str, links: Sequence[str], prefix: str, axes: str
+) -> dict[str, tuple[str, str, str]]:
+    """Return target → column of the sensors that have all axes, each of the link that its name holds or of the base."""
+    found: dict[str, tuple[str, str, str]] = {}
+    for channel in channels:
+        split = words(channel.column)
+        last = split[-1] if split else ""
+        axis = axes[int(last)] if last in ("0", "1", "2") and len(axes) == 3 else last
+        if axis in (*axes,):
+            link = max((link for link in links if set(words(link)) <= set(split)), key=len, default=base)
+            found.setdefault(f"{prefix}_{link}_{axis}", (channel.column, channel.factor, channel.reasons[-1]))
+    whole = {target[:-2] for target in found if all(f"{target[:-2]}_{axis}" in found for axis in axes)}
+    return {target: found[target] for target in sorted(found) if target[:-2] in whole}

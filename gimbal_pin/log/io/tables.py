@@ -1,0 +1,299 @@
+"""Named columns of numbers, whatever file they are from: one table, or several joined at the times of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log.io.clocks import offset_between
+from gimbal_pin.log.io.recognise import measured_motion, time_unit
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.reading import words
+
+SHOWN = 24
+"""Most names in a list of an error."""
+DEEPEST = 8
+"""Deepest nesting of groups that are read; a Simulink log has four."""
+WIDEST = 64
+"""Most numbers of one array in a sample that each get a column: a pose's covariance has 36, an image far more."""
+TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit"}
+"""Words of which one stands in the name of a column of times."""
+TORN = 10.0
+"""Longest interval, in median intervals of a table, over which another's samples are interpolated."""
+
+
+class Table(Protocol):
+    """A file's named columns of numbers, read on demand."""
+
+    @property
+    def name(self) -> str:
+        """The file, as errors name it."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names in the file's header; '' where one is missing."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Sentences on what was left out or changed; those of `read` are complete once it has returned."""
+
+    def read(self, columns: Sequence[str]) -> dict[str, Array]:
+        """Return the named columns, (N,) each, N > 0, nan where a value is missing; `LogError` at what is no number."""
+
+    def place(self, row: int, column: str) -> str:
+        """Return where a value stands: file, line or row, and column."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the names in quotes, of a long list the first `SHOWN`."""
+    text = ", ".join(f"'{name}'" for name in names[:SHOWN])
+    return text if len(names) <= SHOWN else f"{text}, … {len(names)} in all"
+
+
+def time_in(names: Iterable[str]) -> str | None:
+    """Return the name of the times: of those with one of `TIMES` the first with the fewest other words, or None."""
+    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := words(name)) & TIMES]
+    return min(found)[2] if found else None
+
+
+def time_of(table: Table) -> str:
+    """Return the column of a table's times, by its name, or else the first column if it increases."""
+    if (name := time_in(table.columns)) is not None:
+        return name
+    first = table.columns[0]
+    if (np.diff(table.read([first])[first]) > 0).all():
+        return first
+    mend = "name the column of its times t in the header"
+    raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
+
+
+def numeric_columns(table: Table) -> tuple[dict[str, Array], list[str]]:
+    """Return the columns of numbers, (N,) each, missing values interpolated, and a sentence on each flaw.
+
+    Raises:
+        LogError: No column holds numbers.
+    """
+    names = [name for name in dict.fromkeys(table.columns) if table.columns.count(name) == 1]
+    data, flaws, refusal = (
+        dict[str, Array](),
+        list[str](),
+        LogError(table.name, "holds no numbers", "give a file with samples"),
+    )
+    try:
+        data = table.read(names)
+    except LogError as error:
+        refusal = error
+        for name in names:
+            try:
+                data |= table.read([name])
+            except LogError as one:
+                flaws.append(str(one))
+    for name, values in [*data.items()]:
+        if (missing := np.isnan(values)).any():
+            place, rows = table.place(int(np.argmax(missing)), name), np.arange(len(values))
+            flaws.append(f"{place}: {missing.sum()} of {len(values)} values are empty or nan")
+            if missing.all():
+                del data[name]
+            else:
+                data[name] = np.interp(rows, rows[~missing], values[~missing])
+    if not data:
+        raise refusal
+    return data, flaws
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayTable:
+    """Columns of one length.
+
+    Attributes:
+        name: The file's path.
+        data: Name → values, (N,) each.
+        notes: What was left out.
+        row: What the format calls a sample.
+    """
+
+    name: str
+    data: Mapping[str, np.ndarray[Any, Any]]
+    notes: Sequence[str] = ()
+    row: str = "sample"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns' names."""
+        return tuple(self.data)
+
+    def read(self, columns: Sequence[str]) -> dict[str, Array]:
+        """Return the named columns as float64, (N,) each; `LogError` names the first value that is infinite."""
+        read: dict[str, Array] = {column: self.data[column].astype(np.float64, copy=False) for column in columns}
+        for column, values in read.items():
+            if not values.size:
+                raise LogError(self.name, f"has no {self.row}s", "give a file with samples")
+            if (wrong := np.isinf(values)).any():
+                row = int(np.argmax(wrong))
+                raise LogError(self.place(row, column), f"is {values[row]}", "repair the value, or delete the row")
+        return read
+
+    def place(self, row: int, column: str) -> str:
+        """Return ``file sample S column 'name'``, samples counted from 1."""
+        return f"{self.name} {self.row} {row + 1} column '{column}'"
+
+
+class Stream(NamedTuple):
+    """Columns sampled together.
+
+    Attributes:
+        time: Name of the column of their times, s; empty where that is unknown.
+        columns: Name → values, (N,) each.
+    """
+
+    time: str
+    columns: Mapping[str, np.ndarray[Any, Any]]
+
+
+def table_of(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> Table:
+    """Return the table of a file of one or several streams, all by one clock; `LogError` if it holds nothing."""
+    if not streams:
+        raise LogError(name, "holds no columns of numbers", "give a file with one array per channel, a value a sample")
+    said = [f"{name}: {note}" for note in notes]
+    if len(streams) == 1:
+        return ArrayTable(name, streams[0].columns, said)
+    parts = [ArrayTable(name, stream.columns) for stream in streams]
+    return JoinedTable(name, parts, [stream.time for stream in streams], shared=True, notes=said)
+
+
+def streams_of(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
+    """Return the streams in nested named arrays, and what was left out.
+
+    Samples lie along the dimension as long as an array of times, or else the longest. Arrays of another length are a
+    stream of their own if one of them holds their times; so are those of a structure with its own times.
+    """
+    flat = {key: values for key, array in arrays.items() for key, values in numeric(key, array)}
+    flat = {key: values for key, values in flat.items() if values.ndim in (1, 2) and max(values.shape) > 1}
+    times = {key: values for key, values in flat.items() if values.ndim == 1 and time_in([key.rpartition(".")[2]])}
+    groups: dict[tuple[int, bytes], dict[str, np.ndarray[Any, Any]]] = {}
+    for key, values in flat.items():
+        size = max(values.shape, key=lambda one: (one in map(len, times.values()), one))
+        # Its times are those in its own structure, or in the nearest one around it.
+        around = {name.rpartition(".")[0]: own for name, own in times.items() if len(own) == size}
+        near = max((place for place in around if not place or key.startswith(f"{place}.")), key=len, default=None)
+        clock = around[near] if near is not None else next(iter(around.values()), np.empty(0))
+        group = groups.setdefault((size, clock.tobytes()), {})
+        rows = values if values.shape[0] == size else values.T
+        if rows.ndim == 1:
+            group[key] = rows
+        elif rows.shape[1] <= WIDEST:
+            group |= {f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])}
+    found = [Stream(time_in(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
+    streams = [stream for stream in found if stream is found[0] or (stream.time and found[0].time)]
+    lost = [key for stream in found if stream not in streams for key in stream.columns]
+    return streams, [f"{listed(lost)} have other lengths than the rest and no times: left out"] if lost else []
+
+
+def numeric(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
+    """Yield name and values of the arrays of real numbers in an array, a record array, a table or a list of them."""
+    if depth > DEEPEST:
+        return
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from numeric(f"{key}.{name}" if key else str(name), inner, depth + 1)
+    elif isinstance(value, list) and len(value) <= WIDEST and any(isinstance(inner, Mapping) for inner in value):
+        for k, inner in enumerate(value):
+            yield from numeric(f"{key}[{k}]", inner, depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.names:
+        for name in value.dtype.names:
+            yield from numeric(f"{key}.{name}" if key else name, value[name], depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        yield key, value.squeeze()
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedTable:
+    """Tables of one motion, interpolated at the times of one of them.
+
+    Attributes:
+        name: What errors call it.
+        parts: The tables.
+        times: Name of the column of each one's times.
+        shared: Whether all times are by one clock; ``t`` is then the time of whatever else is read first.
+        notes: What `read` did to join them.
+    """
+
+    name: str
+    parts: Sequence[Table]
+    times: Sequence[str]
+    shared: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of all tables, each once, and ``t`` first where one clock is shared."""
+        names = [column for part in self.parts for column in part.columns]
+        return tuple(dict.fromkeys(["t", *names] if self.shared else names))
+
+    def read(self, columns: Sequence[str]) -> dict[str, Array]:
+        """Return the named columns, (N,) each, at those times of one table that the others' samples surround.
+
+        That is the table of the first column of times among them, or with ``t`` that of the first other column.
+        """
+        virtual = self.shared and not any("t" in part.columns for part in self.parts)
+        owner = {column: next(k for k, part in enumerate(self.parts) if column in part.columns)
+                 for column in columns if not (virtual and column == "t")}  # fmt: skip
+        first = next((owner[column] for column in owner if column in self.times), next(iter(owner.values()), 0))
+        wanted = {k: [c for c in owner if owner[c] == k] for k in dict.fromkeys([first, *owner.values()])}
+        read = {k: self.parts[k].read(list(dict.fromkeys([self.times[k], *of]))) for k, of in wanted.items()}
+        t = read[first][self.times[first]]
+        joined = {column: read[first][column] for column in wanted[first]}
+        kept = np.ones(len(t), dtype=bool)
+        for k in list(wanted)[1:]:
+            scale, shift = self.clock(first, k)
+            own, at = np.unique(read[k][self.times[k]] * scale + shift, return_index=True)
+            at = at[np.isfinite(own)]
+            own = own[: len(at)]
+            for column in wanted[k]:
+                values = read[k][column][at]
+                joined[column] = np.interp(t, own, np.nan_to_num(values)) if len(own) else np.full(len(t), np.nan)
+                if np.isnan(values).any():
+                    joined[column][np.interp(t, own, np.isnan(values)) > 0] = np.nan
+            kept &= surrounded(t, own)
+        if not kept.any():
+            raise LogError(self.name, "have no time in common", "give files of one recording, times in the same unit")
+        if not kept.all():
+            self.notes.append(f"{self.name}: {np.sum(~kept)} of {len(t)} samples are left out: not all files have them")
+        return {column: joined.get(column, t)[kept] for column in columns}
+
+    def clock(self, first: int, other: int) -> tuple[float, float]:
+        """Return factor and offset that turn another table's times into the first's; a note states the offset.
+
+        Where one clock gave both times only measured motion is compared: a reference precedes it, and a torque lags by
+        what the drive takes.
+        """
+        pair = [(self.parts[k], self.times[k]) for k in (first, other)]
+        data = [numeric_columns(part)[0] for part, _ in pair]
+        if any(name not in one for one, (_, name) in zip(data, pair)):
+            return 1.0, 0.0  # a table without times has none in common
+        times = [one.pop(name) for one, (_, name) in zip(data, pair)]
+        scale, its = (1.0, 1.0) if self.shared else (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
+        if self.shared:
+            data = [{name: x for name, x in one.items() if measured_motion(name, x)} for one in data]
+        seconds, sentence = offset_between(times[0] * scale, data[0], times[1] * its, data[1])
+        if seconds or not self.shared:
+            self.notes.append(f"{pair[1][1] if self.shared else pair[1][0].name}: {sentence}")
+        return 1.0 if its == scale else its / scale, seconds / scale
+
+    def place(self, row: int, column: str) -> str:
+        """Return ``files sample S column 'name'``, joined samples counted from 1."""
+        return f"{self.name} sample {row + 1} column '{column}'"
+
+
+def surrounded(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Whether each of the times `t` lies on one of the increasing times `own`, or between two not `TORN` apart."""
+    same = np.isin(t, own)
+    if len(own) < 2:
+        return same
+    after = np.clip(np.searchsorted(own, t), 1, len(own) - 1)
+    near = own[after] - own[after - 1] <= TORN * np.median(np.diff(own))
+    return same | (near & (t >= own[0]) & (t <= own[-1]))

@@ -1,0 +1,218 @@
+"""The camera's controller for one's own loop: ``torque = controller.step(measurement)``, and its file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import atan2, hypot
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.control.controllers import OURS
+from gimbal_pin.dynamics.model import model_from, plain_model
+from gimbal_pin.dynamics.sensors import Sensors
+from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.log.io.files import write_json
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.pointing.bench import WANTED, learned
+from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement
+from gimbal_pin.pointing.navigator import attitude
+from gimbal_pin.pointing.pointer import Held
+from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.sight import unable
+from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.records import bounded, placed, record
+from gimbal_pin.rig.rig import Rig
+
+DT = 0.001
+"""Sampling interval of a controller that is learned, s."""
+WARM_UP = 3
+"""Steps that a new controller takes at rest: the first two fill every cache, the third compares a forecast."""
+UPRIGHT = np.array([0.0, 0.0, 9.81])
+
+
+class Controller:
+    """Holds a camera still on a platform that moves: one measurement in, one torque out, every `dt` s.
+
+        controller = Controller.learn(rig, log)            # a log of the rig, its base shaken by hand
+        controller.save("camera.json")                     # later: Controller.load("camera.json", rig)
+        while True:
+            t, q = read_encoders()                         # s; rad, (n,), in the order of rig.joints
+            gyro, (w, f) = read_camera_gyro(), read_platform_imu()  # rad/s; rad/s and m/s², at rest (0, 0, 9.81)
+            write_torques(controller.step(Measurement(t, q, gyro, w, f)))  # N m, (n,)
+
+    All readings are in their links' frames. The torque is finite and within the motors' limits whatever the sensors
+    say; `events` tells what failed. A step changes the object: one controller for one loop.
+
+    Attributes:
+        recipe: What the controller was made of: model, wanted attitude, sensors, the platform's spectrum.
+        pointer: The calculation, which keeps nothing from step to step.
+    """
+
+    def __init__(self, recipe: Roster) -> None:
+        """Make the controller named ``switch`` of a comparison; all that a step needs is worked out here.
+
+        Raises:
+            UsageError: The rig cannot hold its camera so.
+        """
+        if reason := unable(recipe.model.rig, recipe.wanted):
+            raise UsageError(f"rig {recipe.model.rig.name}", f"cannot hold its camera: {reason}", "change that")
+        self.recipe, self.pointer = recipe, recipe.pointer(OURS)
+        self.memory: Held | None = None
+        zero, links = np.zeros(3), len(self.pointer.navigator.sight.moved)
+        for k in range(WARM_UP):
+            self.step(Measurement(k * self.dt, recipe.looking, zero, zero, UPRIGHT, np.zeros(3 * links)))
+        self.memory = None
+
+    @staticmethod
+    def learn(rig: Rig, log: Log, wanted: Array = WANTED, *, delay: int = 1, noise: Noise | None = None) -> Controller:
+        """Identify the model and the platform's spectrum from a log.
+
+        Args:
+            rig: The rig.
+            log: A log of it; its base should be shaken, with the base's IMU in the log.
+            wanted: Attitude that the camera keeps in the world, (3, 3); `attitude(yaw, pitch)` makes one.
+            delay: Samples of 1 ms from a measurement to its torque.
+            noise: Densities of the IMUs' noise; None: those that the rig's YAML states, else the benchmark's.
+        """
+        taught, stated = learned(rig, log, wanted=wanted), rig.config.noise
+        own = noise or (stated if stated.gyro > 0 else Noise(GYRO, ACCELEROMETER))
+        step = float(Sensors.of(rig, DT).encoder_step.max())
+        return Controller(Roster(taught.model, wanted, taught.spectrum, own, step, taught.trusted, DT, delay))
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return self.pointer.dt
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """What happened since the start, in sentences."""
+        return () if self.memory is None else self.memory.events
+
+    def start(self, measurement: Measurement, platform: Array | None = None) -> Held:
+        """Begin anew at a measurement, and return what is remembered of it.
+
+        Args:
+            measurement: The first one.
+            platform: Attitude of the base link in the world, (3, 3); None: heading zero, level by its accelerometer,
+                which takes the platform to be at rest.
+        """
+        base = leveled(measurement.f) if platform is None else platform
+        q = measurement.q if np.isfinite(measurement.q).all() else np.zeros(len(measurement.q))
+        self.memory = self.pointer.start(measurement, base @ self.pointer.navigator.sight.attitude(q), base)
+        return self.memory
+
+    def step(self, measurement: Measurement) -> Array:
+        """Return the torques for a measurement, N m, (n,); the first one starts the controller."""
+        memory = self.start(measurement) if self.memory is None else self.memory
+        torque, self.memory = self.pointer.torque(measurement, memory)
+        return torque
+
+    def save(self, path: str | Path) -> None:
+        """Write model, wanted attitude, sensors and the spectrum, that of the flight if there was one, as JSON."""
+        own = self.recipe
+        forecast = self.pointer.navigator.forecast
+        spectrum = own.spectrum if self.memory is None else forecast.known(self.memory.known.past)
+        write_json(
+            {
+                "schema": 1,
+                "rig": own.model.rig.name,
+                "payload": own.model.rig.payload,
+                "joints": own.model.rig.joints,
+                "wanted": own.wanted.ravel(),
+                "dt": own.dt,
+                "delay": own.delay,
+                "encoder_step": own.step,
+                "noise": vars(own.noise),
+                "trusted": own.trusted,
+                "spectrum": {**vars(spectrum), "f": float(spectrum.f[1])},
+                "model": plain_model(own.model),
+            },
+            path,
+        )
+
+    @staticmethod
+    def load(path: str | Path, rig: Rig) -> Controller:
+        """Read what `save` wrote, for a rig with the same joints.
+
+        Raises:
+            ModelError: It is no such file, or one of other joints.
+        """
+        place = str(path)
+        try:
+            data = json.loads(Path(path).read_bytes())
+        except (OSError, ValueError):
+            raise ModelError(place, "is no controller's file", "write one with Controller.save") from None
+        with placed(place, ModelError):
+            stored = record(Stored, data, place, ModelError, others=True)
+            if stored.joints != rig.joints:
+                what = f"is for the joints {', '.join(stored.joints)}"
+                raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: learn one for it")
+            if len(stored.trusted) not in (0, rig.n):
+                raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
+            return Controller(
+                Roster(
+                    model_from(stored.model, rig, f"{place}: model"),
+                    rotation(stored.wanted, f"{place}: wanted"),
+                    stored.spectrum.spectrum(f"{place}: spectrum"),
+                    stored.noise,
+                    stored.encoder_step,
+                    stored.trusted,
+                    dt=stored.dt,
+                    delay=stored.delay,
+                )
+            )
+
+
+@dataclass(frozen=True)
+class StoredSpectrum:
+    """A `Spectrum` in a file, its frequencies by their spacing, Hz."""
+
+    f: float = bounded(0.5, 1e-3, 1e3)
+    rate: tuple[float, ...] = bounded((), 0.0, 1e12)
+    force: tuple[float, ...] = bounded((), 0.0, 1e12)
+    rate_noise: float = bounded(0.0, 1e-30, 1e12)
+    force_noise: float = bounded(0.0, 1e-30, 1e12)
+
+    def spectrum(self, place: str) -> Spectrum:
+        """Return it; `ModelError` if its two densities are of different lengths or too short."""
+        if not 2 < len(self.rate) == len(self.force) <= 100_000:
+            raise ModelError(place, "needs as many values of rate as of force", "write it with Controller.save")
+        f = self.f * np.arange(len(self.rate))
+        return Spectrum(f, np.array(self.rate), np.array(self.force), self.rate_noise, self.force_noise)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What `Controller.save` writes."""
+
+    joints: tuple[str, ...]
+    wanted: tuple[float, ...]
+    model: Any
+    spectrum: StoredSpectrum
+    noise: Noise
+    trusted: tuple[bool, ...] = ()
+    dt: float = bounded(0.001, 1e-5, 0.1)
+    delay: int = bounded(1, 0, 50)
+    encoder_step: float = bounded(0.0, 0.0, 1.0)
+
+
+def rotation(entries: Sequence[float], place: str) -> Array:
+    """Return a rotation matrix from its nine entries; `ModelError` if they are none."""
+    R = np.array(entries).reshape(3, 3) if len(entries) == 9 else np.zeros((3, 3))
+    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-9) and np.linalg.det(R) > 0):
+        raise ModelError(place, "is no rotation matrix", "give its nine entries, row by row")
+    return R
+
+
+def leveled(f: Array) -> Array:
+    """Attitude with heading zero in which a specific force points up, (3, 3); level where there is none."""
+    x, y, z = np.asarray(f, float).tolist()
+    if not 0 < hypot(x, y, z) < np.inf:
+        return np.eye(3)
+    return attitude(0.0, atan2(-x, hypot(y, z)), atan2(y, z))

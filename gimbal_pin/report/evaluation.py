@@ -1,0 +1,195 @@
+"""A model against the rows that it is judged by: torque measured and predicted, and what each parameter moves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gimbal_pin.estimation.identification import Identified, split
+from gimbal_pin.estimation.rows import Block, Rows, regression
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.report.format import SURE, figures, joints_of
+from gimbal_pin.report.html import toned
+from gimbal_pin.report.table import Content
+
+HARMLESS, BAD = 0.01, 0.05
+"""Shares of a joint's torque: an interval that moves less does no harm, one that moves more is bad."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Filtered rows of one trajectory.
+
+    Attributes:
+        log: Name of the log.
+        t: Time, s, (m,); it jumps at gaps of the log.
+        v: Joint rates, rad/s, (m, n).
+        measured: Torque, N m, (m, n).
+        predicted: The model's, N m, (m, n); near standstill, where dry friction may have any direction, a guess.
+        error: Measured minus predicted with the samples near standstill masked out, N m, (m, n): what is judged.
+        share: How much of each row's samples was not masked out, in [0, 1], (m, n).
+    """
+
+    log: str
+    t: Array
+    v: Array
+    measured: Array
+    predicted: Array
+    error: Array
+    share: Array
+
+    def cut(self, rows: slice) -> Part:
+        """Return the rows in `rows`."""
+        names = ("t", "v", "measured", "predicted", "error", "share")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """A model against data.
+
+    Attributes:
+        joints: Joint names (n).
+        how: Which rows.
+        parts: The trajectories.
+        columns: Root mean square of the torque per unit of each parameter, N m per unit, (n, k).
+    """
+
+    joints: tuple[str, ...]
+    how: str
+    parts: tuple[Part, ...]
+    columns: Array
+
+    def stacked(self, name: str) -> Array:
+        """Return "v", "measured", "predicted", "error" or "share" of all trajectories, (rows, n)."""
+        return np.concatenate([getattr(part, name) for part in self.parts])
+
+    @property
+    def torque_rms(self) -> Array:
+        """Root mean square of the measured torque, N m, (n,)."""
+        return np.asarray(np.sqrt(np.mean(self.stacked("measured") ** 2, axis=0)))
+
+    @property
+    def scale(self) -> Array:
+        """What errors are shares of: the same torque, (n,); infinite at a joint that nothing drove."""
+        return np.where(self.torque_rms > 0, self.torque_rms, np.inf)
+
+    @property
+    def reach(self) -> Array:
+        """Torque per unit of each parameter on the joint where it is largest, N m rms per unit, (k,)."""
+        return np.asarray(self.columns.max(axis=0))
+
+    @property
+    def share(self) -> Array:
+        """The same as a share of the joint's measured torque, on the joint where that is largest, per unit, (k,)."""
+        return np.asarray((self.columns / self.scale[:, None]).max(axis=0))
+
+
+def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
+    """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
+    train, test, how = split(logs, holdout(found), found.filtering)
+    effects = tuple(term.effect for term in found.model.terms)
+    rig = found.model.rig
+    rows = Rows(rig, found.reduction, effects, test or train, found.filtering)
+    each = [replace(rows, logs=(log,)) for log in rows.logs]
+    pairs = [(regression(one), regression(replace(one, masked=False))) for one in each]
+    theta = found.estimate.theta
+    parts = tuple(part(log.name, *pair, theta) for log, pair in zip(rows.logs, pairs) if pair[0])
+    blocks = [block for judged, _ in pairs for block in judged]
+    return Evaluated(rig.joints, how if test else "training part", parts, column_rms(blocks))
+
+
+def holdout(found: Identified) -> str:
+    """Return the way of holding out that `identify` was given, from what it says of it."""
+    if found.held_out is None:
+        return "none"
+    number = re.match(r"log (\d+) of", found.held_out.how)
+    return f"log:{number[1]}" if number else "last-third"
+
+
+def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Array) -> Part:
+    """Return the rows of one trajectory from its blocks with and without the samples near standstill."""
+    t, v, measured = (np.concatenate([getattr(block, field) for block in whole]) for field in ("t", "v", "b"))
+    return Part(
+        name,
+        t,
+        v,
+        measured,
+        predicted=np.concatenate([block.A @ theta for block in whole]),
+        error=np.concatenate([block.b - block.A @ theta for block in judged]),
+        share=np.concatenate([block.share for block in judged]),
+    )
+
+
+def column_rms(blocks: Sequence[Block]) -> Array:
+    """Root mean square of each joint's columns, N m per unit, (n, k)."""
+    power = np.sum([np.sum(block.A**2, axis=0) for block in blocks], axis=0)
+    rows = np.sum([np.sum(block.share**2, axis=0) for block in blocks], axis=0)
+    return np.asarray(np.sqrt(power / np.maximum(rows, 1e-300)[:, None]))
+
+
+@dataclass(frozen=True)
+class Known:
+    """One parameter.
+
+    Attributes:
+        name: Its name; a base parameter's is its regrouping.
+        value: Estimate, SI.
+        std: Its standard deviation.
+        unit: SI unit.
+        given: What the URDF states, nan where it does not.
+        away: By how many deviations the estimate differs from that, nan without.
+        reach: Torque that it moves per unit, N m rms; 0 where that is not known.
+        share: The same as a share of the torque of the joint where that is largest, or None.
+        colour: Of the joint it belongs to: it moves the link, or bears the effect.
+    """
+
+    name: str
+    value: float
+    std: float
+    unit: str
+    given: float
+    away: float
+    reach: float
+    share: float | None
+    colour: str
+
+    @property
+    def half(self) -> float:
+        """Half the 95 % interval."""
+        return SURE * self.std
+
+    @property
+    def moved(self) -> float:
+        """Torque that it moves, N m rms."""
+        return abs(self.value) * self.reach
+
+    @property
+    def tone(self) -> str:
+        """What its uncertainty does: to the torque where that is known, else to its value."""
+        doubt = self.half / max(abs(self.value), 1e-300) / 4 if self.share is None else self.half * self.share
+        return "poor" if doubt > BAD else "fair" if doubt > HARMLESS else ""
+
+    @property
+    def deviation(self) -> Content:
+        """Standard deviation as a share of the value; of what is not told from zero that it is not."""
+        seen = abs(self.value) > self.half
+        return toned(f"{figures(100 * self.std / abs(self.value), 2)} %" if seen else "like zero", self.tone)
+
+
+def known(found: Identified, evaluated: Evaluated | None = None) -> list[Known]:
+    """Return every parameter, base parameters first, and what each moves on the rows in `evaluated`."""
+    count, rig = len(found.names), found.model.rig
+    reach = [0.0] * count if evaluated is None else evaluated.reach.tolist()
+    share = [None] * count if evaluated is None else evaluated.share.tolist()
+    joints = joints_of(rig)
+    by_link = {link: joint.colour for link, joint in zip(rig.links, joints)}
+    by_joint = {joint.name: joint.colour for joint in joints}
+    colours = [by_link[found.reduction.names[j].rsplit(".", 1)[0]] for j in found.reduction.independent]
+    colours += [by_joint[term.effect.joint] for term in found.model.terms for _ in term.values]
+    figures_of = (found.estimate.theta, found.estimate.std, found.stated, found.moved)
+    value, std, given, away = (x.tolist() for x in figures_of)
+    return [Known(*row) for row in zip(found.names, value, std, found.units, given, away, reach, share, colours)]

@@ -1,0 +1,215 @@
+"""Figures of a page: Matplotlib's SVG in one style, without global state, light and dark by the page's style sheet."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import StringIO
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from markupsafe import Markup, escape
+
+from gimbal_pin.log.log import Array
+from gimbal_pin.report import html
+from gimbal_pin.report.format import PALETTE, figures
+
+if TYPE_CHECKING:  # for the sections, too: they annotate with plots.Axes and plots.Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, MUTED, FAINT, PAPER = "#0a0b0c", "#0a0b0d", "#0a0b0e", "#0a0b0f"
+"""Text, side matters, lines and ground: the page's style sheet gives what is drawn in these its own colours."""
+PLAIN = "#8d98a7"
+"""Colour of what joints' colours are compared with: what was measured, the other controller."""
+POINTS = 2000
+"""Most points of a curve that are drawn."""
+WIDTH = 10.2
+"""Width of every figure, in; the page scales it to fit."""
+STYLE: Mapping[str, object] = {
+    "font.family": "sans-serif",
+    "font.size": 9.5,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelcolor": MUTED,
+    "axes.edgecolor": FAINT,
+    "axes.facecolor": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.6,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": MUTED,
+    "ytick.labelcolor": MUTED,
+    "lines.linewidth": 1.4,
+    "patch.linewidth": 0.0,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",
+    "path.simplify_threshold": 0.2,
+}
+"""Matplotlib's settings in a report."""
+
+SUBS: Mapping[float, Sequence[float]] = {
+    3.0: (1,),
+    1.53: (1, 3),
+    1.0: (1, 2, 5),
+    0.7: (1, 2, 3, 5, 7),
+    0.0: range(1, 10),
+}
+"""Decades → the multiples of powers of ten of which any stretch of so many decades holds three."""
+
+
+@contextmanager
+def style(colours: Sequence[str] = PALETTE, name: str = "") -> Iterator[None]:
+    """Draw in the report's style within the block.
+
+    `colours`: those of curves that ask for none; `name`: what the figure's identifiers in a page are made of.
+    """
+    import matplotlib
+    from cycler import cycler
+
+    settings: Any = {**STYLE, "axes.prop_cycle": cycler(color=list(colours)), "svg.hashsalt": name}
+    with matplotlib.rc_context(settings):
+        yield
+
+
+def picture(make: Callable[[], Figure], alt: str, caption: str, colours: Sequence[str] = PALETTE) -> Markup:
+    """Return the figure that `make` draws, with its caption; `alt` is for those who cannot see it."""
+    return html.picture(drawn(make, alt, colours), caption)
+
+
+def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
+    """Return the figure that `make` draws in the report's style as an SVG element of a page.
+
+    Of its identifiers only those stay that something points to, made from `alt`; coordinates keep a hundredth of a
+    point; its style sheet, which would reach the whole page, is left out.
+    """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    out = StringIO()
+    with style(colours, alt):
+        figure = make()
+        plain_powers(figure)
+        FigureCanvasSVG(figure).print_svg(out, metadata={"Date": None, "Creator": None})
+    text = re.sub(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->", "", out.getvalue(), flags=re.S)
+    head, _, body = text[text.index("<svg") :].partition(">")
+    body = re.sub(r'<g id="[^"]*"', "<g", body).replace("xlink:href", "href")
+    body = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), body)
+    (box,) = re.findall(r'viewBox="[^"]*"', head)
+    return Markup(f'<svg {box} role="img" aria-label="{escape(alt)}">{body}')
+
+
+def plain_powers(figure: Figure) -> None:
+    """Label logarithmic axes with plain text, for formulas are switched off: names may hold dollar signs.
+
+    Within few decades there are labels between the powers of ten, three in all at the least.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_scale() == "log":
+                low, high = sorted(axis.get_view_interval())
+                subs = next(subs for least, subs in SUBS.items() if np.log10(high / low) >= least)
+                axis.set_major_locator(LogLocator(subs=subs))
+                axis.set_major_formatter(lambda value, _: figures(value, 1).removeprefix("1·"))
+                axis.set_minor_formatter(NullFormatter())
+
+
+def panels(
+    rows: int,
+    columns: int,
+    height: float,
+    *,
+    ratios: Sequence[float] | None = None,
+    left: float = 0.85,
+    gaps: tuple[float, float] = (0.75, 0.35),
+    share: tuple[bool, bool | Literal["row"]] = (False, False),
+) -> tuple[Figure, Any]:
+    """Return a figure of the page's width and its axes, (rows, columns), placed by lengths in inches.
+
+    Matplotlib's own arranging looks at every label several times and doubles the time a report takes.
+
+    Args:
+        rows: Number of rows.
+        columns: Number of columns.
+        height: Height of the figure, in.
+        ratios: The rows' heights to each other.
+        left: Room for the labels at the left, in.
+        gaps: Room between columns, and between rows, in.
+        share: Whether all rows share one x axis, and all panels one y axis; "row": each row has one.
+    """
+    from matplotlib.figure import Figure
+
+    right, bottom, top = 0.12, 0.55, 0.35
+    wide = (WIDTH - left - right - (columns - 1) * gaps[0]) / columns
+    high = (height - bottom - top - (rows - 1) * gaps[1]) / rows
+    figure = Figure(figsize=(WIDTH, height))
+    grid: dict[str, Any] = dict(
+        left=left / WIDTH, right=1 - right / WIDTH, bottom=bottom / height, top=1 - top / height
+    )
+    grid |= dict(wspace=gaps[0] / wide, hspace=gaps[1] / high, height_ratios=ratios)
+    return figure, figure.subplots(rows, columns, squeeze=False, sharex=share[0], sharey=share[1], gridspec_kw=grid)
+
+
+def thinned(t: Array, values: Array, most: int = POINTS) -> tuple[Array, Array]:
+    """Return at most so many points that look like the curve: the lowest and highest of each stretch, in order.
+
+    Args:
+        t: Increasing, (N,).
+        values: Values, nan where the curve is broken, (N,).
+        most: Largest number of points returned.
+    """
+    if len(t) <= most:
+        return t, values
+    edges = np.linspace(0, len(t), most // 3 + 1).astype(int)
+    keep: set[int] = set()
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist()):
+        stretch = values[first:last]
+        gaps = np.flatnonzero(np.isnan(stretch))
+        if len(gaps):
+            keep.add(first + int(gaps[0]))
+        if len(gaps) < len(stretch):
+            keep |= {first + int(np.nanargmin(stretch)), first + int(np.nanargmax(stretch))}
+    places = np.array(sorted(keep))
+    return t[places], values[places]
+
+
+def curve(axes: Axes, t: Array, values: Array, **looks: Any) -> None:
+    """Draw a curve, thinned to what can be seen."""
+    axes.plot(*thinned(t, values), **looks)
+
+
+def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
+    """Draw a cloud of dots as one path, which takes a tenth of the space of as many markers."""
+    xs = np.column_stack([x, x, np.full_like(x, np.nan)]).ravel()
+    ys = np.column_stack([y, y, np.full_like(y, np.nan)]).ravel()
+    (line,) = axes.plot(xs, ys, color=colour, lw=2.4, solid_capstyle="round", alpha=0.35)
+    line.get_path().should_simplify = False
+
+
+def zero_line(axes: Axes) -> None:
+    """Draw where y is zero."""
+    axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1)
+
+
+def named(axes: Axes, entries: Sequence[tuple[str, str]], dashed: Sequence[str] = ()) -> None:
+    """Put a legend of names and colours above the axes, in one line; unlike Matplotlib's own it shows any name."""
+    from matplotlib.lines import Line2D
+
+    ways = ["--" if name in dashed else "-" for name, _ in entries]
+    handles = [Line2D([], [], color=colour, lw=2.2, ls=way, label="x") for (_, colour), way in zip(entries, ways)]
+    placed: Any = dict(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(entries) or 1, borderpad=0.2)
+    legend = axes.legend(handles, ["x"] * len(entries), **placed)
+    for text, (name, _) in zip(legend.get_texts(), entries):
+        text.set_text(name)

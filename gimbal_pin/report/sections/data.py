@@ -1,0 +1,174 @@
+"""What there is: the rig, its logs, and what a log's file holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.log.io.inspection import Inspected, summary
+from gimbal_pin.log.log import Log
+from gimbal_pin.report import plots, tables
+from gimbal_pin.report.format import DASH, PALETTE, Joint, figures, file_name, joint_colours, joints_of, listed, units
+from gimbal_pin.report.html import Section, bullets, heading, paragraph
+from gimbal_pin.report.plots import style
+from gimbal_pin.report.table import Content, Table, join
+from gimbal_pin.rig import urdf
+from gimbal_pin.rig.rig import Rig
+
+DRAWN = 3
+"""Most logs that are drawn."""
+HEIGHT = 1.6
+"""Height of a panel of channels, in."""
+SHOWN = 8
+"""Most curves in a panel: so many colours are told apart."""
+
+
+def rig_section(rig: Rig) -> Section:
+    """Return a rig's joints, motors, limits and moved masses as its URDF and YAML state them."""
+    limits, motors = list[list[Content]](), list[list[Content]]()
+    for j, joint in enumerate(joints_of(rig)):
+        limit, motor, (dry, viscous) = rig.limits[j], rig.motors[j], rig.friction[j].tolist()
+        bound = isfinite(limit.lower) or isfinite(limit.upper)
+        travel = f"{joint.text(limit.lower)} … {joint.text(limit.upper)}" if bound else "unlimited"
+        rates = joint.text(limit.velocity, "/s"), joint.text(limit.acceleration, "/s²")
+        torque = figures(float(rig.tau_max[j])) if isfinite(rig.tau_max[j]) else DASH
+        limits.append([joint.label, rig.links[j], travel, *rates, torque, figures(motor.torque_constant)])
+        carried = sum(rig.model.inertias[k].mass for k in range(1, rig.n + 1) if j + 1 in list(rig.model.supports[k]))
+        encoder = [DASH, DASH]
+        if motor.encoder_bits:
+            encoder = [f"{motor.encoder_bits:g} bit", joint.text(motor.encoder_step, digits=2)]
+        iron = [str(count) if count else DASH for count in (motor.slots, motor.poles)]
+        loads = [figures(x) for x in (dry, viscous, carried)]
+        motors.append([joint.label, *encoder, *iron, *loads])
+    head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", "Torque limit, N m", "Torque constant, N m/A"]
+    more = ["Joint", "Encoder", "Step", "Slots", "Poles", "Coulomb, N m", "Viscous, N m s/rad", "Carries, kg"]
+    parts = [
+        paragraph(about(rig)),
+        Table(head, limits, texts=2, caption="Joints and limits"),
+        Table(more, motors, caption="Motors, sensors and loads, as given"),
+    ]
+    return Section("Rig", join(parts), rig.config.description)
+
+
+def about(rig: Rig) -> Markup:
+    """Return what is mounted and what the frames are called."""
+    parts = [Markup("Moved mass {} kg.").format(figures(sum(body.mass for body in rig.model.inertias[1:])))]
+    if rig.payload:
+        mass = payload_mass(rig)
+        weight = f" ({figures(mass)} kg)" if mass else ""
+        parts.append(Markup("Payload <b>{}</b>{}.").format(rig.payload, weight))
+    frames = Markup("Base link <code>{}</code>; line of sight along x of <code>{}</code>.")
+    parts.append(frames.format(rig.base, rig.camera_frame))
+    if rig.config.imus:
+        parts.append(Markup("IMUs on {}.").format(listed(rig.config.imus)))
+    return Markup(" ").join(parts)
+
+
+def payload_mass(rig: Rig) -> float:
+    """Return the mass of the mounted payload's links, kg; 0 where none is mounted."""
+    robot = urdf.parse(rig.urdf, rig.name)
+    parent = {j.find("child").get("link"): j.find("parent").get("link") for j in robot.findall("joint")}
+
+    def mounted(link: str | None) -> bool:
+        return link is not None and (link == rig.payload_link or mounted(parent.get(link)))
+
+    masses = {link.get("name"): link.find("inertial/mass") for link in robot.findall("link")}
+    return sum(float(mass.get("value")) for link, mass in masses.items() if mass is not None and mounted(link))
+
+
+def data(rig: Rig, logs: Sequence[Log]) -> Section:
+    """Return the logs' size, the range they cover, and their angles and torques over time."""
+    head = ["Log", "Payload", "Length, s", "Rate, Hz", "Samples", "Joint rates"]
+    rows: list[list[Content]] = [
+        [
+            log.name,
+            log.payload or DASH,
+            *(figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt)),
+            f"{len(log):,}".replace(",", " "),
+            "measured" if log.v is not None else "from angles",
+        ]
+        for log in logs
+    ]
+    cover = ["Joint", "Travel", "Largest rate", "Torque rms, N m", "Largest torque, N m", "of the limit"]
+    each = [covered(rig, logs, j, joint) for j, joint in enumerate(joints_of(rig))]
+    parts: list[object] = [Table(head, rows, texts=2, caption="Logs"), Table(cover, each, caption="Covered")]
+    for log in logs[:DRAWN]:
+        alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
+        caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
+        parts.append(plots.picture(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
+    events = [f"{log.name}: {event}" for log in logs for event in log.events]
+    return Section("Data", join([*parts, *([bullets(events)] if events else [])]), "What the model was learnt from.")
+
+
+def covered(rig: Rig, logs: Sequence[Log], j: int, joint: Joint) -> list[Content]:
+    """Return a joint's row: what range of its limits the logs cover."""
+    low, high = min(log.q[:, j].min() for log in logs), max(log.q[:, j].max() for log in logs)
+    rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
+    tau = np.concatenate([log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)])
+    top, limit = float(np.abs(tau).max()), float(rig.tau_max[j])
+    return [
+        joint.label,
+        f"{joint.text(float(low))} … {joint.text(float(high))}",
+        joint.text(max(float(np.abs(rate).max()) for rate in rates), "/s"),
+        figures(float(np.sqrt(np.mean(tau**2)))),
+        figures(top),
+        f"{100 * top / limit:.0f} %" if isfinite(limit) else DASH,
+    ]
+
+
+def overview(rig: Rig, log: Log) -> plots.Figure:
+    """Draw angles above torques."""
+    figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
+    angle, torque = panels[:, 0]
+    looks = joints_of(rig)
+    for j, joint in enumerate(looks):
+        plots.curve(angle, log.t, joint.scale * log.q[:, j], lw=1.2)
+        if log.tau is not None:
+            plots.curve(torque, log.t, log.tau[:, j], lw=0.8)
+    plots.named(angle, [(joint.name, joint.colour) for joint in looks])
+    angle.set(ylabel=f"position, {units(looks)}", xlim=(log.t[0], log.t[-1]))
+    torque.set(ylabel="torque, N m", xlabel="time, s")
+    figure.align_ylabels()
+    return figure
+
+
+def inspection(found: Inspected) -> Section:
+    """Return the picture of a file's channels, their table, and the mapping that is proposed."""
+    parts: list[object] = [bullets([line for stream in found.streams for line in summary(stream)] + list(found.notes))]
+    parts.append(plots.picture(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
+    parts.append(tables.channels([channel for stream in found.streams for channel in stream.channels]))
+    if found.rig is not None:
+        parts += [heading(f"Mapping for {found.rig}"), Markup("<pre>{}</pre>").format(found.yaml)]
+    return Section(Path(found.name).name, join(parts))
+
+
+def channels(found: Inspected) -> plots.Figure:
+    """Return a figure with one panel per stream and kind of channel, constants left out."""
+    panels = [
+        (stream, kind, [c for c in stream.channels if c.kind == kind][:SHOWN])
+        for stream in found.streams
+        for kind in dict.fromkeys(c.kind for c in stream.channels if c.kind not in ("time", "constant", "copy"))
+    ]
+    figure, axes = plots.panels(max(len(panels), 1), 1, 0.9 + HEIGHT * max(len(panels), 1), gaps=(0.75, 0.5))
+    for row, (stream, kind, several) in zip(axes[:, 0], panels):
+        for channel, colour in zip(several, PALETTE):
+            plots.curve(row, stream.t - stream.t[0], stream.data[channel.column], color=colour, lw=1.0)
+        plots.named(row, [(channel.column, colour) for channel, colour in zip(several, PALETTE)])
+        units = dict.fromkeys(channel.unit for channel in several)
+        row.set_ylabel(f"{kind}, {'/'.join(units)}" if any(units) else kind)
+    axes[-1, 0].set_xlabel("time, s")
+    return figure
+
+
+def draw(found: Inspected, path: Path) -> None:
+    """Write the picture alone, in the format of the suffix; PNG where there is none."""
+    with style():
+        figure = channels(found)
+        for axes in figure.axes:
+            axes.grid(color="#dde1e6")
+        figure.savefig(path, format=path.suffix[1:].lower() or "png", facecolor="white", dpi=150)

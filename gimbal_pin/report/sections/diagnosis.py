@@ -1,0 +1,292 @@
+"""What the simulation gets wrong: verdict, findings and their rivals, what is left, and what knowing it gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.diagnosis import Diagnosis, Finding
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.finding import TOGETHER
+from gimbal_pin.diagnosis.followed import HOW, no_closer
+from gimbal_pin.diagnosis.heldout import filtered_error
+from gimbal_pin.diagnosis.likeness import Likeness
+from gimbal_pin.diagnosis.platform_motion import COMPENSATION
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.errors import digits
+from gimbal_pin.log.log import Array
+from gimbal_pin.report import plots, tables
+from gimbal_pin.report.format import Joint, figures, joints_of, listed, torque_unit, units
+from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.table import Content, join
+
+WRONG = "What the simulation gets wrong"
+VERDICTS = {
+    "named": "Something is missing from the model, and this log says what.",
+    "ambiguous": "Something is missing from the model; this log leaves more than one cause possible.",
+    "unknown": "Something is missing from the model, and nothing that the library knows explains it.",
+    "nothing": "The refitted model is as good as the data: nothing more can be found in this log.",
+    "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
+}
+MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
+ALIKE = 0.95
+"""Correlation from which on two causes are outlined."""
+CLOUD, LINE = 700, 700
+"""Most dots in a cloud, and points of a curve over time in one stretch."""
+MOST = 4
+"""Most joints whose residual is drawn, those with findings first."""
+SEGMENT = 8.0
+"""Length of the stretches that a spectrum is averaged over, s."""
+OPEN = 0.5
+"""Weight of a sample from which on it is drawn."""
+THICK = 0.34
+"""Thickness of a bar, in rows."""
+
+
+def diagnosis(found: Diagnosis) -> Section:
+    """Return what a diagnosis says."""
+    parts: list[object] = [paragraph(toned(verdict(found), "good" if found.beside == "nothing" else "fair"))]
+    if found.spoiling:
+        parts.append(bullets(f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling))
+    joints = () if found.held is None else joints_of(found.held.rig)
+    colours = {joint.name: joint.colour for joint in joints}
+    for finding in found.findings:
+        likest = [one for one in found.likeness if (one.causes[0], one.joint) == (finding.cause, finding.joint)]
+        parts += described(finding, likest[:1], colours.get(finding.joint or "", plots.PLAIN))
+    if found.planned is not None:
+        parts += [heading("The next experiment"), bullets(found.planned.lines)]
+    if found.held is not None:
+        parts += [heading("What is left")] if found.findings else []
+        parts.append(tables.residual(found))
+        parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
+        parts.append(residuals(found, joints, found.held))
+        parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
+    if found.given is not None:
+        parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
+    hidden = [f"{one.cause} at {one.joint or 'the rig'}" for one in found.untestable]
+    small = [f"{one.cause} at {one.joint or 'the rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
+    notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]
+    notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
+    parts += [folded("Notes", bullets(notes))] if notes else []
+    return Section(WRONG, join(parts), "On the part of the log that no choice has seen.")
+
+
+def verdict(found: Diagnosis) -> str:
+    """Return the verdict; a cause that is left open is not said to be named."""
+    open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
+    more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
+    moved = "" if found.lacking == found.findings else f" {MOVED}"
+    return f"{VERDICTS[found.beside]}{more}{moved}"
+
+
+def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list[object]:
+    """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
+    sizes = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in finding.sized]
+    lines: list[Content] = [f"{', '.join(sizes)} (± is one standard deviation)."] if sizes else []
+    loose = [f"{p.name} {figures(p.value)}{p.in_units}" for p in finding.unsized]
+    lines += [f"{', '.join(loose)}: {TOGETHER}."] if loose else []
+    if finding.open:
+        lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.next_experiment}.")
+    cause = CAUSES.get(finding.cause)
+    lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
+    before, after = (finding.gain[f"rollout_rmse_{when}"] for when in ("before", "after"))
+    if before > 0:
+        said = f"{digits(after / before, 2)} times what it was without it"
+        lines.append(f"Simulated from the same torque, the angle is off by {said}.")
+    parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
+    parts += [paragraph(finding.sentence), bullets(lines), *([tables.rivals(finding)] if finding.rivals else [])]
+    for known in likest if likest and len(likest[0].causes) > 1 else ():
+        where = known.joint or "the rig"
+        alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
+        caption = (
+            f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
+            f"two, from {ALIKE} on they are outlined."
+        )
+        drawn = plots.picture(partial(cells, known, colour), alt, caption)
+        parts.append(folded(f"What looks like {known.causes[0]} here", drawn))
+    return parts
+
+
+def cells(known: Likeness, colour: str) -> plots.Figure:
+    """Draw the map: the finding in the first row, the darker the more alike."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    count = len(known.causes)
+    height = 0.34 * count + 0.15
+    figure = Figure(figsize=(plots.WIDTH, height))
+    axes = figure.add_axes((2.3 / plots.WIDTH, 0.1 / height, 0.72 * count / plots.WIDTH, 1 - 0.15 / height))
+    for i, row in enumerate(known.correlation.tolist()):
+        for k, value in enumerate(row[: i + 1]):
+            place = (k - 0.48, i - 0.46)
+            axes.add_patch(Rectangle(place, 0.96, 0.92, facecolor=colour, alpha=0.08 + 0.72 * value**2))
+            if value >= ALIKE and i != k:
+                axes.add_patch(Rectangle(place, 0.96, 0.92, fill=False, edgecolor=plots.INK, linewidth=1.4))
+            axes.text(k, i, "1" if i == k else f"{value:.2f}", ha="center", va="center", fontsize=8.5)
+    axes.set(
+        xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5), yticks=range(count), yticklabels=known.causes, xticks=[]
+    )
+    for k, name in enumerate(known.causes[:-1]):
+        axes.text(k + 0.62, k, name, va="center", fontsize=8.5, color=plots.MUTED)
+    axes.grid(False)
+    axes.tick_params(length=0)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    return figure
+
+
+def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Markup:
+    """Return the residual's four faces, one column per joint."""
+    order = ranked(found, joints)[:MOST]
+    shown = [joints[j] for j in order]
+    alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
+    caption = (
+        "Held-out residual torque: refitted model (grey), extended model (colour), over the joint's angle, rate and "
+        "time, and its amplitude over frequency. What is flat and small in colour has been explained."
+    )
+    return plots.picture(partial(faces, found, joints, order, held), alt, caption)
+
+
+def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
+    """Joints with findings first, the strongest finding's first; then those with something left; then the others."""
+    place = {joint.name: j for j, joint in enumerate(joints)}
+    named = [place[each.joint] for each in found.findings if each.joint in place]
+    open_ = [place[name] for name, left in found.residual.items() if left.state == "structured"]
+    return list(dict.fromkeys([*named, *open_, *place.values()]))
+
+
+def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: Evidence) -> plots.Figure:
+    """Draw the residuals."""
+    figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.95, 0.68))
+    errors = [filtered_error(held, model) for model in (found.before, found.after)]
+    open_ = np.concatenate([part.gate for part in held.parts]) > OPEN
+    for column, j in zip(panels.T, order):
+        joint = joints[j]
+        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()))
+        column[0].set_title(joint.name, color=joint.colour)
+        rows = np.flatnonzero(open_[:, j])
+        rows = rows[:: max(1, len(rows) // CLOUD)]
+        for axes, name, per in ((column[0], "q", ""), (column[1], "v", "/s")):
+            x = joint.scale * channel(held, name, j)[rows]
+            for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
+                plots.dots(axes, x, scale * error[rows, j], colour)
+            plots.zero_line(axes)
+            axes.set_xlabel(f"{'rate' if per else 'angle'}, {joint.unit}{per}")
+        for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
+            broken = np.where(open_[:, j], scale * error[:, j], np.nan)
+            over_time(column[2], held, broken, colour)
+            over_frequency(column[3], held, scale * error[:, j], colour)
+        plots.zero_line(column[2])
+        column[2].set_xlabel("time, s")
+        column[3].set(xlabel="frequency, Hz", yscale="log", xlim=(0, held.band))
+        for axes, name in zip(column, ("residual", "residual", "residual", "amplitude")):
+            axes.set_ylabel(f"{name}, {unit}{'/√Hz' if name == 'amplitude' else ''}")
+    return figure
+
+
+def over_time(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> None:
+    """Draw an error over time, broken where it is not judged and between stretches."""
+    at = 0
+    for part in held.parts:
+        length = len(part.gate)
+        axes.plot(*plots.thinned(part.channels.t, error[at : at + length], LINE), color=colour, lw=0.9)
+        at += length
+
+
+def over_frequency(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> None:
+    """Draw the amplitude density of an error over the longest stretch."""
+    from scipy.signal import welch
+
+    lengths = [len(part.gate) for part in held.parts]
+    k = int(np.argmax(lengths))
+    first, part = sum(lengths[:k]), held.parts[k]
+    segment = min(lengths[k], max(8, round(SEGMENT / part.dt)))
+    frequency, power = welch(error[first : first + lengths[k]], 1 / part.dt, nperseg=segment)
+    kept = (frequency > 0) & (frequency <= held.band)
+    axes.plot(frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300)), color=colour, lw=1.3)
+
+
+def channel(held: Evidence, name: str, joint: int) -> Array:
+    """One channel of one joint over all parts."""
+    return np.concatenate([getattr(part.channels, name)[:, joint] for part in held.parts])
+
+
+class Measure(NamedTuple):
+    """One of the three measures.
+
+    Attributes:
+        title: What it is.
+        before: Joint → figure, in the unit of the axis.
+        after: The same with all findings.
+    """
+
+    title: str
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+
+
+def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
+    """Return the three measures of the gain as bars."""
+    several = measures(found, joints)
+    text = "; ".join(
+        f"{joint.name} {figures(m.before[joint.name])} to {figures(m.after[joint.name])}"
+        for m in several
+        for joint in joints
+    )
+    alt = f"Errors before and after, {', '.join(m.title for m in several)}: {text}"
+    caption = (
+        "Before (grey) and after (colour), each joint to its own scale: torque predicted on the held-out part; angle "
+        "after 0.2 s of simulation from the held-out torque; and a simulated controller's tracking error without and "
+        f"with the causes compensated ({HOW})."
+    )
+    caption += "".join(f" {line}." for line in no_closer(found.tracking))
+    return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
+
+
+def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:
+    """Return the measures in the units in which they are drawn."""
+    scale, unit = torque_unit(max(found.baseline["torque_rmse"].values()))
+    torque = [{name: scale * x for name, x in part["torque_rmse"].items()} for part in (found.baseline, found.extended)]
+    turn = {joint.name: joint.scale for joint in joints}
+    rolled, followed = (
+        [{name: turn[name] * x for name, x in part.items()} for part in pair]
+        for pair in (
+            (found.baseline["rollout_rmse"], found.extended["rollout_rmse"]),
+            [{name: row[key] for name, row in found.tracking.items()} for key in ("rms_before", "rms_after")],
+        )
+    )
+    angle = units(joints)
+    out = [Measure(f"torque error, {unit} rms", *torque), Measure(f"rollout error, {angle} rms", *rolled)]
+    return [*out, Measure(f"tracking error, {angle} rms", *followed)] if found.tracking else out
+
+
+def bars(several: Sequence[Measure], joints: Sequence[Joint]) -> plots.Figure:
+    """Draw the measures side by side."""
+    height = 0.6 * len(joints) + 0.9
+    figure, panels = plots.panels(1, len(several), height, gaps=(0.55, 0.35))
+    for k, (axes, measure) in enumerate(zip(panels[0], several)):
+        pairs(axes, measure, joints)
+        axes.set_title(measure.title, fontsize=9.5)
+        axes.set_yticks(range(len(joints)), [joint.name for joint in joints] if k == 0 else [""] * len(joints))
+    return figure
+
+
+def pairs(axes: plots.Axes, measure: Measure, joints: Sequence[Joint]) -> None:
+    """Draw a pair of bars per joint, as shares of the joint's own larger figure, each with its figure."""
+    for i, joint in enumerate(joints):
+        both = measure.before[joint.name], measure.after[joint.name]
+        top = max((x for x in both if isfinite(x)), default=0.0) or 1.0
+        for value, colour, side in zip(both, (plots.PLAIN, joint.colour), (-0.5, 0.5)):
+            share, at = value / top if isfinite(value) else 0.0, i + side * THICK
+            axes.barh(at, share, 0.9 * THICK, color=colour)
+            label = figures(value, 2) if isfinite(value) else "not stable"
+            axes.text(share + 0.02, at, label, va="center", fontsize=8.5)
+    axes.set(xlim=(0, 1.25), ylim=(len(joints) - 0.4, -0.6), xticks=[])
+    axes.grid(False)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["bottom"].set_visible(False)

@@ -1,0 +1,305 @@
+"""The identified model: its parameters, the torque that it predicts, and what that leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gimbal_pin.diagnosis.difference import Difference
+from gimbal_pin.diagnosis.given import given as stated
+from gimbal_pin.effects import Sample, Term
+from gimbal_pin.estimation.balance import balance
+from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.log import signals
+from gimbal_pin.log.log import Array
+from gimbal_pin.report import plots, tables
+from gimbal_pin.report.evaluation import Evaluated, Known, Part, known
+from gimbal_pin.report.format import (
+    SURE,
+    Joint,
+    figures,
+    file_name,
+    joints_of,
+    listed,
+    rows_named,
+    torque_text,
+    torque_unit,
+)
+from gimbal_pin.report.html import Section, bullets, heading, paragraph
+from gimbal_pin.report.table import join
+from gimbal_pin.rig.rig import Rig
+
+Flags = NDArray[np.bool_]
+
+RATE = 2.0
+"""Rate up to which friction is drawn of a joint that does not move, rad/s."""
+WINDOW = 15.0
+"""Longest stretch drawn in full, s."""
+BETWEEN = 4
+"""Pieces that a curve is drawn in from row to row."""
+BINS = 12
+"""Stretches of the rate, either way and alike in samples, over which the residual's mean is taken."""
+JUDGED = 0.5
+"""Share of a row's samples that must be judged for the row to count."""
+CLOUD = 900
+"""Most dots in a cloud."""
+
+
+def parameters(found: Identified, evaluated: Evaluated, given: Rig) -> Section:
+    """Return base parameters and friction with 95 % intervals, and the torque that each moves, beside a rig's own."""
+    every, width = known(found, evaluated), len(found.reduction.independent)
+    bound = None if found.bound is None else found.bound.tolist()
+    apart, payload = stated(Difference.of_identified(given, found)), balance(found)
+    caption = (
+        "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
+        "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
+    )
+    alt = f"Dot-and-whisker plot of {len(every)} parameters, scaled by the torque they move"
+    friction = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
+    bands = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
+    parts: list[object] = [
+        paragraph(overall(found, every)),
+        plots.picture(partial(whiskers, every), alt, caption),
+        heading("Base parameters"),
+        paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
+        tables.parameters(every[:width], bound and bound[:width], "Base parameters"),
+        *([] if apart is None else [paragraph(f"Against the URDF: {line}.") for line in apart.lines]),
+        *([] if payload is None else [heading("Balance"), bullets(payload.sentences)]),
+        heading("Friction and other effects"),
+        tables.parameters(every[width:], bound and bound[width:], "Friction and other effects"),
+        plots.picture(partial(curves, found, evaluated), friction, bands),
+    ]
+    return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
+
+
+def overall(found: Identified, every: Sequence[Known]) -> str:
+    """Say how many there are, which are in doubt, and whether bodies exist that have them."""
+    doubtful = [short(one.name) for one in every if one.tone == "poor"]
+    doubt = f"the log leaves {listed(doubtful)} in doubt" if doubtful else "none of them in doubt by more than matters"
+    condition = figures(found.estimate.condition_number, 2)
+    method = f"{len(every)} parameters by the {found.estimate.method} estimator"
+    text = f"{method}, {doubt}; condition number {condition} (columns of unit size)."
+    if found.bias is not None:
+        text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
+    if found.physical:
+        return f"{text} Bodies exist that have these parameters."
+    change = torque_text(max(found.torque_change.values()))
+    return (
+        f"{text} No bodies exist that have exactly these. The nearest that do, {figures(found.consistent.distance, 2)} "
+        f"standard deviations away, change the torque by at most {change} rms; they go back into the URDF."
+    )
+
+
+def short(name: str) -> str:
+    """Return a regrouping's first term, with an ellipsis if there are more."""
+    first, *others = name.replace("*", "·").replace(" - ", " + ").split(" + ")
+    return f"{first.replace('-', '−')} + …" if others else first.replace("-", "−")
+
+
+def whiskers(every: Sequence[Known]) -> plots.Figure:
+    """Draw dots with whiskers, in the torque that each parameter moves."""
+    names = [short(one.name) for one in every]
+    figure, panels = plots.panels(1, 1, 1.0 + 0.2 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))
+    axes = panels[0, 0]
+    moved = np.array([one.moved for one in every])
+    half = np.array([one.half * (one.reach or 0.0) for one in every])
+    left = 0.5 * max(float(np.min(np.where(moved > half, moved - half, moved))), 1e-6 * float(moved.max()))
+    for row, (one, value, width) in enumerate(zip(every, moved.tolist(), half.tolist())):
+        axes.plot([max(value - width, left), value + width], [row, row], color=one.colour, lw=2.2, alpha=0.55)
+        inside = plots.PAPER if one.value < 0 else one.colour
+        axes.plot(max(value, left), row, "o", ms=5.5, mec=one.colour, mfc=inside, mew=1.5)
+    axes.set_yticks(range(len(every)), names, fontsize=8.5)
+    axes.set(xscale="log", xlim=(left, None), ylim=(len(every) - 0.4, -0.6), xlabel="torque moved, N m rms")
+    axes.tick_params(length=0)
+    return figure
+
+
+class Coefficient(NamedTuple):
+    """A term's coefficient: the term, its place in it, and its place among all parameters."""
+
+    term: Term
+    k: int
+    place: int
+
+
+def coefficients(found: Identified) -> Iterator[Coefficient]:
+    """Yield the coefficients of all terms in the order of the parameters."""
+    each = [(term, k) for term in found.model.terms for k in range(len(term.values))]
+    for place, (term, k) in enumerate(each, start=len(found.reduction.independent)):
+        yield Coefficient(term, k, place)
+
+
+def curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
+    """Draw every joint's effects over its rate."""
+    joints = joints_of(found.model.rig)
+    figure, panels = plots.panels(1, len(joints), 2.6, share=(False, True), gaps=(0.35, 0.35))
+    for axes, (j, joint) in zip(panels[0], enumerate(joints)):
+        reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or RATE
+        v = np.concatenate([np.linspace(-reach, 0, 100), np.linspace(0, reach, 100)])
+        torque, half = band(found, j, v, np.repeat([-1.0, 1.0], 100))
+        rate = joint.scale * v
+        axes.fill_between(rate, torque - half, torque + half, color=joint.colour, alpha=0.25)
+        axes.plot(rate, torque, color=joint.colour)
+        plots.zero_line(axes)
+        axes.set_title(joint.name, color=joint.colour)
+        axes.set(xlabel=f"rate, {joint.unit}/s", ylabel="torque, N m" if j == 0 else "")
+    return figure
+
+
+def band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Array]:
+    """``A theta`` of one joint's effects at rates `v`, and half the width of its 95 % band, N m, (m,) each."""
+    zero = np.zeros_like(v)
+    at = Sample(zero, zero, v, zero, slide, zero)
+    own = [one for one in coefficients(found) if one.term.effect.joint == found.model.rig.joints[j]]
+    A = np.column_stack([one.term.effect.basis(at)[one.k] + zero for one in own])
+    places = [one.place for one in own]
+    covariance = found.estimate.covariance[np.ix_(places, places)]
+    variance = np.einsum("mk,kl,ml->m", A, covariance, A)
+    return A @ found.estimate.theta[places], SURE * np.sqrt(np.maximum(variance, 0.0))
+
+
+def torque(found: Identified, evaluated: Evaluated) -> Section:
+    """Return the fit's figures, the torques over time, and the residual over time, over rate and as a histogram."""
+    joints, held = joints_of(found.model.rig), found.held_out is not None
+    where = f"on {rows_named(evaluated.how)}, which the fit did not see" if held else "on the rows that were fitted"
+    window, whole = worst(evaluated)
+    names = ", ".join(evaluated.joints)
+    caption = (
+        f"Filtered torque {where}: measured (grey) and predicted (colour), the residual below. "
+        "Shaded: so slow that dry friction may have any direction; not judged. "
+        f"{file_name(window.log)}, {window.t[0]:.4g} to {window.t[-1]:.4g} s: "
+        f"{'the stretch with the largest error' if whole else 'all of it'}."
+    )
+    left = (
+        "Residual over the joint's rate, where it is judged, and its mean with the error of the mean: flat is noise, a "
+        "bend is what the model does not know. Below, its distribution against a normal one of the same size."
+    )
+    alt = f"Measured and predicted torque and residual of {names} over time"
+    parts: list[object] = [
+        paragraph(
+            f"Everything below is filtered at {found.filtering.cutoff:g} Hz, measured and predicted alike. A joint is "
+            "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which."
+        ),
+        tables.torque_errors(found, evaluated),
+        plots.picture(partial(overlays, joints, window), alt, caption),
+        heading("What is left"),
+        plots.picture(
+            partial(clouds, joints, evaluated), f"Residual torque of {names} over rate, and its histogram", left
+        ),
+    ]
+    return Section("Torque", join(parts), f"Measured against predicted, {where}.")
+
+
+def worst(evaluated: Evaluated) -> tuple[Part, bool]:
+    """Return the stretch of at most `WINDOW` s whose error, as a share of torque, is largest, and if there is more."""
+    best: tuple[float, Part] | None = None
+    for part in evaluated.parts:
+        power = np.concatenate([[0.0], np.cumsum(np.sum((part.error / evaluated.scale) ** 2, axis=1))])
+        ends = np.searchsorted(part.t, part.t + WINDOW)
+        score = (power[ends] - power[:-1]) / np.maximum(ends - np.arange(len(ends)), 1)
+        full = part.t <= max(part.t[-1] - WINDOW, part.t[0])
+        first = int(np.argmax(np.where(full, score, -np.inf)))
+        if best is None or score[first] > best[0]:
+            cut = slice(first, int(ends[first]))
+            best = score[first], part.cut(cut)
+    assert best is not None  # an evaluation has at least one part
+    return best[1], len(evaluated.parts) > 1 or len(best[1].t) < len(evaluated.parts[0].t)
+
+
+def broken(t: Array, values: Array) -> Array:
+    """Return the values with nan at the first sample after each gap, so that no line is drawn across it."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
+    out = values.copy()
+    out[gaps] = np.nan
+    return out
+
+
+def rounded(t: Array, values: Array) -> tuple[Array, Array]:
+    """Return a curve through the rows, which are as far apart as the filter allows, without corners; broken at gaps."""
+    fine = np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
+    smooth = signals.resample(t, values[:, None], fine)[:, 0] if len(t) > 2 else values
+    holes = np.repeat(np.isnan(broken(t, values))[1:], BETWEEN)
+    smooth[1:][holes] = np.nan
+    return fine, smooth
+
+
+def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
+    """Draw each joint's torques, and its residual below."""
+    count, ratios = len(joints), [0.35, 3, 1.2] * len(joints)
+    looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
+    figure, grid = plots.panels(3 * count, 1, 0.6 + 2.2 * count, **looks)
+    panels = grid[:, 0]
+    for j, joint in enumerate(joints):
+        room, above, below = panels[3 * j : 3 * j + 3]
+        room.remove()  # the legend's place
+        scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()))
+        drawn = ((above, part.measured, plots.PLAIN, 4.0), (above, part.predicted, joint.colour, 1.3))
+        left = np.where(part.share < JUDGED, np.nan, scale * part.error)
+        for axes, values, colour, width in (*drawn, (below, left, joint.colour, 1.0)):
+            plots.curve(axes, *rounded(part.t, values[:, j]), color=colour, lw=width, alpha=0.6 if width > 2 else 1.0)
+        for axes in (above, below):
+            shade(axes, part.t, part.share[:, j] < JUDGED)
+        plots.zero_line(below)
+        plots.named(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
+        above.set(ylabel="torque, N m")
+        below.set(ylabel=f"residual,\n{unit}")
+    panels[-1].set(xlabel="time, s", xlim=(part.t[0], part.t[-1]))
+    figure.align_ylabels()
+    return figure
+
+
+def shade(axes: plots.Axes, t: Array, still: Flags) -> None:
+    """Shade the stretches of time in which a joint is near standstill."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    for first, last in edges.reshape(-1, 2).tolist():
+        axes.axvspan(t[max(first - 1, 0)], t[min(last, len(t) - 1)], color=plots.MUTED, alpha=0.13, zorder=0)
+
+
+def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> plots.Figure:
+    """Draw residuals over rates, and their histograms below."""
+    figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
+    v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
+    scale, unit = torque_unit(float(np.abs(error).max()))
+    for j, joint in enumerate(joints):
+        rows = np.flatnonzero(share[:, j] > JUDGED)
+        whole = scale * error[rows, j] / share[rows, j]
+        panels[0, j].set_title(joint.name, color=joint.colour)
+        if len(rows):
+            over_rate(panels[0, j], joint, v[rows, j], whole)
+            histogram(panels[1, j], joint, whole)
+        panels[0, j].set_xlabel(f"rate, {joint.unit}/s")
+        panels[1, j].set_xlabel(f"residual, {unit}")
+    panels[0, 0].set_ylabel(f"residual, {unit}")
+    panels[1, 0].set_ylabel("density")
+    return figure
+
+
+def over_rate(axes: plots.Axes, joint: Joint, v: Array, error: Array) -> None:
+    """Draw a joint's residual over its rate, and its mean in stretches of the rate, with twice its error."""
+    every = max(1, len(v) // CLOUD)
+    plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
+    order = np.argsort(v)
+    for way in (order[v[order] < 0], order[v[order] > 0]):
+        groups = np.array_split(way, min(BINS, max(1, len(way) // 6)))
+        groups = [group for group in groups if len(group) > 1]
+        middle = joint.scale * np.array([v[group].mean() for group in groups])
+        mean = np.array([error[group].mean() for group in groups])
+        sure = np.array([error[group].std() / np.sqrt(len(group)) for group in groups])
+        axes.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
+        axes.plot(middle, mean, color=plots.INK, lw=1.3)
+    plots.zero_line(axes)
+
+
+def histogram(axes: plots.Axes, joint: Joint, error: Array) -> None:
+    """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
+    axes.hist(error, bins=int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), density=True, color=joint.colour, alpha=0.45)
+    mean, std = float(error.mean()), float(error.std())
+    if std > 0:
+        x = np.linspace(mean - 4 * std, mean + 4 * std, 120)
+        axes.plot(x, np.exp(-(((x - mean) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi)), color=plots.INK, lw=1.0)
+    axes.set_yticks([])

@@ -1,0 +1,342 @@
+"""The tables of the results, each made once from a result: the terminal prints it, the page shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import degrees, isfinite, isnan, nan
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from gimbal_pin.report.format import (
+    DASH,
+    SURE,
+    angle,
+    controller_name,
+    figures,
+    interval,
+    joints_of,
+    listed,
+    percent,
+    torque_text,
+    torque_unit,
+    unit,
+)
+from gimbal_pin.report.html import bar, toned
+from gimbal_pin.report.table import Content, Table
+
+if TYPE_CHECKING:
+    from gimbal_pin.control.laws import Margins
+    from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
+    from gimbal_pin.control.tuning import Tuning
+    from gimbal_pin.diagnosis import Diagnosis, Finding
+    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.log.io.inspection import Channel
+    from gimbal_pin.pointing.result import Contest
+    from gimbal_pin.pointing.verify import Verified
+    from gimbal_pin.report.evaluation import Evaluated, Known
+    from gimbal_pin.report.format import Joint
+    from gimbal_pin.report.pipeline import Auto
+
+BASELINE, TOGETHER = "pid", "all-axes"
+"""The controller that model-based ones are compared with in steps, and the experiment in which all axes move."""
+GOOD, FAIR = 95.0, 80.0
+"""Fit, per cent, from which on a model is called good, or fair."""
+PHASE_DEG, GAIN_DB = 45.0, 6.0
+"""Margins from which on a loop is usually called safe."""
+RULED_OUT = 20.0
+"""Vuong's z at which a rival's bar is full."""
+MOST = 6
+"""Most rivals in a table."""
+STEADY = 1e-3 * np.pi / 180
+"""Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
+
+
+def better(text: str, own: float, every: Sequence[float], least: float = 0.0) -> Content:
+    """Return the text, marked if its value is the smallest and another larger by more than `least` and a twentieth."""
+    known = [value for value in every if not isnan(value)]
+    clear = len(known) > 1 and own == min(known) and max(known) > 1.05 * own + least
+    return toned(text, "good" if clear else "")
+
+
+# -- identification ----------------------------------------------------------------------------------------------------
+
+
+def parameters(rows: Sequence[Known], bound: Sequence[float] | None = None, label: str = "Parameters") -> Table:
+    """Value and 95 % interval of each parameter beside what the URDF states, and the torque that it moves if known.
+
+    `bound`: least standard deviations that any unbiased estimate has, of each row; None: not known.
+    """
+    reach, most = any(one.reach for one in rows), max((one.moved for one in rows), default=0.0)
+    head = ["Parameter", "Unit", "Value", "± 95 %", "Std of it", "URDF", "Off by, std"]
+    head += ["± at best"] * (bound is not None) + ["Moves, N m rms"] * reach
+    body: list[list[Content]] = []
+    for k, one in enumerate(rows):
+        value, half = interval(one.value, one.half)
+        away = "0" if abs(one.away) < 0.05 else f"{one.away:+.1f}" if abs(one.away) < 1e4 else f"{one.away:+.0e}"
+        row: list[Content] = [regrouping(one.name), unit(one.unit), value, half.removeprefix("± "), one.deviation]
+        row += [figures(one.given, 4), DASH if isnan(one.away) else away.replace("-", "−")]
+        row += [] if bound is None else [figures(SURE * bound[k], 2)]
+        row += [bar(one.moved / most if most else 0.0, figures(one.moved, 2))] if reach else []
+        body.append(row)
+    return Table(head, body, texts=2, label=label)
+
+
+def regrouping(name: str) -> Markup:
+    """Return a sum of parameters that breaks between its terms alone: ``a − b + 0.12·c``."""
+    terms = name.replace("*", "·").replace(" - ", " −\u00a0").replace(" + ", " +\u00a0").split(" ")
+    return Markup("<code>{}</code>").format(Markup(" ").join(Markup("<span>{}</span>").format(x) for x in terms))
+
+
+def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
+    """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
+    held, train = found.held_out or found.train, found.train
+    scale, name = torque_unit(max(held.torque_rmse.values()))
+    head = ["Joint", f"Error, {name} rms", "Fit", "Judged"]
+    head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
+    head += ["Torque, N m rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
+    rows: list[list[Content]] = []
+    for j, joint in enumerate(joints_of(found.model.rig)):
+        rmse, fit = held.torque_rmse[joint.name], held.fit_percent[joint.name]
+        row: list[Content] = [joint.label, figures(scale * rmse), toned(f"{percent(fit)} %", grade(fit))]
+        row.append(f"{100 * held.used[joint.name]:.0f} %")
+        if held is not train:
+            row += [figures(scale * train.torque_rmse[joint.name]), f"{percent(train.fit_percent[joint.name])} %"]
+        if evaluated is not None:
+            torque = float(evaluated.torque_rms[j])
+            share = rmse / torque if torque else nan  # nothing drove this joint
+            largest = float(np.abs(evaluated.stacked("error")[:, j]).max())
+            row += [figures(torque), f"{figures(100 * share, 2)} %", figures(scale * largest)]
+        rows.append(row)
+    return Table(head, rows, label="Torque error")
+
+
+def grade(fit: float) -> str:
+    """Return the tone of a fit, per cent."""
+    return "good" if fit >= GOOD else "fair" if fit >= FAIR else "poor"
+
+
+# -- diagnosis ---------------------------------------------------------------------------------------------------------
+
+
+def residual(found: Diagnosis) -> Table:
+    """What is left of each joint's torque before and after the findings, held out, and what would have been found."""
+    most = max([*found.baseline["torque_rmse"].values(), *found.extended["torque_rmse"].values()], default=0.0)
+    joints = {} if found.held is None else {joint.name: joint.label for joint in joints_of(found.held.rig)}
+    rows: list[list[Content | None]] = []
+    for joint, left in found.residual.items():
+        tone = "" if joint in found.noisy else "good" if left.state == "noise" else "fair"
+        errors = (part["torque_rmse"][joint] for part in (found.baseline, found.extended))
+        limit = found.detection_limit.get(joint)
+        row: list[Content | None] = [joints.get(joint, joint), toned(left.sentence, tone)]
+        rows.append([*row, *(torque_text(x, most) for x in errors), torque_text(limit, most) if limit else None])
+    head = ["Joint", "What is left is", "Error before", "Error after", "Would have been found"]
+    return Table(head, rows, texts=2, label="Torque error before and after")
+
+
+def rivals(finding: Finding) -> Table:
+    """The causes that were fitted in a finding's place."""
+    rows: list[list[Content]] = []
+    for rival in finding.rivals[:MOST]:
+        out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
+        rows.append([rival.cause, figures(rival.delta), bar(rival.z / RULED_OUT, f"{rival.z:.1f}"), out])
+    head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Ruled out by this log"]
+    return Table(head, rows, label=f"Causes that were fitted in the place of {finding.cause}")
+
+
+# -- controllers -------------------------------------------------------------------------------------------------------
+
+MARGINS = ("Crossover", "Phase margin", "Gain margin", "Disk margin", "Delay margin")
+
+
+def margins(own: Margins, disk: float | None = None) -> list[Content]:
+    """Return the cells under `MARGINS` of one loop; `disk`: the disk margin that was asked for."""
+    return [
+        f"{figures(own.crossover_hz)} Hz",
+        toned(f"{figures(own.phase_margin_deg)}°", safe(own.phase_margin_deg, PHASE_DEG)),
+        toned(f"{figures(own.gain_margin_db)} dB", safe(own.gain_margin_db, GAIN_DB)),
+        toned(figures(own.disk_margin), "" if disk is None else safe(own.disk_margin, disk)),
+        f"{figures(1e3 * own.delay_margin)} ms",
+    ]
+
+
+def safe(value: float, enough: float) -> str:
+    """Return the tone of a margin."""
+    return "good" if value >= enough * (1 - 1e-6) else "fair" if value >= enough / 2 else "poor"
+
+
+def loops(found: Tuning) -> Table:
+    """Bandwidth, margins and gains of each joint; where models were drawn from the covariance, their worst margin."""
+    wish, wanted = found.wish, found.wish.per_joint(found.model.rig)
+    drawn = f"Disk margin, worst of {found.draws} draws"
+    head: list[Content] = ["Joint", "Bandwidth", *MARGINS, *([drawn] if found.draws else [])]
+    head += [Markup("K<sub>{}</sub>, {}").format(*pair) for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))]
+    rows: list[list[Content]] = []
+    for j, joint in enumerate(joints_of(found.model.rig)):
+        hertz, pid = found.bandwidth_hz[j], found.gains[j]
+        less = isfinite(wanted[j]) and hertz < wanted[j] * (1 - 1e-9)
+        shown = toned(f"{figures(hertz)} of {figures(wanted[j])} Hz", "fair") if less else f"{figures(hertz)} Hz"
+        row: list[Content] = [joint.label, shown, *margins(found.margins[j], wish.disk)]
+        if found.draws:
+            worst = found.worst[j].disk_margin
+            row.append(toned(figures(worst), safe(worst, wish.disk)))
+        rows.append([*row, figures(pid.kp), figures(pid.ki), figures(pid.kd)])
+    return Table(head, rows, label=f"Gains and margins, {controller_name(wish.kind)}")
+
+
+class Column(NamedTuple):
+    """A figure of steps; the smaller is the better, if it differs by more than `least` and a twentieth."""
+
+    title: str
+    value: Callable[[StepMetrics], float]
+    text: Callable[[Joint, float], str]
+    least: float
+
+
+COLUMNS = (
+    Column("RMS error", lambda m: m.rms_error, lambda joint, x: joint.text(x), 0.0),
+    Column("Peak error", lambda m: m.peak_error, lambda joint, x: joint.text(x), 0.0),
+    Column("Overshoot", lambda m: m.overshoot_percent, lambda _, x: f"{figures(x, 2)} %", 0.05),
+    Column("Settling, s", lambda m: m.settling_time, lambda _, x: figures(x), 0.02),
+    Column("Steady state", lambda m: abs(m.steady_state_error), lambda joint, x: joint.text(x, digits=2), STEADY),
+    Column("At torque limit", lambda m: 100 * m.saturated, lambda _, x: f"{figures(x, 2)} %", 0.5),
+)
+
+
+def steps(joints: Sequence[Joint], experiments: Sequence[Experiment]) -> Table:
+    """Metrics of the joints that move, controllers below each other, the better of them marked."""
+    rows: list[list[Content]] = []
+    for joint in joints:
+        for one in experiments:
+            if isnan(one.joints[joint.name].overshoot_percent):
+                continue  # it should stay
+            rivals = [other.joints[joint.name] for other in experiments if other.name == one.name]
+            row: list[Content] = [joint.label, controller_name(one.controller)]
+            for column in COLUMNS:
+                own, every = column.value(one.joints[joint.name]), [column.value(rival) for rival in rivals]
+                row.append(better(DASH if isnan(own) else column.text(joint, own), own, every, column.least))
+            rows.append(row)
+    return Table(["Joint", "Controller", *(column.title for column in COLUMNS)], rows, texts=2, label="Step tracking")
+
+
+def crosstalk(joints: Sequence[Joint], found: Tracking) -> Table:
+    """The largest error of the axes that should stay, per axis that moves and controller."""
+    controllers = list(dict.fromkeys(one.controller for one in found.experiments))
+    rows: list[list[Content]] = []
+    for joint in joints:
+        peaks = {one.controller: one.cross_axis_peak for one in found.experiments if one.name == joint.name}
+        shown = [better(joint.text(peaks[name]), peaks[name], list(peaks.values())) for name in controllers if peaks]
+        rows += [[joint.label, *shown]] if peaks else []
+    head = ["Axis that moves", *map(controller_name, controllers)]
+    return Table(head, rows, caption="Largest error of the axes that should stay")
+
+
+def followed(found: Tracking) -> Table:
+    """A line per controller: the worst joint of all steps."""
+    from gimbal_pin.pointing.targets import Followed
+
+    rows = []
+    for name, worst in Followed.of(found).items():
+        own = [metrics for one in found.experiments if one.controller == name for metrics in one.joints.values()]
+        sizes = [angle(worst.rms), f"{figures(worst.overshoot_percent, 2)} %", angle(worst.cross_axis_peak)]
+        rows.append([controller_name(name), *sizes, f"{figures(100 * max(m.saturated for m in own), 2)} %"])
+    return Table(
+        ["Controller", "RMS error", "Overshoot", "Error of still axes", "At torque limit"], rows, label="Steps"
+    )
+
+
+def overview(found: Auto, most: int) -> Table:
+    """A line per joint, of the first so many: torque error, loop, and how steps of all axes are followed.
+
+    Beside the extended model's stands the error of the rigid one in the diagnosis's band: the two compare.
+    """
+    held, wrong = found.identified.held_out or found.identified.train, found.diagnosis
+    models = [vars(held)] if wrong is None or not wrong.lacking else [wrong.baseline, wrong.extended]
+    together = {one.controller: one.joints for one in found.tracking.experiments if one.name == TOGETHER}
+    biggest = max(models[0]["torque_rmse"].values())
+    head = ["Joint", "Torque error", "Fit", *["Extended model", "Fit"] * (len(models) - 1), "Bandwidth"]
+    head += ["Phase margin", *(f"Steps, {controller_name(name)}" for name in together)]
+    rows: list[list[Content]] = []
+    for j, joint in enumerate(joints_of(found.model.rig)[:most]):
+        row: list[Content] = [joint.name]
+        for part in models:
+            row += [
+                torque_text(part["torque_rmse"][joint.name], biggest),
+                f"{percent(part['fit_percent'][joint.name])} %",
+            ]
+        row += [
+            f"{figures(found.tuning.bandwidth_hz[j])} Hz",
+            f"{figures(found.tuning.margins[j].phase_margin_deg, 2)}°",
+        ]
+        rows.append([*row, *(joint.text(joints[joint.name].rms_error) for joints in together.values())])
+    return Table(head, rows)
+
+
+# -- the camera --------------------------------------------------------------------------------------------------------
+
+
+def contest(found: Contest) -> Table:
+    """How still each controller held the camera, with what torque; the oracle cannot be built, and competes not."""
+    from gimbal_pin.control.controllers import ORACLE
+    from gimbal_pin.log.limited import limited
+
+    rivals = [row for row in found.rows if row.controller != ORACLE]
+    joints = found.rows[0].runs[0].joints
+    rows: list[list[Content]] = []
+    for row in found.rows:
+        cells: list[Content] = [controller_name(row.controller)]
+        cells.append(better(angle(row.jitter_rms), row.jitter_rms, [one.jitter_rms for one in rivals]))
+        cells.append(better(angle(row.jitter_max), row.jitter_max, [one.jitter_max for one in rivals]))
+        cells += [angle(row.drift), *(figures(torque) for torque in row.torque_rms.values())]
+        rows.append([*cells, limited(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"])
+    head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in joints)]
+    return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
+
+
+def equal_margins(found: Verified) -> Table:
+    """Margins of every controller's loops; controllers and joints whose loops are the same share a row."""
+    from gimbal_pin.control.controllers import BASELINE as PID
+    from gimbal_pin.pointing.roster import distinct
+
+    every = found.loops or {PID: (found.margins,) * len(found.joints)}
+    rows: list[list[Content]] = []
+    for names, joints, own in distinct(every, found.joints):
+        rest = [name for name in every if name not in names]
+        few = 0 < len(rest) < len(names) - 1
+        who = f"all but {listed(map(controller_name, rest))}" if few else listed(map(controller_name, names))
+        rows.append([who if rest else "all", ", ".join(joints), *margins(own)])
+    return Table(["Loops of", "Joints", *MARGINS], rows, texts=2, label="Margins of the loops")
+
+
+def targets(found: Verified) -> Table:
+    """The figures that are asked for, beside their bounds."""
+    tones = {"aim": "good", "must": "good", "missed": "poor"}
+    rows: list[list[Content]] = [
+        [
+            one.name,
+            *(figures(x) for x in (one.value, one.must, one.aim)),
+            toned(one.verdict, tones.get(one.verdict, "")),
+        ]
+        for one in found.targets
+    ]
+    return Table(["Target", "Value", "Must", "Aim", "Reached"], rows, caption="Targets")
+
+
+def budget(parts: Mapping[str, float], size: Callable[[str], float], of: str) -> Table:
+    """What each thing that the controllers know takes off a controller's mean square error."""
+    rows = [[what, f"{100 * share:.1f} %", f"{figures(degrees(size(what)), 2)}°"] for what, share in parts.items()]
+    return Table(["Error budget", f"Of {of}'s mean square", "Size"], rows, label="Error budget")
+
+
+# -- logs --------------------------------------------------------------------------------------------------------------
+
+
+def channels(several: Sequence[Channel]) -> Table:
+    """What each column of a file is, and why."""
+    rows = [
+        [c.column, c.kind, c.joint or "", c.unit, "; ".join(c.reasons), figures(c.low, 4), figures(c.high, 4),
+         figures(c.step) if c.step else ""]
+        for c in several
+    ]  # fmt: skip
+    return Table(["Column", "Is", "Of", "In", "Because", "From", "To", "Step"], rows, texts=5, label="Channels")

@@ -1,0 +1,516 @@
+"""Results as a person reads them in a terminal: tables with units, angles in degrees where that is said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees, floor, inf, isnan, log10
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from gimbal_pin.errors import digits
+from gimbal_pin.report import tables
+from gimbal_pin.report.format import angle, controller_name, figures, joints_of, listed
+from gimbal_pin.report.table import Table
+
+if TYPE_CHECKING:
+    from gimbal_pin.control.tracking import Tracking
+    from gimbal_pin.control.tuning import Tuning
+    from gimbal_pin.diagnosis import Diagnosis
+    from gimbal_pin.diagnosis.finding import Finding
+    from gimbal_pin.dynamics.base_parameters import Base
+    from gimbal_pin.dynamics.checking import Checked
+    from gimbal_pin.effects.parameter import Parameter
+    from gimbal_pin.estimation.bodies import Figure
+    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.estimation.payloads import Several
+    from gimbal_pin.excitation import Excitation
+    from gimbal_pin.export import Exported
+    from gimbal_pin.log.calibration import Mounting
+    from gimbal_pin.log.io.inspection import Inspected
+    from gimbal_pin.online import Progress
+    from gimbal_pin.pointing.result import Row
+    from gimbal_pin.pointing.verify import Verified
+    from gimbal_pin.report.pipeline import Auto
+    from gimbal_pin.rig.rig import Rig
+
+CLOSE = 0.1
+"""Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
+DEVIATIONS = "(± is one standard deviation)"
+ALONE = "(a finding's error before is without it and with all others; the table's is the refitted model's alone)"
+SEVERAL = 3
+"""Most things to do, and most doubts, that `auto` prints; all are in the report."""
+MANY = 9
+"""Most joints whose lines `auto` prints."""
+
+# -- rigs and motions --------------------------------------------------------------------------------------------------
+
+
+def rigs(bundled: Mapping[str, Any]) -> str:
+    """The bundled rigs and payloads."""
+    bodies = [(name, rig["payload"] or "", rig["description"]) for name, rig in bundled["rigs"].items()]
+    loads = [(name, payload["description"]) for name, payload in bundled["payloads"].items()]
+    return f"{Table(['Rig', 'Payload', ''], bodies, texts=3)}\n\n{Table(['Payload', ''], loads, texts=2)}"
+
+
+def check(found: Checked) -> str:
+    """A checked rig."""
+    rows = [
+        (
+            name,
+            joint.link,
+            figures(joint.mass),
+            f"{figures(degrees(joint.lower))} … {figures(degrees(joint.upper))}",
+            *(figures(x) for x in (degrees(joint.velocity), joint.tau_max, round(joint.gravity_torque, 9))),
+        )
+        for name, joint in found.joints.items()
+    ]
+    heads = ("Joint", "Moves", "kg", "Range °", "°/s", "tau_max N m", "Gravity N m")
+    name = found.rig + (f" with {found.payload}" if found.payload else "")
+    lines = [
+        f"{name}: tree, axes, limits and inertias are sound",
+        str(Table(heads, rows, texts=2)),
+        f"camera frame  {found.camera_frame} (+x is the line of sight; 'camera_frame:' and 'optical_axis:' in a YAML)",
+        f"payload on    {found.mount or '-'} ('mount:'); IMUs on {', '.join(found.imus) or '-'} ('imus:', 'noise:')",
+        f"identifiable  {found.identifiable} parameters, friction included (gimbal-pin base names them)",
+        f"a log needs   {', '.join(found.columns)}",
+        f"and may hold  {', '.join(found.optional)}",
+        "to state more 'gimbal-pin new-rig' writes a YAML for a rig, with comments",
+        *(f"note          {warning}" for warning in found.warnings),
+    ]
+    return "\n".join(lines)
+
+
+def base(found: Base) -> str:
+    """Base parameters."""
+    sums = found.parameters - len(found.terms) - len(found.unidentifiable)
+    lines = [
+        f"{found.parameters} parameters: {len(found.terms)} identifiable, {sums} only in sums with these, "
+        f"{len(found.unidentifiable)} without trace",
+        "identifiable",
+        *(f"  {name}" for name in found.names),
+        "without any trace in the torques",
+        *(f"  {name}" for name in found.unidentifiable),
+    ]
+    for motion, words in (("tilted", "leans or shifts"), ("rotating", "turns")):
+        names = [entry["name"] for entry in found.to_dict()["moving_base"][motion]["adds"]]
+        lines += [f"a base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"]
+        lines += [f"  {name}" for name in names]
+    return "\n".join(lines)
+
+
+def excitation(found: Excitation) -> str:
+    """An excitation and what it uses of the limits."""
+    used = {
+        joint: [f"{100 * share:.0f}" if share else "-" for share in x.values()]
+        for joint, x in found.limits_used.items()
+    }
+    rows = [(joint, *shares) for joint, shares in used.items()]
+    head = f"condition number {found.condition_number:.1f} in {found.length}"
+    if found.narrowed is not None:
+        middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
+        head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
+        head += f" (median of the parameters; {best:.2g} for the one that gains most), by identify --refit"
+    table = Table(("Joint", "Angle %", "Rate %", "Acceleration %", "Torque %"), rows)
+    lines = [head, found.repeated, str(table)]
+    if any("-" in shares for shares in used.values()):
+        lines.append("-: no limit is stated; the motor's torque bounds it")
+    if found.clearance is not None:
+        first, second = found.clearance.between
+        lines.append(f"smallest clearance: {1000 * found.clearance.distance:.3g} mm, between {first} and {second}")
+    if found.unchecked:
+        lines.append(f"not kept from hitting anything, as its mesh is not there: {', '.join(found.unchecked)}")
+    return "\n".join(lines if found.finished else [*lines, "interrupted: this is the best it had found"])
+
+
+def inspected(found: Inspected) -> str:
+    """A file's streams and channels, and the mapping that is proposed."""
+    from gimbal_pin.log.io.inspection import summary
+
+    lines = [found.name]
+    for stream in found.streams:
+        lines += [*summary(stream), str(tables.channels(stream.channels)), ""]
+    lines += [f"note  {note}" for note in found.notes]
+    return "\n".join(lines + ([found.yaml] if found.rig is not None else [])).rstrip("\n")
+
+
+# -- identification ----------------------------------------------------------------------------------------------------
+
+
+def identified(found: Identified) -> str:
+    """Parameters with uncertainty, accuracy, and how to balance the payload."""
+    from gimbal_pin.estimation.balance import balance
+
+    # Advice from the parameters of neither rig would lead astray.
+    balanced = None if found.torn else balance(found)
+    return "\n".join([*described(found), *(() if balanced is None else balanced.sentences)])
+
+
+def described(found: Identified) -> list[str]:
+    """Parameters with uncertainty, accuracy, and the nearest bodies."""
+    from gimbal_pin.report.evaluation import known
+
+    method = found.estimate.method
+    trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
+    bound = None if found.bound is None else found.bound.tolist()
+    lines = [f"warning: {said}" for said in found.warnings]
+    lines.append(f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}")
+    lines += [str(tables.parameters(known(found), bound)), *at_best(found)]
+    lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
+    lines += ["", accuracy(found)]
+    lines += [f"note: {said}" for said in found.notes]
+    lines += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
+    change = max(found.torque_change.values())
+    lines += [f"nearest physical parameters: {figures(change, 2)} N m rms away in predicted torque, at most", ""]
+    lines += [*physique(found), ""]
+    return lines if found.torn or found.bias is None else [*lines, found.bias.sentence]
+
+
+def accuracy(found: Identified) -> str:
+    """Torque errors, and on which rows; where little of them tells, that too."""
+    held = found.held_out
+    used = min((held or found.train).used.values())
+    rest = f"as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
+    where = "data it was fitted to" if held is None else held.how
+    lines = [f"torque error on the {where}", str(tables.torque_errors(found))]
+    return "\n".join(lines if used > 0.9 else [*lines, rest])
+
+
+def at_best(found: Identified) -> list[str]:
+    """What the log itself leaves open, whoever estimates: Cramér and Rao's bound beside each interval."""
+    if found.bound is None:
+        return []
+    what = "± at best: of any unbiased estimate from these rows (Cramér and Rao, by the residual's colour up to 16 Hz)"
+    rows = zip(found.names, found.estimate.theta.tolist(), found.bound.tolist())
+    loose = [name for name, value, std in rows if std > CLOSE * abs(value)]
+    limit = f"the log tells these no closer than to a standard deviation of {100 * CLOSE:.0f} % of their value"
+    return [what, *([f"{limit}, for they are small: {', '.join(loose)}"] if loose else [])]
+
+
+def physique(found: Identified) -> list[str]:
+    """The nearest bodies with 95 % intervals, and what of them is the URDF's: in tables no wider than a terminal."""
+    each = found.bodies
+
+    def several(head: str, cells: Mapping[str, list[Figure]], factor: float = 1.0) -> str:
+        rows = [(link, ", ".join(within(one, factor) for one in parts)) for link, parts in cells.items()]
+        return str(Table(("Body", head), rows, texts=2))
+
+    trust = f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust)"
+    masses = [(b.link, within(b.mass), ", ".join(within(one, 1e3) for one in b.com)) for b in each]
+    return [
+        str(Table(("Body", "Mass, kg", "Centre of mass, mm"), masses, texts=3)),
+        several("Ixx, Iyy, Izz, kg m²", {body.link: [body.inertia[k] for k in (0, 2, 5)] for body in each}),
+        several("Ixy, Ixz, Iyz, kg m²", {body.link: [body.inertia[k] for k in (1, 3, 4)] for body in each}),
+        f"{trust}; *: the log hardly shows it, it stays near the URDF's",
+    ]
+
+
+def within(figure: Figure, factor: float = 1.0) -> str:
+    """A figure and its 95 % interval, no finer than that tells; one that the log does not show, as the URDF's."""
+    half = 1.96 * figure.std * factor
+    places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
+    value = f"{figure.value * factor:.{places}f}"
+    return f"{value} ± {figures(half, 2)}" if figure.shown else f"{value}*"
+
+
+def several(found: Several) -> str:
+    """Every camera's own parameters, the accuracy with it and its balance; then the gimbal's parameters."""
+    from gimbal_pin.estimation.balance import balance
+
+    parts = []
+    for name, one in found.identified.items():
+        camera = found.cameras[name]
+        balanced = balance(one, camera.mass)
+        rows = [
+            (symbol, unit, figures(value, 4), figures(1.96 * std, 2) if std else "–", figures(given, 4))
+            for symbol, unit, value, std, given in zip(
+                camera.names, camera.units, camera.value, camera.std, camera.urdf.tolist()
+            )
+        ]
+        parts += [name, str(Table(("Parameter", "Unit", "Value", "± 95 %", "URDF"), rows, texts=2))]
+        parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
+        parts += [accuracy(one), "" if balanced is None else "\n".join(balanced.sentences), ""]
+    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", *described(found.first)])
+
+
+def mounting(log: str, link: str, found: Mounting) -> str:
+    """How an IMU sits on its link, in degrees."""
+    turn, bias = (degrees(sum(x * x for x in vector.tolist()) ** 0.5) for vector in (found.misalignment, found.bias))
+    after = f", its gyro then differs from the encoders by {digits(degrees(found.after), 2)}°/s rms"
+    gap = "" if isnan(found.after) else after
+    return f"{log}: IMU of {link} is turned by {digits(turn)}°, its gyro's bias is {digits(bias)}°/s{gap}"
+
+
+def following(found: Progress, said: int) -> str:
+    """One line on an online estimate: time, torque error, the most telling parameters; then events after `said`."""
+    error = ", ".join(f"{joint} {digits(value, 2)}" for joint, value in found.torque_error.items())
+    parts = [f"{found.t:8.1f} s", *([f"off by {error} N m;"] if error else [])]
+    if found.hidden:
+        parts.append(f"{len(found.hidden)} of {len(found.names)} parameters do not show yet")
+    else:
+        rows = [(found.names[k], found.value[k], 1.96 * found.std[k], found.units[k]) for k in found.telling[:3]]
+        parts.append(", ".join(f"{name} {digits(x, 4)} ± {digits(half, 1)} {unit}" for name, x, half, unit in rows))
+    events = [f"{event.t:8.1f} s  {event.sentence}" for event in found.events[said:]]
+    return "\n".join([*events, "  ".join(parts)])
+
+
+# -- diagnosis ---------------------------------------------------------------------------------------------------------
+
+
+def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
+    """Verdict, findings, what is left at each joint, and where the files lie."""
+    lines = [f"verdict: {found.verdict}{doubted(found)}"]
+    lines += [""] if found.spoiling or found.findings else []
+    for fault in found.spoiling:
+        lines += [f"{fault.sentence}; {fault.next_experiment}", *(f"  {sized(p)}" for p in fault.answer)]
+    lines += [line for finding in found.findings for line in about_finding(finding)]
+    lines += [DEVIATIONS] if any("±" in line for line in lines) else []
+    lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
+    if found.residual:
+        lines += ["", str(tables.residual(found)), *([f"({found.hidden})"] if found.hidden else [])]
+        lines += [ALONE] if len(found.findings) > 1 else []
+    lines += tracking_gain(found)
+    lines += [] if found.given is None else [f"given model{caveats(found)}: {line}" for line in found.given.lines]
+    lines += [f"note: {note}" for note in found.notes]
+    for one in found.immaterial:
+        lines.append(f"too small to matter: {one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)")
+    hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
+    lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
+    return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def doubted(found: Diagnosis) -> str:
+    """Which findings a verdict of named does not speak of: those whose cause the logs leave open."""
+    open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
+    if found.findings and not found.lacking:
+        return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
+    return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
+
+
+def caveats(found: Diagnosis) -> str:
+    """Why the payload's figures differ from those of a finding about it, and whether they are only rough."""
+    own = any(one.cause.startswith("payload-") for one in found.findings)
+    odd = [joint for joint, left in found.residual.items() if left.state == "structured"]
+    rough = f" (rough: something unknown is left at {', '.join(odd)})" if odd else ""
+    return (", its inertias left open, which those of the findings are not" if own else "") + rough
+
+
+def about_finding(finding: Finding) -> list[str]:
+    """A finding's sentence, what it could be instead, and its figures."""
+    from gimbal_pin.diagnosis.finding import TOGETHER
+
+    lines = [finding.sentence]
+    lines += [f"  {finding.open}; try {finding.next_experiment}"] if finding.open else []
+    loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
+    sizes = ", ".join(map(sized, finding.sized)) or (f"{loose}: {TOGETHER}" if loose else "")
+    return [*lines, *([f"  {sizes}"] if sizes else [])]
+
+
+def sized(figure: Parameter) -> str:
+    """A figure with its standard deviation."""
+    return f"{figure.name} {digits(figure.value, 4)} ± {digits(figure.std, 2)}{figure.in_units}"
+
+
+def tracking_gain(found: Diagnosis) -> list[str]:
+    """How closely a controller follows with the found causes compensated, and without, in degrees."""
+    from gimbal_pin.diagnosis.followed import HOW, no_closer
+
+    if not found.tracking:
+        return []
+    each = [
+        f"{joint} {figures(degrees(row['rms_before']), 2)}° → {figures(degrees(row['rms_after']), 2)}°"
+        for joint, row in found.tracking.items()
+    ]
+    said = f"tracking error in simulation, rms, without and with compensation: {', '.join(each)} ({HOW})"
+    return [said, *no_closer(found.tracking)]
+
+
+# -- controllers -------------------------------------------------------------------------------------------------------
+
+
+def tuning(found: Tuning, verbose: bool = False) -> str:
+    """Gains and margins; why they are not what was asked for, with `verbose` every reason for them."""
+    loud = ("lowered", "is safer", "identify it better")
+    reasons = [why for why in found.reasons if verbose or any(word in why for word in loud)]
+    return "\n".join([*found.doubts, str(tables.loops(found)), *reasons])
+
+
+def tracking(found: Tracking, plant: str, rig: Rig | None = None) -> str:
+    """Steps on the plant that was simulated: a line per controller, and of a `rig` that is given one per joint, too."""
+    from gimbal_pin.log.limited import limited
+
+    lines = [f"simulated steps, the worst joint of each controller; the plant is {plant}", str(tables.followed(found))]
+    if rig is not None:
+        for name in dict.fromkeys(one.name for one in found.experiments):
+            some = [one for one in found.experiments if one.name == name]
+            lines += ["", f"step of {name}", str(tables.steps(joints_of(rig), some))]
+    every = [(one, {joint: metrics.saturated for joint, metrics in one.joints.items()}) for one in found.experiments]
+    weak = [(f"{one.name}, {controller_name(one.controller)}", limited(shares)) for one, shares in every]
+    return "\n".join(
+        [*lines, *(f"{who}: at the torque limit, of the time: {shares}" for who, shares in weak if shares)]
+    )
+
+
+def exported(found: Exported, folder: Path) -> str:
+    """Cost of a step, how the equations agree with Pinocchio, and how to build it."""
+    rows = [[name, str(count)] for name, count in found.operations.items()]
+    lines = [
+        f"begin with {folder / 'README.md'}",
+        str(Table(("Of a step", "Operations"), rows)),
+        f"memory: {found.memory} bytes",
+        f"equations agree with Pinocchio to {found.difference:.1g} in double precision",
+        f"build: cmake -S {folder} -B {folder / 'build'} && cmake --build {folder / 'build'}",
+    ]
+    return "\n".join(lines)
+
+
+# -- the camera --------------------------------------------------------------------------------------------------------
+
+
+def verified(found: Verified, verbose: bool = True) -> str:
+    """Every controller on all that was run, a line each; with `verbose` margins, targets and where the error goes."""
+    from gimbal_pin.log.limited import PUSHED, limited
+
+    lines = [circumstances(found)]
+    for contest in found.contests:
+        platform = contest.rows[0].runs[0].platform
+        lines += [f"platform {platform}"] * (len(found.contests) > 1) + [str(tables.contest(contest))]
+    if found.steps is not None:
+        lines += ["steps", str(tables.followed(found.steps))]
+    lines += [PUSHED] if any(limited(row.at_limit) for _, row in every(found)) else []
+    lines += [*unstable(found), *found.slack]
+    if verbose:
+        lines += ["", str(tables.equal_margins(found))] if found.loops else []
+        lines += ["", str(tables.targets(found))] if found.targets else []
+        lines += [f"{t.name}: {t.note}" for t in found.targets if t.note and t.value is not None]
+        lines += [*demanded(found), *budget(found)]
+        lines += [] if found.sweep is None or found.contest.gain is None else ["", found.sweep.sentence]
+        lines += remarks(found)
+    else:
+        missed = [target for target in found.targets if target.verdict == "missed"]
+        lines += [f"missed: {target.name}, {figures(target.value)} of {figures(target.must)}" for target in missed]
+    lines += [f"compensated: {sentence}" for sentence in found.causes]
+    lines += [f"NOT compensated: {sentence}" for sentence in found.missed]
+    events = [(name, event) for name, row in every(found) for event in row.happened]
+    shown = events if verbose else events[:SEVERAL]
+    rest = [f"and {len(events) - len(shown)} more events, see --verbose"] if len(events) > len(shown) else []
+    return "\n".join([*lines, *(f"{name}: {event}" for name, event in shown), *rest])
+
+
+def every(found: Verified) -> list[tuple[str, Row]]:
+    """Every controller's row of every motion, under its name, and the motion's where there are several."""
+    several = len(found.contests) > 1
+    rows = [(contest.rows[0].runs[0].platform, row) for contest in found.contests for row in contest.rows]
+    return [(controller_name(row.controller) + f" (platform {platform})" * several, row) for platform, row in rows]
+
+
+def circumstances(found: Verified) -> str:
+    """What was run, with which margins."""
+    from gimbal_pin.control.controllers import TUNED
+
+    contest, least = found.contest, found.margins
+    ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
+    motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
+    more = f"; {controller_name(TUNED)} has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
+    if found.steps is not None:
+        sizes = ", ".join(f"{joint} {digits(degrees(step))}°" for joint, step in found.steps.steps.items())
+        more += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
+    mounted = f" with {contest.payload}" if contest.payload else ""
+    return (
+        f"{contest.rig}{mounted} on {motions}; every loop's disk margin with the drives that are known is at least "
+        f"{digits(least.disk_margin)}{more}"
+    )
+
+
+def unstable(found: Verified) -> list[str]:
+    """Who swings by itself: such a controller's figures say nothing."""
+    lines = []
+    for who, row in every(found):
+        sizes = [f"{s.joint} at {digits(s.hz, 2)} Hz with {digits(100 * s.share, 2)} %" for s in row.swings]
+        said = f"{who} is unstable, it swings by itself: {', '.join(sizes)} of the torque limit"
+        lines += [said] if sizes else []
+    return lines
+
+
+def remarks(found: Verified) -> list[str]:
+    """What the fallback is, why an observer may cost more than it gains, and what the oracle bounds."""
+    from gimbal_pin.control.controllers import HOLDING, ORACLE, OURS
+
+    still, lines = found.contest.jitter, []
+    if OURS in still:
+        lines.append(f"{controller_name(OURS)}: {HOLDING[OURS]}")
+    plain, observed = still.get("with-gyros"), still.get("with-observer")
+    if plain is not None and observed is not None and observed > 1.02 * plain and found.loops:
+        fast, slow = (max(own.crossover_hz for own in found.loops[name]) for name in ("with-gyros", "with-observer"))
+        lines.append(
+            f"with observer shakes {digits(observed / plain)} times as much as with gyros: at equal margins its "
+            f"loop crosses at {digits(slow)} Hz, not at {digits(fast)}, and what an observer makes up for "
+            "this model knows already"
+        )
+    least = min((jitter for name, jitter in found.contest.stable.items() if name != ORACLE), default=inf)
+    if least < 0.97 * still.get(ORACLE, 0.0):
+        lines.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
+    return lines
+
+
+def demanded(found: Verified) -> list[str]:
+    """What a recorded motion asks of motors too weak for it, and how still the camera is where they are not."""
+    demand = found.demand
+    if demand is None:
+        return []
+    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
+    weak = ", ".join(f"{j} for up to {digits(demand.peak[j])} N m of its {limits[j]:g}" for j in demand.weak)
+    when = ", ".join(f"{first:.1f}" + f" to {last:.1f}" * (last - first > 0.1) for first, last in demand.moments)
+    apart = demand.apart(found.contests[-1])
+    rest = ", ".join(f"{controller_name(name)} {angle(size)}" for name, size in apart.items())
+    still = "none is left, they fill the run" if any(map(isnan, apart.values())) else rest
+    lines = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {still}"]
+    if isnan(demand.least["unforeseen"]):
+        return lines
+    blind, seeing = (angle(demand.least[name]) for name in ("unforeseen", "foreseen"))
+    bound = f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"
+    return [*lines, f"{bound}, unless it rolls the camera instead"]
+
+
+def budget(found: Verified) -> list[str]:
+    """What each thing that the controllers know takes off the world-frame PID's mean square error."""
+    from gimbal_pin.control.controllers import BASELINE
+    from gimbal_pin.pointing.result import STEPS
+
+    parted = found.contest.budget
+    if parted is None or not parted.telling:
+        names = ", ".join(name for _, name in STEPS)
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}, all of them stable"]
+    table = tables.budget(parted.parts, parted.size, controller_name(BASELINE))
+    return ["", str(table), *([parted.note] if parted.note else [])]
+
+
+# -- all of it ---------------------------------------------------------------------------------------------------------
+
+
+def auto(found: Auto, verbose: bool = False) -> str:
+    """What `auto` found in at most 25 lines, and where its files lie; with `verbose` every step's own text."""
+    from gimbal_pin.report.summary import SIMULATED
+
+    head = found.summary
+    todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
+    lines = [f"found: {head.found}", f"to do: {todo}", f"take care: {doubts or SIMULATED}", ""]
+    lines.append(str(tables.overview(found, MANY)))
+    if found.held is None:
+        lines.append(f"no camera held on a platform: {found.why}")
+    else:
+        still = {controller_name(row.controller): angle(row.jitter_rms) for row in found.held.contest.rows}
+        each = ", ".join(f"{name} {size}" for name, size in still.items())
+        lines.append(f"camera on a platform that moves, jitter rms, on {found.held_on}: {each}")
+    if verbose:
+        parts = [
+            identified(found.identified),
+            *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
+            tuning(found.tuning, verbose),
+            tracking(found.tracking, found.plant, found.model.rig),
+            *([] if found.held is None else [verified(found.held, verbose)]),
+        ]
+        lines += [line for part in parts for line in ("", part)]
+    folder = found.files["report"].parent
+    names = listed(path.name for what, path in found.files.items() if what != "report")
+    return "\n".join([*lines, "", f"open {found.files['report']}; beside it in {folder}: {names}"])
