@@ -9,8 +9,8 @@ import pytest
 
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.bodies import Bodies
-from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.given import Difference
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce

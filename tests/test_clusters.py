@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import BAND
-from gimbal_pin.diagnosis.clusters import BINS, beyond, binned, clustered, clusters, covariance
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.diagnosis.uncertainty import parameters
+from gimbal_pin.diagnosis.uncertainty import BINS, beyond, binned, cluster_covariance, clustered, clusters, parameters
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.simulation import plant_with
@@ -73,10 +72,10 @@ def test_a_further_clustering_only_adds_doubt_and_the_order_of_rows_says_nothing
     rng = np.random.default_rng(seed)
     basis, residual = orthonormal(seed, 60, 4), rng.normal(size=60)
     labels = [rng.permutation(60) % 6 for _ in range(3)]
-    first, every = covariance(basis, residual, labels[:1], 2), covariance(basis, residual, labels, 2)
+    first, every = cluster_covariance(basis, residual, labels[:1], 2), cluster_covariance(basis, residual, labels, 2)
     assert np.linalg.eigvalsh(every - first).min() > -1e-9 * np.trace(every)
     turn = rng.permutation(60)
-    turned = covariance(basis[turn], residual[turn], [label[turn] for label in labels], 2)
+    turned = cluster_covariance(basis[turn], residual[turn], [label[turn] for label in labels], 2)
     assert turned == pytest.approx(every, rel=1e-9)
 
 
@@ -106,7 +105,7 @@ def test_an_error_that_comes_back_with_the_angle_is_in_the_interval_of_bins_and_
         slope, residual = basis[:, 0] @ target, target - basis @ (basis.T @ target)
         block, bins = np.arange(800) // 20, binned(angle[:, None])
         for name, labels in (("blocks", [block]), ("bins", [block, bins])):
-            held[name] += abs(slope) < 1.96 * np.sqrt(covariance(basis, residual, labels, 1)[0, 0])
+            held[name] += abs(slope) < 1.96 * np.sqrt(cluster_covariance(basis, residual, labels, 1)[0, 0])
     assert held["blocks"] < 60 and held["bins"] > 75
 
 

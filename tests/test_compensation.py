@@ -11,7 +11,7 @@ import pytest
 from gimbal_pin.control.laws import ComputedTorque, Pid, margins
 from gimbal_pin.control.tuning import stored, tune
 from gimbal_pin.diagnosis.extended import Extended
-from gimbal_pin.diagnosis.followed import followed
+from gimbal_pin.diagnosis.gain import followed
 from gimbal_pin.dynamics.model import Estimated, Model, model_from, nominal, plain_model
 from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import Signal

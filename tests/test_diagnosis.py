@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.diagnose import unjudged
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended
-from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES

@@ -11,11 +11,10 @@ import pytest
 from markupsafe import escape
 
 from gimbal_pin.diagnosis import Diagnosis, diagnose
-from gimbal_pin.diagnosis.finding import TOGETHER, Residual
 from gimbal_pin.diagnosis.findings import together
-from gimbal_pin.diagnosis.followed import BANDWIDTH, HOW, SIZE
-from gimbal_pin.diagnosis.heat import heat
+from gimbal_pin.diagnosis.gain import BANDWIDTH, HOW, SIZE, heat
 from gimbal_pin.diagnosis.likeness import cosine, span
+from gimbal_pin.diagnosis.result import TOGETHER, Residual
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.backlash import Backlash
 from gimbal_pin.effects.parameter import Parameter

@@ -14,11 +14,9 @@ from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.engine import Explained, explain
-from gimbal_pin.diagnosis.engine.criterion import by_block, criterion, vuong
+from gimbal_pin.diagnosis.engine.criterion import by_block, criterion, vuong, without
 from gimbal_pin.diagnosis.engine.discrepancy import lack_of_fit, principal, unit, unseen
-from gimbal_pin.diagnosis.engine.noise import exponential, smooth
-from gimbal_pin.diagnosis.engine.support import without
-from gimbal_pin.diagnosis.engine.whitening import flat, whitened
+from gimbal_pin.diagnosis.engine.noise import exponential, flat, smooth, whitened
 from gimbal_pin.diagnosis.evidence import Evidence, gather, later
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce

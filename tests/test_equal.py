@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin.control.laws import Margins
 from gimbal_pin.control.laws.equal import DISK, Equal
-from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.result import Finding
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.plant import State
 from gimbal_pin.effects.delay import Delay

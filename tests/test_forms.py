@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, settled
-from gimbal_pin.diagnosis.heldout import torque_error
+from gimbal_pin.diagnosis.gain import torque_error
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.shapes import free, moved, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, consistent, sized, solved, without

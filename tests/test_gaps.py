@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis import BAND
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.gaps import axes, flown
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved, without
+from gimbal_pin.diagnosis.two_mass import axes, flown
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.simulation import simulate

@@ -12,9 +12,8 @@ from lxml import etree
 from gimbal_pin.control.experiment import perturbed
 from gimbal_pin.diagnosis import BAND, Diagnosis, diagnose
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, chance
-from gimbal_pin.diagnosis.difference import Difference
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.given import Given, given
+from gimbal_pin.diagnosis.given import Difference, Given, given
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce

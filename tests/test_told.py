@@ -13,8 +13,8 @@ import pytest
 
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.diagnosis.finding import Finding, Residual, Rival
 from gimbal_pin.diagnosis.findings import rough
+from gimbal_pin.diagnosis.result import Finding, Residual, Rival
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.torque_ripple import TorqueRipple

@@ -14,8 +14,8 @@ from scipy.ndimage import gaussian_filter1d
 from gimbal_pin.control.laws import ComputedTorque, Pid
 from gimbal_pin.diagnosis import BAND, diagnose
 from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.reversals import accelerating, apart, dry_friction, opened, rounded, smear
 from gimbal_pin.diagnosis.state import Problem, solved
-from gimbal_pin.diagnosis.turns import accelerating, apart, dry_friction, opened, rounded, smear
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.simulation import plant_with, simulate

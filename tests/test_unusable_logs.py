@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis.engine import Explained
-from gimbal_pin.diagnosis.swung import swing, swung
+from gimbal_pin.diagnosis.limit_cycle import swing, swung
 from gimbal_pin.dynamics.model import friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Cause

@@ -10,7 +10,7 @@ import pytest
 
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import extended
-from gimbal_pin.diagnosis.heldout import torque_rmse
+from gimbal_pin.diagnosis.gain import torque_rmse
 from gimbal_pin.diagnosis.library import library
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.dynamics.model import Model, nominal

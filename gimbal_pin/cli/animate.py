@@ -89,7 +89,7 @@ def animate(
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
     scale, colours = "", [None if residual is None else warmth(residual, loaded, read) for read in every]
     if residual is not None:
-        from gimbal_pin.diagnosis.heat import FULL
+        from gimbal_pin.diagnosis.gain import FULL
 
         scale = f"residual: red from {100 * FULL:.0f} % of the joint's torque"
     if output is not None:
@@ -122,7 +122,7 @@ def animate(
 
 def warmth(name: Path, rig: Rig, log: Log) -> Array:
     """Return what the model of a YAML leaves of a log's torques, as `view.save` colours it."""
-    from gimbal_pin.diagnosis.heat import heat
+    from gimbal_pin.diagnosis.gain import heat
     from gimbal_pin.estimation.model_file import read_model
 
     return heat(read_model(name, rig), log)

@@ -6,8 +6,8 @@ log → audit → refitted model → evidence in rows of unit noise → causes t
 from gimbal_pin.diagnosis.band import BAND as BAND
 from gimbal_pin.diagnosis.band import usual as usual
 from gimbal_pin.diagnosis.diagnose import diagnose as diagnose
-from gimbal_pin.diagnosis.finding import Diagnosis as Diagnosis
-from gimbal_pin.diagnosis.finding import Finding as Finding
 from gimbal_pin.diagnosis.next_experiment import next_experiment as next_experiment
 from gimbal_pin.diagnosis.next_experiment import planned as planned
 from gimbal_pin.diagnosis.parting import NextExperiment as NextExperiment
+from gimbal_pin.diagnosis.result import Diagnosis as Diagnosis
+from gimbal_pin.diagnosis.result import Finding as Finding

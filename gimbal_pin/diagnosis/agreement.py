@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.difference import outside
 from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.given import outside
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Cause

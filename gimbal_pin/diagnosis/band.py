@@ -1,4 +1,9 @@
-"""The band that is looked at: 12 Hz, or as wide as the lines of a turning joint's torque ask for."""
+"""Which frequencies and which time are looked at.
+
+The band is 12 Hz, or as wide as the lines of a turning joint's torque ask for. Of one log alternate blocks are fitted
+to and reported on: they show all of its angles, where a last third may show some that nothing before has seen. Between
+two blocks of different use half of what a row depends on is left out on either side.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,8 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.signal import welch
 
-from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part
+from gimbal_pin.estimation.rows import Filtering, Flags, dilated, mask, settling
 from gimbal_pin.log.limited import MOSTLY, near_limit
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
@@ -22,6 +28,12 @@ SEGMENT, AROUND = 8.0, 33
 """Length of the spectrum's segments, s, and frequencies around each that its median is of."""
 LINE = 20.0
 """Power over that median from which it is a line: one of noise is under 2^-20 likely to be."""
+BLOCKS = 15
+"""Blocks of a log, unless they would be shorter than `SHORTEST`."""
+SHORTEST = 2.5
+"""Shortest block, s: ten times the correlation of a noise with a corner of 0.6 Hz, which drives' currents may have."""
+LEAST = 3
+"""Fewest blocks: every third, the middle one first, is reported on."""
 
 
 def usual(rig: Rig, logs: Sequence[Log]) -> Filtering:
@@ -46,3 +58,28 @@ def beyond(frequency: Array, power: Array, cutoff: float) -> bool:
     lines = np.where(power > LINE * median_filter(power, (AROUND, 1)), power, 0.0)
     above = frequency > cutoff
     return bool(np.any(lines[above].sum(axis=0) > power[~above].sum(axis=0)))
+
+
+def alternate(evidence: Evidence, filtering: Filtering) -> tuple[Evidence, Evidence]:
+    """Return the blocks that are fitted to, two of three, and those that are reported on."""
+    seconds = sum(part.dt * len(part.gate) for part in evidence.parts)
+    count = max(LEAST, min(BLOCKS, round(seconds / SHORTEST)))
+    fitted: list[Part] = []
+    kept: list[Part] = []
+    before = 0.0
+    for part in evidence.parts:
+        time = before + part.dt * np.arange(len(part.gate))
+        before += part.dt * len(part.gate)
+        reported = np.minimum(time * count / seconds, count - 1).astype(int) % LEAST == 1
+        fitted.append(open_in(part, ~reported, filtering))
+        kept.append(open_in(part, reported, filtering))
+    return replace(evidence, parts=tuple(fitted)), replace(evidence, parts=tuple(kept))
+
+
+def open_in(part: Part, block: Flags, filtering: Filtering) -> Part:
+    """Return a part whose gate is open in some blocks only, (m,); elsewhere no rollout goes, either."""
+    reach = round(settling(filtering) / 2 / part.dt)
+    shut = dilated(~block[:, None], reach)
+    gate = part.gate * mask(shut, round(TAPER / filtering.cutoff / part.dt))
+    lost = ~block if part.channels.lost is None else part.channels.lost | ~block
+    return part._replace(gate=np.asfortranarray(gate), channels=part.channels._replace(lost=lost))

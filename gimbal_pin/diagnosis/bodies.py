@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f
 
-from gimbal_pin.diagnosis.difference import RANK, Difference
 from gimbal_pin.diagnosis.engine.selection import BEAM, ERROR_RATE, MOST
+from gimbal_pin.diagnosis.given import RANK, Difference
 from gimbal_pin.dynamics.reduction import samples
 from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Cause, RigEffect

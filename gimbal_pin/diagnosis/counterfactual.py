@@ -1,8 +1,11 @@
-"""What sensors of their own tell, and what it is worth: the same causes fitted to the logs as they would be without."""
+"""What a sensor shows and what that is worth: the same causes fitted to the logs as they would be without it.
+
+The platform's motion by its IMU, and encoders off their joint's centre by the rates.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,17 +14,24 @@ from scipy.stats import norm
 
 from gimbal_pin.diagnosis.engine.alignment import retimed, shifts
 from gimbal_pin.diagnosis.engine.criterion import vuong
-from gimbal_pin.diagnosis.engine.rivals import APART
+from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import extended
-from gimbal_pin.diagnosis.finding import Finding
-from gimbal_pin.diagnosis.heldout import CONFIRMED, Figures, measured
+from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, measured
+from gimbal_pin.diagnosis.result import MEASURED, Finding
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.eccentricity import Eccentricity
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.log.platform import LEANS, BaseMotion, Platform
+from gimbal_pin.rig.rig import GRAVITY, Rig
+
+NAME = "encoder-offset"
+Encoders = Mapping[str, Mapping[str, Eccentricity]]
+"""Log → joint → how far its encoder sits off the centre."""
+COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
 
 
 class Counterfactual(NamedTuple):
@@ -125,3 +135,103 @@ def squares(state: State, joint: int) -> Array:
     own = np.zeros_like(rows)
     own[:, joint] = rows[:, joint] ** 2
     return state.fit.by_block(own.reshape(-1, 1))[:, 0]
+
+
+def off_centre(
+    found: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering, encoders: Encoders
+) -> list[Finding]:
+    """Findings of the encoders whose angles were mended, each where the angles as read predict torques worse.
+
+    Args:
+        found: The fit to the mended angles, with all that was found.
+        held: The reporting part at mended angles.
+        train: The logs that were fitted, mended.
+        test: The reporting ones; none where blocks of the fitted logs stand for them.
+        filtering: The band.
+        encoders: What was mended.
+    """
+    findings = []
+    for joint in sorted({joint for one in encoders.values() for joint in one}):
+        fitted, other = ([read(log, joint, encoders) for log in logs] for logs in (train, test))
+        without = counterfactual(found, held, fitted, other, filtering, found.problem.reduction.base)
+        if without is not None:
+            off = max((one[joint] for one in encoders.values() if joint in one), key=lambda one: one.size)
+            figures = (Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad"))
+            said = f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
+            said += f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew"
+            findings.append(without.finding(NAME, joint, without.before, figures, said))
+    return findings
+
+
+def read(log: Log, joint: str, encoders: Encoders) -> Log:
+    """Return the log with a joint's angles as its encoder read them."""
+    one = encoders.get(log.name, {}).get(joint)
+    if one is None:
+        return log
+    q, j = np.array(log.q), log.joints.index(joint)
+    q[:, j] += one.error(q[:, j])
+    return replace(log, q=q)
+
+
+def joined(findings: Sequence[Finding], more: Sequence[Finding]) -> list[Finding]:
+    """Put eccentric encoders beside what was found: one whose zero is off, too, is one finding of both."""
+    out = list(findings)
+    for one in more:
+        twin = next((f for f in out if (f.cause, f.joint) == (one.cause, one.joint)), None)
+        if twin is None:
+            out.append(one)
+        else:
+            figures, said = (*twin.parameters, *one.parameters), f"{twin.sentence}; {one.sentence}"
+            out[out.index(twin)] = replace(twin, parameters=figures, sentence=said)
+    return out
+
+
+class Ridden(NamedTuple):
+    """The platform's motion as a finding.
+
+    Attributes:
+        finding: It.
+        baseline: Held-out figures of the refitted model whose base stands.
+    """
+
+    finding: Finding
+    baseline: Figures
+
+
+def ridden(
+    found: State, held: Evidence, train: Sequence[Log], test: Sequence[Log], filtering: Filtering
+) -> Ridden | None:
+    """Refit the rig as if its base stood, and compare; None where no IMU says that it moves, or where that is nothing.
+
+    Args:
+        found: The refitted model on the base's measured motion with what was found, beside which it is compared.
+        held: The reporting part, with that motion.
+        train: The logs that were fitted.
+        test: The reporting ones; none where blocks of the fitted logs stand for them.
+        filtering: The band.
+    """
+    if found.problem.reduction.base == "fixed":
+        return None
+    rig = found.problem.evidence.rig
+    fitted, other = (
+        [replace(log, imus={link: imu for link, imu in log.imus.items() if link != rig.base}) for log in logs]
+        for logs in (train, test)
+    )
+    without = counterfactual(found, held, fitted, other, filtering, "fixed")
+    if without is None:
+        return None
+    rate, force = motion(rig, train)
+    felt = f" and feels {force:.3g} m/s² beside its weight" if force > LEANS else ""
+    said = f"rig: platform-motion, the platform turns at {rate:.3g} rad/s{felt} (rms, by its IMU)"
+    figures = (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2"))
+    finding = without.finding(MEASURED, None, without.plain, figures, f"{said}, and the model has that")
+    return Ridden(finding, without.plain)
+
+
+def motion(rig: Rig, logs: Sequence[Log]) -> tuple[float, float]:
+    """Root mean square of the base's rate, rad/s, and of its specific force off what an upright base feels, m/s²."""
+    moves = [Platform.measured(log.t, log.imus[rig.base], log.name) for log in logs if rig.base in log.imus]
+    w, f = (np.concatenate([getattr(move, name) for move in moves]) for name in ("w", "f"))
+    off = f - np.array([0.0, 0.0, GRAVITY])
+    rate, force = (float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) for x in (w, off))
+    return rate, force

@@ -9,19 +9,17 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
-from gimbal_pin.diagnosis.band import usual
+from gimbal_pin.diagnosis.band import alternate, usual
+from gimbal_pin.diagnosis.counterfactual import Encoders, off_centre, ridden
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
-from gimbal_pin.diagnosis.finding import Diagnosis
-from gimbal_pin.diagnosis.off_centre import Encoders, off_centre
-from gimbal_pin.diagnosis.parts import alternate
-from gimbal_pin.diagnosis.platform_motion import ridden
+from gimbal_pin.diagnosis.limit_cycle import swung
 from gimbal_pin.diagnosis.reported import beside, hold, reported, spoilt, with_motion
+from gimbal_pin.diagnosis.result import Diagnosis
+from gimbal_pin.diagnosis.reversals import opened
 from gimbal_pin.diagnosis.state import Problem, solved
-from gimbal_pin.diagnosis.swung import swung
 from gimbal_pin.diagnosis.trusted import compared
-from gimbal_pin.diagnosis.turns import opened
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.noise import floor
+from gimbal_pin.diagnosis.sensor_noise import floor
 from gimbal_pin.dynamics.regressor import weight
 from gimbal_pin.effects import Sample, Signal
 from gimbal_pin.effects.base import AMBIENT

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Part
-from gimbal_pin.diagnosis.gaps import loose
 from gimbal_pin.diagnosis.state import State, refitted, sized
+from gimbal_pin.diagnosis.two_mass import loose
 from gimbal_pin.dynamics.model import Estimated, Model, brakes
 from gimbal_pin.dynamics.reduction import units
 from gimbal_pin.dynamics.regressor import across, inertia

@@ -1,4 +1,4 @@
-"""From an explained log to findings: what each cause is worth, what it may be instead, and how sure that is."""
+"""From an explained log to findings: each cause's gain, rivals and uncertainty; and causes that the log cannot show."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from math import isnan
 
 import numpy as np
 
-from gimbal_pin.diagnosis.engine.criterion import criterion
+from gimbal_pin.diagnosis.engine.criterion import added, criterion, without
 from gimbal_pin.diagnosis.engine.explained import Explained
-from gimbal_pin.diagnosis.engine.rivals import Rival
-from gimbal_pin.diagnosis.engine.support import added, without
+from gimbal_pin.diagnosis.engine.selection import Rival
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended, settled
-from gimbal_pin.diagnosis.finding import Finding
-from gimbal_pin.diagnosis.finding import Rival as Told
-from gimbal_pin.diagnosis.heldout import Figures, measured
-from gimbal_pin.diagnosis.score import visibility
+from gimbal_pin.diagnosis.gain import Figures, measured
+from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.result import Finding, Untestable
+from gimbal_pin.diagnosis.result import Rival as Told
+from gimbal_pin.diagnosis.score import HIDDEN, visibility
 from gimbal_pin.diagnosis.shapes import shape_names
-from gimbal_pin.diagnosis.state import width
+from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
@@ -130,3 +130,27 @@ def together(cause: Cause, figures: Sequence[Parameter]) -> str:
     """Say which sizes, fitted each, the logs tell none of by itself: only what they make together is known."""
     names = [p.name for p in figures if p.name in shape_names(cause) and isnan(p.std)]
     return f" ({', '.join(names)} only together: other sizes fit as well)" if names else ""
+
+
+def untestable(state: State, shelf: Library, findings: Sequence[Finding]) -> tuple[Untestable, ...]:
+    """List causes of which a log shows less than `HIDDEN` at their own joint, but for those that were found.
+
+    Args:
+        state: The refitted model without any cause.
+        shelf: The candidates.
+        findings: What was found: one motor's gain shows by what it spares all others.
+    """
+    found = {(one.cause, one.joint) for one in findings}
+    why = {cause.name: cause.hidden for cause in shelf.causes}
+    rows = (at for at, seen in shown(state, shelf.causes, shelf).items() if seen < HIDDEN and at not in found)
+    return tuple(Untestable(name, joint, why[name]) for name, joint in rows)
+
+
+def shown(state: State, causes: Sequence[Cause], shelf: Library) -> dict[tuple[str, str | None], float]:
+    """Return name and joint → the largest share of a column's power that the rigid model and friction leave."""
+    visible: dict[tuple[str, str | None], float] = {}
+    columns = [shelf.of(cause, state) for cause in causes]
+    for cause, seen in zip(causes, visibility(state.fit, columns).tolist()):
+        key = (cause.name, cause.place if cause.of_joint else None)
+        visible[key] = max(visible.get(key, 0.0), seen)
+    return visible

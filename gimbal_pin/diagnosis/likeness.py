@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.diagnosis.engine.criterion import without
 from gimbal_pin.diagnosis.engine.explained import Explained
-from gimbal_pin.diagnosis.engine.support import without
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.effects import Cause
 from gimbal_pin.log.log import Array

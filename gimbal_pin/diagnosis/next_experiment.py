@@ -19,9 +19,9 @@ from tqdm import trange
 from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import Evidence, Part, gated
 from gimbal_pin.diagnosis.extended import extended
-from gimbal_pin.diagnosis.finding import Diagnosis
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import NAMED, Apart, NextExperiment, Parting
+from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, width, without
 from gimbal_pin.diagnosis.uncertainty import tangent

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from gimbal_pin.diagnosis.engine.rivals import APART
+from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Motion
 

@@ -8,23 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.engine.criterion import criterion, rows
+from gimbal_pin.diagnosis.counterfactual import Ridden, joined
+from gimbal_pin.diagnosis.engine.criterion import added, criterion, fitted, matters, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.engine.selection import better, promising, together
-from gimbal_pin.diagnosis.engine.support import added, fitted, matters
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Residual, Slight, overall
-from gimbal_pin.diagnosis.findings import findings
-from gimbal_pin.diagnosis.followed import followed
-from gimbal_pin.diagnosis.heldout import Figures, measured
+from gimbal_pin.diagnosis.findings import findings, untestable
+from gimbal_pin.diagnosis.gain import Figures, followed, measured
 from gimbal_pin.diagnosis.likeness import likeness
-from gimbal_pin.diagnosis.off_centre import joined
-from gimbal_pin.diagnosis.platform_motion import Ridden
+from gimbal_pin.diagnosis.result import Diagnosis, Finding, Residual, Slight, overall
 from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.diagnosis.untestable import untestable
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.audit import Audit

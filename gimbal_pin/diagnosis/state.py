@@ -11,8 +11,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
-from gimbal_pin.diagnosis.gaps import loose
-from gimbal_pin.diagnosis.swinging import swinging
+from gimbal_pin.diagnosis.two_mass import loose, swinging
 from gimbal_pin.dynamics.model import brakes, friction_effects
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import across, inertia_columns, regressor

@@ -10,14 +10,13 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.diagnosis.bodies import Bodies, Fitted, Form, altered, chance
-from gimbal_pin.diagnosis.difference import Difference
-from gimbal_pin.diagnosis.engine.rivals import APART
-from gimbal_pin.diagnosis.engine.support import FORM
+from gimbal_pin.diagnosis.engine.criterion import FORM
+from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.finding import Diagnosis, Finding, Rival, Slight, Untestable, overall
-from gimbal_pin.diagnosis.given import SURE, TOLD, given
-from gimbal_pin.diagnosis.heldout import rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.given import SURE, TOLD, Difference, given
+from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, overall
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.estimation.identification import given_beta

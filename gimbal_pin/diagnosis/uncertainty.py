@@ -1,12 +1,18 @@
-"""How sure the figures of a finding are: over blocks of time and bins of the state, shape parameters included."""
+"""Standard deviations of a finding's figures: clustered over blocks of time and bins of the state, shapes included.
+
+A formula that is nearly right errs the same way whenever the joint is back at an angle, or runs at a rate, again. Over
+blocks of time such errors cancel, and their scatter says nothing of them; over bins of the state they add up.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis import clusters
+from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, without
@@ -14,6 +20,11 @@ from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
+BINS = 10
+"""Bins of the angle and of the rate's size; each holds as many rows as the next."""
+OPEN = 1e-2
+"""Least share of a direction that counts as shown outside a cluster: under it the cluster's own residual is none."""
+Labels = NDArray[np.intp]
 NUDGE = 0.02
 """Relative change of a shape parameter for its slope."""
 ROUNDING = 1e-9
@@ -24,10 +35,75 @@ FREE = 0.1
 """Share of a direction that is not held from which a parameter is not either."""
 
 
+def clusters(evidence: Evidence) -> tuple[Labels, ...]:
+    """Cluster of every row, (rows n,): its block of time, and its own joint's bin of the angle and of the rate's size.
+
+    Time holds all joints together; a bin of the state is one joint's own.
+    """
+    angle, rate = rows_of(evidence, "q"), np.abs(rows_of(evidence, "v"))
+    return np.repeat(evidence.block, evidence.rig.n), binned(angle), binned(rate)
+
+
+def rows_of(evidence: Evidence, channel: str) -> Array:
+    """A smoothed channel at the time of every row, (rows, n)."""
+    return np.concatenate([
+        getattr(part.channels, channel)[np.arange(part.rows) * len(part.gate) // part.rows] for part in evidence.parts
+    ])  # fmt: skip
+
+
+def binned(x: Array) -> Labels:
+    """Bin of every row at its own joint, over the quantiles of x, (rows, n) → (rows n,)."""
+    inner = np.linspace(0.0, 1.0, BINS + 1)[1:-1]
+    each = [j * BINS + np.searchsorted(np.quantile(own, inner), own) for j, own in enumerate(x.T)]
+    return np.stack(each, axis=1).ravel()
+
+
+def cluster_covariance(basis: Array, residual: Array, labels: Sequence[Labels], width: int) -> Array:
+    """``V_1 + Σ_k (V_k - V_1)₊`` of the first coordinates in an orthonormal basis, (width, width).
+
+    Clustering in several ways at once (Cameron, Gelbach and Miller, Robust inference with multiway clustering, J. Bus.
+    Econ. Stat. 29, 2011); of each beyond the first counts the positive part of what it adds.
+
+    Args:
+        basis: Orthonormal columns that span the model, those asked for first, (rows, k).
+        residual: What the model leaves, (rows,).
+        labels: Ways to cluster the rows, (rows,) each.
+        width: How many coordinates are asked for.
+    """
+    first, *others = (clustered(basis, residual, label, width) for label in labels)
+    return first + sum((beyond(other, first) for other in others), np.zeros_like(first))
+
+
+def clustered(basis: Array, residual: Array, label: Labels, width: int) -> Array:
+    """``G/(G-1) Σ_g d_g d_gᵀ`` with ``d_g = (I - U_gᵀU_g)^(-1/2) U_gᵀ r_g``, U_g the basis' rows in cluster g.
+
+    CR2 (Bell and McCaffrey, Survey Methodology 28, 2002; Imbens and Kolesár, Rev. Econ. Stat. 98, 2016): a plain
+    sandwich is too small where few clusters hold a parameter, as the fit then leaves little in them.
+    """
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
+    rows = zip(np.split(basis[order], starts[1:]), np.split(residual[order], starts[1:]))
+    moved = np.array([move(own, left)[:width] for own, left in rows])
+    return np.asarray(len(moved) / max(len(moved) - 1, 1) * moved.T @ moved)
+
+
+def move(basis: Array, residual: Array) -> Array:
+    """What one cluster's rows add to the coordinates, (k,), made up for what the fit has taken out of its residual."""
+    known, turned = np.linalg.eigh(basis.T @ basis)
+    return np.asarray(turned @ ((turned.T @ (basis.T @ residual)) / np.sqrt(np.maximum(1.0 - known, OPEN))))
+
+
+def beyond(other: Array, first: Array) -> Array:
+    """Positive part of ``other - first``, in units of the deviations of `first`."""
+    unit = np.sqrt(np.maximum(np.diag(first), 1e-300))
+    values, vectors = np.linalg.eigh((other - first) / np.outer(unit, unit))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit))
+
+
 def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
     """The cause's parameters as a person reads them, with standard deviations.
 
-    The covariance is `clusters.covariance`'s, with the columns of the cause's coefficients and the slopes of its shape
+    The covariance is `cluster_covariance`'s, with the columns of the cause's coefficients and the slopes of its shape
     parameters; the base columns are refitted with them. What the log does not hold, as of two shape parameters of which
     only the product matters, has none.
     """
@@ -60,7 +136,7 @@ def covariance(state: State, cause: Cause) -> Array:
     own, sizes, turned = np.linalg.svd(rest / unit, full_matrices=False)
     held = sizes > HELD * sizes[0]
     basis = np.hstack([own[:, held], base.fit.basis])
-    spread = clusters.covariance(basis, state.fit.residual, clusters.clusters(state.problem.evidence), int(held.sum()))
+    spread = cluster_covariance(basis, state.fit.residual, clusters(state.problem.evidence), int(held.sum()))
     back = turned[held].T / sizes[held] / unit[:, None]
     free = np.any(np.abs(turned[~held]) > FREE, axis=0)
     return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)

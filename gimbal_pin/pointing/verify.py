@@ -16,7 +16,7 @@ from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.loop import Margins, worst
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.diagnosis.finding import Finding
+from gimbal_pin.diagnosis.result import Finding
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import Term

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gimbal_pin.diagnosis.finding import MEASURED
+from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log.limited import SPOKEN
 from gimbal_pin.report.format import (

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis
-    from gimbal_pin.diagnosis.finding import Finding
+    from gimbal_pin.diagnosis.result import Finding
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.effects.parameter import Parameter
@@ -297,7 +297,7 @@ def caveats(found: Diagnosis) -> str:
 
 def about_finding(finding: Finding) -> list[str]:
     """A finding's sentence, what it could be instead, and its figures."""
-    from gimbal_pin.diagnosis.finding import TOGETHER
+    from gimbal_pin.diagnosis.result import TOGETHER
 
     lines = [finding.sentence]
     lines += [f"  {finding.open}; try {finding.next_experiment}"] if finding.open else []
@@ -313,7 +313,7 @@ def sized(figure: Parameter) -> str:
 
 def tracking_gain(found: Diagnosis) -> list[str]:
     """How closely a controller follows with the found causes compensated, and without, in degrees."""
-    from gimbal_pin.diagnosis.followed import HOW, no_closer
+    from gimbal_pin.diagnosis.gain import HOW, no_closer
 
     if not found.tracking:
         return []

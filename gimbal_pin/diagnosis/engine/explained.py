@@ -8,12 +8,10 @@ from functools import partial
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
+from gimbal_pin.diagnosis.engine.criterion import FORM, OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
-from gimbal_pin.diagnosis.engine.noise import coloured
-from gimbal_pin.diagnosis.engine.rivals import Rival, contested
-from gimbal_pin.diagnosis.engine.selection import MOST, Search, polished, pruned, selected
-from gimbal_pin.diagnosis.engine.support import FORM, OF_CAUSE, added, fitted, without
-from gimbal_pin.diagnosis.engine.whitening import flat, rewhitened_problem
+from gimbal_pin.diagnosis.engine.noise import coloured, flat, rewhitened_problem
+from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved

@@ -1,4 +1,4 @@
-"""The noise's spectrum from the data: of what no function of the state, and no candidate, predicts.
+"""The noise's spectrum from the data, and rows whitened by it.
 
 Third differences of a torque tell its noise only where that is white. Drives filter and quantise their currents, and
 their noise lies within the motion's band: its spectrum is taken from the residual of a cross-validated ridge over the
@@ -8,6 +8,7 @@ rigid model (free), all candidate columns and δ, so that what any of them could
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,7 @@ from scipy import fft
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.criterion import passed_on
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
-from gimbal_pin.diagnosis.engine.whitening import edge_of, rewhitened_problem, whitened
-from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.evidence import Evidence, Part, band_edge
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.log.log import Array
 
@@ -27,11 +27,34 @@ NARROW, WIDE = 8, 0.15
 """Frequencies to either side over which a spectrum is smoothed: so many, or that share of those below, if more."""
 
 
+def flat(evidence: Evidence) -> Evidence:
+    """Return the evidence with the band's edge as its only filter: rows in N m."""
+    edges = [edge_of(evidence, part) for part in evidence.parts]
+    parts = [p._replace(whitener=np.tile(edge, (evidence.rig.n, 1))) for p, edge in zip(evidence.parts, edges)]
+    return replace(evidence, parts=tuple(parts))
+
+
+def edge_of(evidence: Evidence, part: Part) -> Array:
+    """Return the gain by which a part's band fades at its upper end, (f,)."""
+    return band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
+
+
+def whitened(evidence: Evidence, noise: Sequence[Array]) -> Evidence:
+    """Return flat evidence whitened by the noise's power at each frequency, (N m)², (n, f) for each part."""
+    parts = [part._replace(whitener=part.whitener / np.sqrt(power)) for part, power in zip(evidence.parts, noise)]
+    return replace(evidence, parts=tuple(parts))
+
+
+def rewhitened_problem(problem: Problem, new: Evidence) -> Problem:
+    """Return a problem with the same rigid columns, whitened by other evidence."""
+    return replace(problem, evidence=new, rigid=new.rewhiten(problem.rigid, problem.evidence, None))
+
+
 def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> Problem:
     """Return a flat problem whitened by the noise's spectrum.
 
     Args:
-        problem: The logs, whitened by nothing but the band's edge: see `whitening.flat`.
+        problem: The logs, whitened by nothing but the band's edge: see `flat`.
         state: A model of it; its causes are refitted.
         candidates: Columns of all candidates in the flat problem, built from the model's torque: none of the measured
             one's noise is in them.

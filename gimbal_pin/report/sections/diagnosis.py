@@ -11,12 +11,11 @@ import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis, Finding
+from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.finding import TOGETHER
-from gimbal_pin.diagnosis.followed import HOW, no_closer
-from gimbal_pin.diagnosis.heldout import filtered_error
+from gimbal_pin.diagnosis.gain import HOW, filtered_error, no_closer
 from gimbal_pin.diagnosis.likeness import Likeness
-from gimbal_pin.diagnosis.platform_motion import COMPENSATION
+from gimbal_pin.diagnosis.result import TOGETHER
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis.difference import Difference
+from gimbal_pin.diagnosis.given import Difference
 from gimbal_pin.diagnosis.given import given as stated
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.estimation.balance import balance

@@ -1,18 +1,21 @@
-"""A link that is loose by a gap, unseen by its encoder: its free flight between flanks that give, from the motion.
+"""A link that moves apart from its rotor: on a spring, or in a gap, unseen by the encoder.
 
-What drives the rotor across a gap need not be known: its motion was measured. The link flies on by what the rigid model
-asks of it, and lands on a flank, a spring with damping (Nordin and Gutman, Automatica 38, 2002: the dead zone model).
+On a spring the joint's model is fitted with the spring in it: a resonance takes the rigid model's parameters far from
+what they are. In a gap the link flies on by what the rigid model asks of it, and lands on a flank, a spring with
+damping (Nordin and Gutman, Automatica 38, 2002: the dead zone model); what drives the rotor across was measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.dynamics.regressor import inertia, rnea
 from gimbal_pin.effects.loose import Loose
+from gimbal_pin.effects.signal import Signal
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import PHI, Rig
@@ -25,6 +28,29 @@ FARTHEST = 1.0
 """Angle beyond its gap by which no link leaves its motor, rad: a motion farther than that is no solution."""
 WEIGHTLESS = 1e-12
 """Mass of a body that has but an inertia, kg: one of no mass has no centre."""
+
+
+def swinging(
+    evidence: Evidence, spring: Signal, loads: Sequence[Array], own: Sequence[Array], beside: Array, torque: Array
+) -> tuple[Array, Array]:
+    """``argmin ‖torque - felt(load, inertial) β - beside φ - ringing c‖``: β, (b,), and φ, (f,).
+
+    Args:
+        evidence: The logs.
+        spring: The spring.
+        loads: Base columns of the joint's torque while it does not accelerate, (m, b) per part.
+        own: Those of its own acceleration, (m, b) per part.
+        beside: Whitened columns of what stands before the spring, (rows, f).
+        torque: Whitened torque of the joint, (rows,).
+    """
+    j, b, f = evidence.rig.joint_index(spring.joint), loads[0].shape[1], beside.shape[1]
+    felt = [spring.felt(load, inertial, part.dt) for part, load, inertial in zip(evidence.parts, loads, own)]
+    swings = [spring.swings(part.dt, len(load)) for part, load in zip(evidence.parts, loads)]
+    # Every part begins with a swing of its own.
+    begun = [np.hstack([x if k == i else 0 * x for i in range(len(swings))]) for k, x in enumerate(swings)]
+    columns = np.hstack([evidence.whiten(felt, j), beside, evidence.whiten(begun, j)])
+    found = np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
+    return found[:b], found[b : b + f]
 
 
 class Swing(NamedTuple):

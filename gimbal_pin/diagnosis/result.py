@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
-from gimbal_pin.diagnosis.engine.rivals import APART
+from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.given import Given
@@ -22,8 +22,6 @@ from gimbal_pin.log.log import Motion
 
 MEASURED = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
-
-
 NOISY = 0.1
 """Share of a joint's torque from which it is told what may hide in the noise that is left: under it that has less than
 a hundredth of the torque's power."""
