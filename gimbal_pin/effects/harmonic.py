@@ -109,10 +109,10 @@ class Harmonic(Effect):
         return tuple(out)
 
     def blurred(self, seen: Seen) -> tuple[str, ...]:
-        """Less than one turn of the lowest harmonic is a bend; several closer than the travel parts draw anything."""
+        """Less than one turn of the lowest harmonic is a bend; so are two of several that the travel does not part."""
         lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
         crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
-        bent = lowest * seen.travel < 2 * pi or crowded
+        bent = lowest * seen.travel < 2 * pi * (1 + crowded)
         leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
         return (*(self.bends if bent else ()), *(self.leans if leaning else ()))
 

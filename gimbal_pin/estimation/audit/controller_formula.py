@@ -17,13 +17,13 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
 
 NAME = "controller-formula"
-LEFT, WORSE = 0.01, 4.0
+LEFT, WORSE = 0.01, 2.0
 """The formula leaves less than this share of the torque's power, and a passive plant so many times as much.
 
 Of 126 bench logs (three rigs; excitation, staircases of speed, both ways and slow ones one way, sines; with and without
 Stribeck friction and a spring, a bias and cogging) one joint is left less than the first by a formula of that sign, and
-the plant leaves it 1.3 times as much, the most of all. Of a public log of a speed loop the formula leaves 0.0003, and
-the plant 1700 times as much.
+the plant leaves it 1.3 times as much, the most of all. Of two public logs of a speed loop the formula leaves 0.0003 and
+0.003, and the plant 1700 and 3 times as much: the second's drive adds a map of the angle.
 """
 BAND = 0.1
 """Low-pass on all channels, as a share of the sampling rate: a loop acts below it, most of the noise is above."""
@@ -34,7 +34,10 @@ SHORTEST, LEAST, MOST = 3.0, 100, 5000
 
 
 class Formula(NamedTuple):
-    """``τ(t) = a + c t + k q(t - d) - b v(t - d)`` of one joint: b, N m s/rad, d in samples, the share left, (t: s)."""
+    """``τ(t) = a + c t + k q(t - d) - b v(t - d)`` of one joint, and a map of the angle where that turns round.
+
+    b in N m s/rad, d in samples, and the mean square left.
+    """
 
     gain: float
     delay: int
@@ -42,13 +45,14 @@ class Formula(NamedTuple):
 
 
 def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
-    """``τ(t) = a + c t + k q(t - d) - b v(t - d)``, b > 0: a linear controller with a reference of constant speed.
+    """``τ(t) = a + c t + k q(t - d) - b v(t - d) + m(q)``, b > 0: a linear controller, a reference of constant speed.
 
     Without a reference that moves otherwise, closed-loop data show the inverse of the controller (Ljung 1999, ch. 13),
     and least squares reads -b as viscous friction. No plant gives such a torque: friction takes power, so that its
     part along the rate has the other sign. The formula is found where it leaves next to nothing, and where the rigid
     bodies with a free constant, slope and spring, and with friction that takes power, leave several times as much.
-    What passive plants give is in both, and leaves their ratio at one. The samples are counted, as controllers do.
+    What passive plants give is in both, and leaves their ratio at one: so is a map m of the angle, where a joint turns
+    round, which cogging asks for and drives feed forward. The samples are counted, as controllers do.
     A base that moves excites the plant whatever the reference does: such a log is not judged.
     """
     if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or base_motion(rig, log) != "fixed":
@@ -61,13 +65,15 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
     v = signals.differentiate(q, log.dt) if log.v is None else signals.zero_phase(log.v, sections)
     power = np.maximum(np.var(tau[kept], axis=0), 1e-300)
-    found = [formula(log.t, q[:, j], v[:, j], tau[:, j], kept) for j in range(rig.n)]
+    maps = [around(q[kept, j], v[kept, j], log.dt) for j in range(rig.n)]
+    found = [formula(log.t, q[:, j], v[:, j], tau[:, j], kept, maps[j]) for j in range(rig.n)]
     like = [j for j, one in enumerate(found) if one.gain > 0 and one.left < LEFT * power[j]]
     if not like:
         return None
     a = signals.differentiate(v, log.dt)
     A = regressor(rig, q[kept], v[kept], a[kept], places=columns(rig)[1])
-    plant = {j: passive(log.t[kept], q[kept, j], v[kept, j], A[:, j], tau[kept, j]) for j in like}
+    rigid = {j: np.hstack([A[:, j, A[:, j].any(axis=0)], maps[j]]) for j in like}
+    plant = {j: passive(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j]) for j in like}
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
         return None
@@ -84,21 +90,32 @@ def corrupt(log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float 
     return replace(log, tau=answer + noise * size * rng.standard_normal(v.shape))
 
 
-def formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices) -> Formula:
-    """Return the formula of one joint that fits the samples `kept` best; `left` in N² m²."""
+def around(q: Array, v: Array, dt: float) -> Array:
+    """``cos kq, sin kq``, (m, 2K), of a joint that turns round: of every k that passes within `BAND`, or none."""
+    passing = int(2 * np.pi * BAND / (dt * max(float(np.max(np.abs(v))), 1e-300)))
+    count = min(passing, len(q) // 8) if np.ptp(q) > 2 * np.pi else 0
+    phase = np.outer(q, np.arange(1, count + 1))
+    return np.hstack([np.cos(phase), np.sin(phase)])
+
+
+def formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices, beside: Array) -> Formula:
+    """Return the formula of one joint that fits the samples `kept` best, with columns `beside`; `left` in N² m²."""
     fits = []
     for delay in range(LATEST + 1):
-        A = np.column_stack([np.ones(len(kept)), t[kept] - t[0], q[kept - delay], v[kept - delay]])
+        A = np.column_stack([np.ones(len(kept)), t[kept] - t[0], q[kept - delay], v[kept - delay], beside])
         x = np.linalg.lstsq(A, tau[kept], rcond=None)[0]
         fits.append(Formula(-float(x[3]), delay, float(np.mean((tau[kept] - A @ x) ** 2))))
     return min(fits, key=lambda fit: fit.left)
 
 
 def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
-    """Mean square that bodies, a constant, a slope, a spring, and dry and viscous friction over zero leave, N² m²."""
+    """Mean square that bodies, a constant, a slope, a spring, and dry and viscous friction over zero leave, N² m².
+
+    `rigid`: columns of the bodies, and of what else is free, (m, k).
+    """
     from scipy.optimize import nnls
 
-    free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid[:, rigid.any(axis=0)]])
+    free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid])
     left, size, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300), full_matrices=False)
     left = left[:, size > 1e-9 * size[0]]
     friction, rest = (x - left @ (left.T @ x) for x in (np.column_stack([np.sign(v), v]), tau))
