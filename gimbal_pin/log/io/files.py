@@ -57,12 +57,25 @@ def staging(folder: Path, path: str | Path) -> Iterator[Path]:
     """
     with told(path):
         clear(folder)
-        made = Path(tempfile.mkdtemp(prefix=STAGED, dir=folder))
-    lock = locked(made)
+        made, lock = staged_in(folder)
     try:
         yield made
     finally:
         shutil.rmtree(made, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def staged_in(folder: Path) -> tuple[Path, int | None]:
+    """Return a new hidden folder and its lock, None where the file system has none.
+
+    It is ours once it is locked and still there: a run that clears may have taken it for abandoned before that.
+    """
+    while True:
+        made = Path(tempfile.mkdtemp(prefix=STAGED, dir=folder))
+        lock = locked(made, wait=True)
+        if made.exists():
+            return made, lock
         if lock is not None:
             os.close(lock)
 
@@ -78,12 +91,15 @@ def clear(folder: Path) -> None:
             os.close(lock)
 
 
-def locked(folder: Path) -> int | None:
-    """Return the descriptor of a folder that it locks; None where another process has it, or it cannot be locked."""
+def locked(folder: Path, wait: bool = False) -> int | None:
+    """Return the descriptor of a folder that it locks; None where it cannot be locked, or another process has it.
+
+    `wait`: until the other releases it.
+    """
     with suppress(OSError):
         found = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            fcntl.flock(found, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(found, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError:
             os.close(found)
             raise
