@@ -58,6 +58,16 @@ def test_a_log_without_noise_gives_the_parameters_back(name: str) -> None:
     assert found.physical
 
 
+@pytest.mark.parametrize(("estimator", "off"), [("weighted", 1e-8), ("physical", 1e-6), ("output-error", 1e-4)])
+def test_a_rotor_that_the_rig_states_is_known_and_stays_in_the_model(turret: Rig, estimator: str, off: float) -> None:
+    motors = tuple(replace(motor, gear_ratio=6.0, rotor_inertia=2e-4) for motor in turret.motors)
+    geared = replace(turret, motors=motors)
+    log = prescribed(nominal(geared), 1, seconds=8.0, dt=2e-3)
+    found = identify(geared, [log], estimator=ESTIMATORS[estimator], filtering=EXACT)
+    np.testing.assert_allclose(found.estimate.theta, planted(geared), atol=off)
+    np.testing.assert_allclose(found.model.armature, 0.0072)
+
+
 def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(turret: Rig) -> None:
     """Any mask before the filter keeps A θ = b: with the true state the planted parameters leave no residual."""
     model, motion = nominal(turret), fourier(turret, 3, 10.0)

@@ -114,12 +114,11 @@ def test_an_imus_axes_are_of_the_link_that_is_named_or_of_the_base() -> None:
     assert [mapping[f"accel_head_mount_{a}"][:2] for a in "xyz"] == [(name, "9.80665") for name in head]
 
 
-def proposed(path: Path, extra: str = "") -> Log:
-    """Read a log of the turret by what is proposed for it, with more on every line of a torque."""
+def proposed(path: Path) -> Log:
+    """Read a log of the turret by what is proposed for it."""
     found = inspect(path, TURRET)
     assert found.missing == ()
-    lines = [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()]
-    return io.read_log(path, TURRET, [line + extra * line.startswith("tau") for line in lines])
+    return io.read_log(path, TURRET, [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()])
 
 
 FRAME = {
@@ -144,10 +143,11 @@ def test_odrives_on_a_bus_are_the_rigs_joints(style: str, tmp_path: Path) -> Non
                 told = {"id": node << 5 | command, "data": data.hex().upper() or "R", "spaced": data.hex(" ").upper()}
                 lines.append(FRAME[style].format(t=at + behind, size=len(data), **told))
     (tmp_path / "bus.log").write_text("\n".join(lines) + "\n")
-    log = proposed(tmp_path / "bus.log", "*0.5")
+    log = proposed(tmp_path / "bus.log")
     q, v = swing(log.t - t[0])
+    constants = np.array([motor.torque_constant for motor in TURRET.motors])
     assert log.v is not None and log.tau is not None and len(log) > len(t) - 8
-    for own, true in ((log.q, q), (log.v, v), (log.tau, q)):
+    for own, true in ((log.q, q), (log.v, v), (log.tau, 2 * q * constants)):
         np.testing.assert_allclose(own, true, atol=1e-4)
     assert any("'001', '021'" in event for event in log.events) and any("no numbers" in event for event in log.events)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from gimbal_pin.cli.inputs import load_rig, mounted, play, shown_somewhere
+from gimbal_pin.cli.inputs import mounted, play, read_logs, shown_somewhere
 from gimbal_pin.cli.options import INTO_FILE, Map, Payload, RigName, Yes, between, optional
 from gimbal_pin.cli.paths import Reads, Writes
 from gimbal_pin.cli.paths import logs as files_of_logs
@@ -84,8 +84,8 @@ def animate(
         raise UsageError("--live", "plays one log", "name one, or -o FILE")
     size, rate, written = PRESETS[preset] if preset is not None else (USUAL_SIZE, None, True)
     chosen = fps or rate
-    loaded = load_rig(rig, payload or split_payload(logs[0])[1] or mounted(residual))
-    every = [read_log(log, loaded, map, need_tau=residual is not None) for log in logs]
+    load = payload or split_payload(logs[0])[1] or mounted(residual)
+    loaded, every = read_logs(rig, load, logs, map, need_tau=residual is not None)
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
     scale, colours = "", [None if residual is None else warmth(residual, loaded, read) for read in every]
     if residual is not None:

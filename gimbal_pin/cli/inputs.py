@@ -30,13 +30,31 @@ def load_rig(rig: str, payload: str | None) -> Rig:
     return loaded
 
 
+def read_logs(
+    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], need_tau: bool = True
+) -> tuple[Rig, list[Log]]:
+    """Return logs and their rig; joints that no log records are fixed in it, and that is told."""
+    from gimbal_pin.log.io import log_in, open_table, split_payload
+    from gimbal_pin.log.io.columns import unrecorded
+    from gimbal_pin.rig.rig import Rig
+
+    loaded = load_rig(rig, payload)
+    tables = [open_table(split_payload(log)[0]) for log in logs]
+    if absent := unrecorded(loaded, tables, mapping):
+        held = ", ".join(f"{joint} {at:g}" for joint, at in absent.items())
+        what = "no log has a column of these joints, which are held at this angle (rad) or place (m)"
+        noted([f"{what}: {held}; 'fixed:' in the rig's YAML states another"])
+        loaded = Rig.load(rig, payload, fixed=absent)
+    return loaded, [log_in(x, loaded, mapping, split_payload(log)[1], need_tau) for x, log in zip(tables, logs)]
+
+
 def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str]) -> tuple[Rig, list[Log]]:
     """Load the rig with the logs' payload, and the logs.
 
     Raises:
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
-    from gimbal_pin.log.io import read_log, split_payload
+    from gimbal_pin.log.io import split_payload
 
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
@@ -48,8 +66,7 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
             what,
             "one payload at a time: give each payload's logs apart; only 'identify' takes several together",
         )
-    loaded = load_rig(rig, payload or (tags[0] if tags else None))
-    read = [read_log(log, loaded, mapping) for log in logs]
+    loaded, read = read_logs(rig, payload or (tags[0] if tags else None), logs, mapping)
     noted([event for log in read for event in log.events])
     return loaded, read
 

@@ -291,7 +291,12 @@ def brakes(effect: Effect) -> bool:
 def nominal(rig: Rig) -> Model:
     """Return the model as the rig's URDF states it, friction from ``<dynamics>``, rotors from the motors."""
     terms = []
-    for joint, (dry, viscous), motor in zip(rig.joints, rig.friction, rig.motors):
+    for joint, (dry, viscous) in zip(rig.joints, rig.friction):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
-        terms += [Term(Armature(joint), (motor.armature,))] * (motor.armature > 0)
-    return Model(rig, tuple(terms))
+    return Model(rig, (*terms, *rotors(rig)))
+
+
+def rotors(rig: Rig) -> tuple[Term, ...]:
+    """Return the inertias of the motors' own rotors as far as the rig states them."""
+    motors = zip(rig.joints, rig.motors)
+    return tuple(Term(Armature(joint), (motor.armature,)) for joint, motor in motors if motor.armature > 0)

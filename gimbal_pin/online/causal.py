@@ -374,7 +374,8 @@ def emit_row(design: Design, running: Running) -> tuple[Row, Running]:
     ahead = waiting.every(slice(look + design.delay, look + design.delay + count))
     jumping, memory = smoothed_jumps(design, running.jumping, design.rows.effect_columns(ahead))
     A = np.concatenate([design.rows.rigid_columns(channels), jumping], axis=2) * moving[:, :, None]
-    flat = np.column_stack([A[:, design.present], channels.tau * moving, moving])
+    tau = channels.tau - design.rows.stated_torque(channels)
+    flat = np.column_stack([A[:, design.present], tau * moving, moving])
     filtered, lowpass = design.lowpass(flat, running.lowpass)
     n, width = design.present.shape
     values = np.zeros((n, width + 2))

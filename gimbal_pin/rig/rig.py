@@ -72,16 +72,20 @@ class Rig:
     notes: tuple[str, ...] = ()
 
     @staticmethod
-    def load(rig: str | Path, payload: str | Path | None = None, mend: bool = False) -> Rig:
+    def load(
+        rig: str | Path, payload: str | Path | None = None, mend: bool = False, fixed: Mapping[str, float] | None = None
+    ) -> Rig:
         """Load a bundled rig by name, a URDF, xacro, SDF or MJCF file, or a YAML that names one.
 
         `payload`: a bundled one's name or a file's path; None mounts the YAML's default. `mend`: whether every inertia
-        that breaks a rule becomes the nearest that does not.
+        that breaks a rule becomes the nearest that does not. `fixed`: joint → angle, rad, or place, m, beside the
+        YAML's.
 
         Raises:
             RigError: Anything that keeps it from being a rig, with file and mend.
         """
         path, config = find(rig)
+        config = replace(config, fixed={**config.fixed, **(fixed or {})})
         text, notes, _ = as_urdf(path, config.xacro)
         element = urdf.tree(text, str(path), config.fixed)
         by_name = {joint.get("name"): joint for joint in element.findall("joint")}

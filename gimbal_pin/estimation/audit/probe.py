@@ -116,7 +116,7 @@ def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
     slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
     ch = full.every(keep)
     moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
-    torque = like.b if like is not None else ch.tau * moving
+    torque = like.b if like is not None else (ch.tau - rows.stated_torque(ch)) * moving
     A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
     return Piece(ch.t, A * moving[:, :, None], torque, ch.q, ch.v, moving, stretch.dt * keep.step)
 

@@ -91,12 +91,12 @@ def nearest_physical_model(rows: Rows, theta: Array, covariance: Array) -> Model
     for term in rows.terms(theta):
         limits = zip(term.values, term.effect.coefficients)
         terms.append(Term(term.effect, tuple(min(max(x, c.lower), c.upper) for x, c in limits)))
-    return Model(rows.rig.with_phi(phi), tuple(terms))
+    return Model(rows.rig.with_phi(phi), (*terms, *rows.stated))
 
 
 def theta_of(rows: Rows, model: Model) -> Array:
     """Return a model's base parameters and coefficients, (k,)."""
-    values = [value for term in model.terms for value in term.values]
+    values = [value for term in model.terms[: len(rows.effects)] for value in term.values]
     return np.concatenate([rows.mixing @ model.rig.phi, values])
 
 

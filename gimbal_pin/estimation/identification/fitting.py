@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Estimated, Model, friction_effects
+from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.dynamics.threads import one_thread
@@ -108,7 +108,7 @@ def to_model(rows: Rows, estimate: Estimate) -> Model:
     rig, width = rows.rig, len(rows.reduction.independent)
     phi = rows.phi(estimate.theta[:width]) if estimate.phi is None else estimate.phi
     known = Estimated(rows.names, rows.units, estimate.theta, estimate.covariance)
-    return Model(rig.with_phi(phi), rows.terms(estimate.theta), known)
+    return Model(rig.with_phi(phi), (*rows.terms(estimate.theta), *rows.stated), known)
 
 
 def nearest_physical(rows: Rows, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
@@ -227,10 +227,12 @@ def identify(
 def refittable_effects(model: Model) -> tuple[Effect, ...]:
     """Return the effects of a model beside Coulomb and viscous friction that logs can be fitted with again.
 
-    Not those that read the model's own torque: the rows have but the measured one, whose noise would leak.
+    Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor rotors
+    whose inertia the rig states.
     """
-    always = {kind.name for kind in ALWAYS}
-    return tuple(term.effect for term in model.terms if term.effect.name not in always and not term.effect.loaded)
+    always, stated = {kind.name for kind in ALWAYS}, rotors(model.rig)
+    free = (term.effect for term in model.terms if term not in stated)
+    return tuple(effect for effect in free if effect.name not in always and not effect.loaded)
 
 
 def refitted(judged: Identified, whole: Identified) -> Identified:

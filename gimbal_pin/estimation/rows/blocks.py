@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 from tqdm import tqdm
 
+from gimbal_pin.dynamics.model import rotors
 from gimbal_pin.dynamics.reduction import Reduction, units
 from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects import Effect, Sample, Term
@@ -167,6 +168,11 @@ class Rows:
         return units(leading) + tuple(c.unit for effect in self.effects for c in effect.coefficients)
 
     @property
+    def stated(self) -> tuple[Term, ...]:
+        """Rotors' inertias that the rig states and no effect stands for: their torque is known, and is not fitted."""
+        return tuple(term for term in rotors(self.rig) if term.effect not in self.effects)
+
+    @property
     def mixing(self) -> Array:
         """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
         return over_phi(self.rig, self.reduction)
@@ -233,7 +239,7 @@ class Rows:
         channels, moving = channels.every(few), moving[few]
         sections = signals.lowpass(self.filtering.cutoff, rate / thin)
         rigid = self.rigid_columns(channels)
-        tau = channels.tau - self.unfitted(channels, rigid)
+        tau = channels.tau - self.unfitted(channels, rigid) - self.stated_torque(channels)
         A = filtered(np.concatenate([rigid, jumping], axis=2), sections, rows, moving)
         b, share = (signals.zero_phase(x, sections)[rows] for x in (tau * moving, moving))
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
@@ -261,15 +267,20 @@ class Rows:
         whole = rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
         return whole - rigid @ (self.reduction.mixing @ self.rig.phi[columns(self.rig)[1]])
 
-    def effect_columns(self, channels: Channels) -> Array:
-        """Columns of the effects, (m, n, e)."""
-        slide = np.sign(channels.v)
-        width = sum(len(effect.coefficients) for effect in self.effects)
+    def stated_torque(self, channels: Channels) -> Array:
+        """Torque of what is known, N m, (m, n)."""
+        columns = self.effect_columns(channels, [term.effect for term in self.stated])
+        return columns @ np.array([value for term in self.stated for value in term.values])
+
+    def effect_columns(self, channels: Channels, effects: Sequence[Effect] | None = None) -> Array:
+        """Columns of these effects, or of the rows' own, (m, n, e)."""
+        slide, effects = np.sign(channels.v), self.effects if effects is None else effects
+        width = sum(len(effect.coefficients) for effect in effects)
         out, column = np.zeros((*channels.q.shape, width)), 0
         pull = np.zeros_like(channels.q)
-        if any(effect.weighed for effect in self.effects):
+        if any(effect.weighed for effect in effects):
             pull = weight(self.rig, channels.q, channels.platform)
-        for effect in self.effects:
+        for effect in effects:
             j = self.rig.joint_index(effect.joint)
             own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
             at = Sample(channels.t, *own)._replace(weight=pull[:, j])

@@ -20,6 +20,7 @@ from gimbal_pin.log.io.columns import (
     read_groups,
 )
 from gimbal_pin.log.io.formats import format_of, is_log, open_table
+from gimbal_pin.log.io.tables import Table
 from gimbal_pin.log.io.units import check_units, torque_notes
 from gimbal_pin.log.log import Array, Imu, Log, Motion
 from gimbal_pin.rig.rig import Rig
@@ -43,12 +44,17 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
         UsageError: A mapping cannot be used, or no reader is known for the suffix.
     """
     file, payload = split_payload(path)
-    links = links_of(rig)
-    table = open_table(file)
+    return log_in(open_table(file), rig, mapping, payload, need_tau)
+
+
+def log_in(
+    table: Table, rig: Rig, mapping: Sequence[str | Path] = (), payload: str | None = None, need_tau: bool = True
+) -> Log:
+    """Return the log in a file that is open, see `read_log`."""
+    links, notes = links_of(rig), list[str]()
     groups = log_groups(rig.joints, links, need_tau)
-    notes: list[str] = []
     data = read_groups(table, groups, mapped(rig, groups, mapping), notes)
-    return to_log(data, str(file), rig, links, payload, (*table.notes, *notes))
+    return to_log(data, table.name, rig, links, payload, (*table.notes, *notes))
 
 
 def to_log(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -76,6 +76,18 @@ def log_columns(log: Log) -> dict[str, Array]:
 def links_of(rig: Rig) -> list[str]:
     """Return the names of all links of a rig, which an IMU may be fixed to."""
     return urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+
+
+def unrecorded(rig: Rig, tables: Iterable[Table], mapping: Sequence[str | Path]) -> dict[str, float]:
+    """Return each joint of which no table holds anything → the angle, rad, or place, m, nearest to zero it can have.
+
+    Empty where they hold no joint at all: then it is their names that are not the rig's.
+    """
+    known = {column for table in tables for column in table.columns} | read_mapping(mapping).keys()
+    columns = {joint: {f"{prefix}_{joint}" for prefix in JOINT_COLUMNS.values()} for joint in rig.joints}
+    absent = {joint: float(min(max(0.0, low), high)) for joint, low, high in zip(rig.joints, *rig.stops)
+              if not columns[joint] & known}  # fmt: skip
+    return absent if len(absent) < rig.n else {}
 
 
 def mapped(rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]) -> dict[str, Source]:

@@ -14,7 +14,7 @@ import yaml
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.io.formats import open_table
 from gimbal_pin.log.io.mapping import FACTOR, ROW
-from gimbal_pin.log.io.recognise import Channel, Recognised, assigned, recognise
+from gimbal_pin.log.io.recognise import Channel, Recognised, assigned, needed, recognise
 from gimbal_pin.log.io.tables import JoinedTable, Table, listed, numeric_columns, time_of
 from gimbal_pin.log.log import NOTHING, Array
 from gimbal_pin.log.platform_log import HOLE
@@ -117,19 +117,16 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     pairs = [stream_of(part, rig, notes) for part in parts]
     # The stream with the most joints' angles, or channels, gives the times; the others' channels are joined to it.
     pairs.sort(key=lambda pair: (-sum(name.startswith("q_") for name in pair[1].mapping), -len(pair[1].mapping)))
-    mapping: dict[str, tuple[str, str, str]] = {}
-    for _, found in pairs:
-        mapping = {**found.mapping, **mapping}
-    if rig is not None and len(pairs) > 1 and any(target.startswith("q_") for target in pairs[0][1].missing):
-        every: dict[str, Channel] = {}
-        for _, found in pairs:
-            for channel in found.channels[1:]:
-                every.setdefault(channel.column, channel)
-        mapping = {**mapping, **assigned(pairs[0][1].t, every, rig)}
-    order = ["t", *(target for _, found in pairs for target in found.mapping)]
-    mapping = {target: mapping[target] for target in dict.fromkeys([*order, *mapping]) if target in mapping}
-    needed = [] if rig is None else ["t", *pairs[0][1].missing]
-    missing = tuple(target for target in needed if target not in mapping)
+    first, mapping = pairs[0][1], dict(pairs[0][1].mapping)
+    if rig is not None and len(pairs) > 1:
+        every = {channel.column: channel for _, found in reversed(pairs) for channel in found.channels[1:]}
+        mapping = {target: first.mapping[target] for target in ("t",) if target in first.mapping}
+        mapping |= assigned(first.t, every, rig)
+    missing = () if rig is None else tuple(target for target in needed(rig, mapping) if target not in mapping)
+    if rig is not None and (absent := [j for j in rig.joints if not any(x.endswith(f"_{j}") for x in mapping)]):
+        notes += [f"no column of {listed(absent)}: held where the rig's angle is nearest to zero"] * (
+            len(absent) < rig.n
+        )
     streams = tuple(stream for stream, _ in pairs)
     return Inspected(str(path), None if rig is None else rig.name, streams, mapping, missing, tuple(notes))
 

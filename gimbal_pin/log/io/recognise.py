@@ -19,6 +19,7 @@ from gimbal_pin.errors import digits
 from gimbal_pin.log.io.mapping import ROW
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig import urdf
+from gimbal_pin.rig.config import Motor
 from gimbal_pin.rig.reading import words
 from gimbal_pin.rig.rig import Rig
 
@@ -145,14 +146,12 @@ class Recognised(NamedTuple):
     Attributes:
         channels: Every column, that of the times first.
         mapping: Target → (column, factor, remark) for the rig, in the CONTRACT's order; empty without a rig.
-        missing: Targets that a log of the rig needs and that no column is.
         t: Times, s, of the samples that are later than all before them, (M,).
         scale: Seconds of one unit of the times.
     """
 
     channels: tuple[Channel, ...]
     mapping: Mapping[str, tuple[str, str, str]]
-    missing: tuple[str, ...]
     t: Array
     scale: float
 
@@ -169,7 +168,8 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     unit, scale, factor, why = time_unit(time, data[time])
     later = np.diff(np.maximum.accumulate(data[time]), prepend=-inf) > 0
     t = data[time][later] * scale
-    channels = {name: named(name, values[later]) for name, values in data.items() if name != time}
+    joints = () if rig is None else rig.joints
+    channels = {name: named(name, values[later], joints) for name, values in data.items() if name != time}
     known: dict[bytes, str] = {}
     for channel in channels.values():
         first = channel.column if channel.still else known.setdefault(channel.values.tobytes(), channel.column)
@@ -189,14 +189,14 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
         mapping = {"t": (time, factor, why), **assigned(t, channels, rig)}
         if time == ROW and not factor:
             del mapping["t"]
-        for target, (column, _, _) in mapping.items():
-            joint = target.partition("_")[2].removeprefix("ref_")
-            if column in channels and joint in rig.joints:
-                channels[column].joint = joint
-    needed = [] if rig is None else [f"{prefix}_{joint}" for prefix in ("q", "tau") for joint in rig.joints]
-    missing = tuple(target for target in needed if target not in mapping)
     first_one = Channel(time, data[time], "time", unit, factor, reasons=[why])
-    return Recognised((first_one, *channels.values()), mapping, missing, t, scale)
+    return Recognised((first_one, *channels.values()), mapping, t, scale)
+
+
+def needed(rig: Rig, mapping: Iterable[str]) -> list[str]:
+    """Return the columns that a log of a rig needs, of the joints of which a mapping holds any, or of all."""
+    held = [joint for joint in rig.joints if any(target.endswith(f"_{joint}") for target in mapping)]
+    return ["t", *(f"{prefix}_{joint}" for prefix in ("q", "tau") for joint in held or rig.joints)]
 
 
 def interval(ties: Sequence[Tie], channels: Mapping[str, Channel]) -> float | None:
@@ -223,14 +223,21 @@ def time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
     return "s", 1.0, "", "nothing tells its unit"
 
 
-def named(column: str, values: Array) -> Channel:
-    """Return what a name says of a column."""
+def named(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
+    """Return what a name says of a column: by a word of its kind, by its unit, or as the name of one of the joints."""
     channel, split = Channel(column, values), words(column)
     kind = next((kind for kind, known in KINDS.items() if known & set(split)), None)
     if {"angular", "velocity"} <= set(split):
         kind = "gyro"
     elif {"linear", "acceleration"} <= set(split):
         kind = "accel"
+    elif kind is None:
+        angle, torque = set(split) & UNITS["position"].keys(), "nm" in split or split[-2:] == ("n", "m")
+        rate = angle and split[-1] in ("s", "sec")
+        current = set(split) & UNITS["current"].keys()
+        own = any(words(joint) == split for joint in joints)
+        kinds = {"torque": torque, "current": current, "rate": rate, "position": angle or own}
+        kind = next((kind for kind, is_so in kinds.items() if is_so), None)
     channel.wanted = bool(WANTED & set(split))
     if kind is not None:
         channel.quantity = kind
@@ -415,9 +422,14 @@ def assigned(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, t
         for joint, column in columns.items():
             channel = channels[column]
             remark = channel.reasons[-1] if channel.reasons else ""
+            factor, constant = channel.factor, rig.motors[rig.joint_index(joint)].torque_constant
             if prefix == "tau" and channel.quantity == "current":
+                stated = constant != Motor().torque_constant
                 remark = "a current, A: multiply it by the motor's torque constant, N m per A"
-            found[f"{prefix}_{joint}"] = (column, channel.factor, remark)
+                remark = f"a current, A, times the rig's torque constant, {constant:g} N m per A" if stated else remark
+                factor = f"{constant:g}" + f"*{factor}" * bool(factor) if stated else factor
+            channel.joint = joint
+            found[f"{prefix}_{joint}"] = (column, factor, remark)
     links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
     for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
         found |= imu_columns([c for c in channels.values() if c.quantity == kind], rig.base, links, prefix, axes)
@@ -425,37 +437,39 @@ def assigned(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, t
 
 
 def by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False) -> dict[str, str]:
-    """Return joint → column of a kind: of the columns whose names differ by joint alone, the best set of all joints."""
+    """Return joint → column of a kind: of the columns whose names differ by joint alone, the best set.
+
+    That is the one of most joints, of these the one that was measured. Joints are told by their names, or all of them
+    by numbers in a row, or by the columns' order.
+    """
     several = [c for c in channels.values() if c.quantity == kind and c.wanted == wanted and not c.still]
     sets: dict[tuple[str, ...], dict[str, str]] = {}
     for channel in several:
         split = words(channel.column)
         inside = [joint for joint in rig.joints if set(words(joint)) <= set(split)]
         joint = max(inside, key=lambda joint: len(words(joint)), default="")
-        known = KINDS[kind] | {*words(joint)}
+        known = KINDS[kind] | UNITS.get(kind, {}).keys() | {*words(joint)}
         rest = tuple(word for word in split if not (word.isdigit() or word in known))
         key = joint or next((word for word in reversed(split) if word.isdigit()), "")
         sets.setdefault(rest, {}).setdefault(key, channel.column)
-    best: dict[str, str] = {}
-    lowest: float = inf
+    best: tuple[tuple[float, float], dict[str, str]] = (0, 0), {}
     for rest, each in sets.items():
         ranks = [RANK.get(word, PLAIN) for word in rest]
         rank = MEASURED if MEASURED in ranks else max(ranks, default=PLAIN)
+        found = {joint: each[joint] for joint in rig.joints if joint in each}
         numbered = sorted((int(key), column) for key, column in each.items() if key.isdigit())
-        columns = list(each.values()) if len(each) == rig.n == 1 else []
-        if set(rig.joints) <= each.keys():
-            columns = [each[joint] for joint in rig.joints]
-        elif len(numbered) == rig.n and all(b - a == 1 for (a, _), (b, _) in pairwise(numbered)):
-            columns = [column for _, column in numbered]
-        if (complete := dict(zip(rig.joints, columns))) and rank < lowest:
-            best, lowest = complete, rank
-    return best or (dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {})
+        if len(numbered) == rig.n and all(b - a == 1 for (a, _), (b, _) in pairwise(numbered)):
+            found = found or dict(zip(rig.joints, (column for _, column in numbered)))
+        elif len(each) == rig.n == 1:
+            found = dict(zip(rig.joints, each.values()))
+        best = max(best, ((len(found), -rank), found), key=lambda one: one[0])
+    return best[1] or (dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {})
 
 
 def torques(
     t: Array, channels: Mapping[str, Channel], rig: Rig, q: Mapping[str, str], v: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return joint → a column without a name that the joints' motion explains; empty unless there are just n.
+    """Return joint → a column without a name that the joints' motion explains: the first n that stand side by side.
 
     Regressed on a constant, all accelerations, rates and their signs, and sines and cosines of the angles' sums from
     the base on (gravity), all averaged over `AVERAGED`. The joints are taken in the columns' order: what moves one axis
@@ -483,11 +497,14 @@ def torques(
         if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > EXPLAINED:
             explained.append(channel)
             channel.reasons.append(f"{100 * share:.0f} % of it follow from the joints' motion")
-    if len(explained) != rig.n:
-        return {}
-    for channel in explained:
+    order = {column: k for k, column in enumerate(channels)}
+    runs = [explained[k : k + rig.n] for k in range(len(explained) - rig.n + 1)]
+    beside = [run for run in runs if order[run[-1].column] - order[run[0].column] == rig.n - 1]
+    chosen = next(iter(beside or (runs if len(runs) == 1 else [])), [])
+    for channel in chosen:
         channel.quantity = "torque"
-    return dict(zip(rig.joints, (channel.column for channel in explained)))
+        channel.reasons.append(f"{channel.reasons.pop()}; a current is to be multiplied by the motor's torque constant")
+    return dict(zip(rig.joints, (channel.column for channel in chosen)))
 
 
 def imu_columns(
