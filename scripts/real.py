@@ -23,6 +23,7 @@ import tyro
 from real_data import cases, checks, running
 from real_data.cases import Case
 from real_data.checks import Line
+from real_data.proposed import from_file, singles, summary
 from real_data.running import Outcome
 from tqdm import tqdm
 
@@ -43,7 +44,7 @@ def chosen(every: Sequence[Case], only: Sequence[str]) -> list[Case]:
 
 def run_missing(wanted: Sequence[Case], folder: Path, limit: float) -> None:
     """Run what has no outcome in the folder."""
-    there = [case for case in wanted if all(log.is_file() for log in case.logs)]
+    there = [case for case in wanted if case.there]
     jobs = [(case, run) for case in there for run in case.runs if not (folder / case.name / f"{run}.json").exists()]
     for case, run in tqdm(jobs, desc="runs", disable=None, file=sys.stderr):
         out = folder / case.name
@@ -95,6 +96,7 @@ def main(
     only: tuple[str, ...] = (),
     public: Path | None = None,
     compare: tuple[Path, Path] | None = None,
+    proposed: bool = False,
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     limit: float = LIMIT,
 ) -> None:
@@ -106,6 +108,7 @@ def main(
         only: Run these logs again, by how their names begin, and no others; lines without outcomes are skipped.
         public: A folder with clones of the public repositories that the data's README names.
         compare: Print the verdicts of two folders of outcomes side by side, and run nothing.
+        proposed: Go from each file to a report by the mapping that `inspect` proposes, and print a line per log.
         json_file: Write lines and outcomes as JSON.
         limit: Time limit of a run, s.
     """
@@ -116,8 +119,12 @@ def main(
         print(f"{data} is not there: give the folder of measured data with --data")
     with TemporaryDirectory() as place:
         made = Path(place)
-        every = cases.measured(data, made) + (cases.public(public, made) if public is not None else [])
+        every = cases.measured(data, made) + (cases.public(public) if public is not None else [])
         wanted = chosen(every, only)
+        if proposed:
+            found = [from_file(case, folder, limit) for case in tqdm(singles(wanted), disable=None, file=sys.stderr)]
+            print(*found, summary(found), sep="\n")
+            return
         if only:
             for case in wanted:
                 shutil.rmtree(folder / case.name, ignore_errors=True)

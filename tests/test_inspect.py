@@ -28,7 +28,8 @@ from tests.test_formats import TURRET, swing
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
-from real_data.cases import CAMERA, Case, measured
+from real_data.cases import CAMERA, measured
+from real_data.proposed import UNKNOWN, differing, singles
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 UNITS = {"rad": (1.0, 1.0), "deg": (pi / 180, pi / 180), "deg and rpm": (pi / 180, pi / 30), "turns": (2 * pi, 1.0)}
@@ -118,7 +119,9 @@ def proposed(path: Path) -> Log:
     """Read a log of the turret by what is proposed for it."""
     found = inspect(path, TURRET)
     assert found.missing == ()
-    return io.read_log(path, TURRET, [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()])
+    return io.read_log(
+        path, TURRET, [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()]
+    )
 
 
 FRAME = {
@@ -208,22 +211,10 @@ def test_any_columns_name_reads_back_from_an_expression(name: str, factor: str) 
 @pytest.mark.skipif(not DATA.is_dir(), reason="needs the measured logs in ../shared/data")
 def test_every_mapping_written_by_hand_is_proposed(tmp_path: Path) -> None:
     """Columns and factors, but for the torque constants of motors, which no log holds."""
-    by_log = {log: case for case in measured(DATA, tmp_path) for log in case.logs if "makers" not in case.name}
-    by_log = {log: case for log, case in by_log.items() if log.parent != tmp_path}
-    assert len(by_log) == 19
-    wrong = [(log.name, target) for log, case in by_log.items() for target in differing(log, case)]
+    logs = singles(measured(DATA, tmp_path))
+    assert len(logs) == 19
+    wrong = [(case.name, target) for case in logs for target, remark in differing(case) if UNKNOWN not in remark]
     assert wrong == []
-
-
-def differing(log: Path, case: Case) -> list[str]:
-    """Targets for which another column or factor is proposed than was written by hand."""
-    found, wrong = inspect(log, Rig.load(str(case.rig))).mapping, []
-    for target, source in read_mapping(case.maps).items():
-        column, factor, remark = found.get(target, ("", "", ""))
-        scale = parse_expression(expression(column or "x", factor), "").factor
-        fits = "torque constant" in remark or scale == pytest.approx(source.factor, rel=1e-12)
-        wrong += [] if column == source.column and fits else [target]
-    return wrong
 
 
 def test_the_verb_writes_a_mapping_a_picture_and_a_page(tmp_path: Path, run: Run) -> None:

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin.errors import GimbalPinError, LogError, UsageError
+from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
 from gimbal_pin.log import io
 from gimbal_pin.log.io import columns, csv, files, units
 from gimbal_pin.log.io.mapping import Source, parse_entry, parse_expression, read_mapping
@@ -219,7 +219,7 @@ BAD = {
         "--map q_tilt=",
     ),
     "no t": ("time,q_yaw,q_tilt,tau_yaw,tau_tilt\n0,1,2,3,4\n", "", "no column 't' (its columns: 'time'", "--map t="),
-    "no tau": ("t,q_yaw,q_tilt\n0,1,2\n", "", "no column 'tau_yaw', 'tau_tilt'", "--map tau_yaw="),
+    "no tau": ("t,q_yaw,q_tilt,iq\n0,1,2,3\n", "", "no column 'tau_yaw', 'tau_tilt'", "--map tau_yaw="),
     "one dq": (f"{HEADER},dq_tilt\n0,1,2,3,4,5\n", "", "has column 'dq_tilt' but not 'dq_yaw'", "whole group"),
     "part of imu": (f"{HEADER},gyro_arm_x,gyro_arm_z\n0,1,2,3,4,5,6\n", "", "but not 'gyro_arm_y'", "whole group"),
     "twice": (f"{HEADER},q_yaw\n0,1,2,3,4,5\n", "", "has 2 columns 'q_yaw'", "rename"),
@@ -270,6 +270,14 @@ def test_bad_csv_says_where_and_how(content: str, place: str, what: str, mend: s
     assert caught.value.place == f"{path}{place}"
     assert what in caught.value.what and mend in caught.value.mend
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
+
+
+def test_a_log_that_records_no_torque_cannot_answer(rig: Rig, tmp_path: Path) -> None:
+    """Every column is something else, so that no mapping mends it."""
+    (tmp_path / "log.csv").write_text("t,q_yaw,q_tilt\n0,1,2\n")
+    with pytest.raises(DataError, match="no torque"):
+        io.read_log(tmp_path / "log.csv", rig)
+    assert io.read_log(tmp_path / "log.csv", rig, need_tau=False).tau is None
 
 
 @settings(max_examples=25)

@@ -23,6 +23,8 @@ from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.estimation.model_file import write_extended
 from gimbal_pin.log.io import read_log, write_log
+from gimbal_pin.log.io.formats import files_of
+from gimbal_pin.log.io.mapping import read_mapping
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
@@ -66,7 +68,7 @@ def test_every_named_log_is_asked_about(tmp_path: Path) -> None:
     titles = " ".join(line.title for line in lines)
     for word in ("odrive", "laas", "simple", "double_061157", "UR10e", "TIAGo", "rub_gimbal", "phantom4_motion"):
         assert word in titles
-    assert cases.public(tmp_path, tmp_path) == []
+    assert cases.public(tmp_path) == []
 
 
 def test_a_runs_words_name_logs_and_maps() -> None:
@@ -76,21 +78,16 @@ def test_a_runs_words_name_logs_and_maps() -> None:
     assert words == ["diagnose", "turret", "a.csv", "b.csv", *maps, "--json", "out/.json"]
 
 
-def test_three_files_are_joined_by_time(tmp_path: Path) -> None:
+def test_three_files_are_one_log_of_some_joints(tmp_path: Path) -> None:
     clone = tmp_path / "figaroh-examples" / "examples" / "tiago"
     (clone / "urdf").mkdir(parents=True)
     (clone / "urdf" / "tiago_schunk.urdf").write_text(URDF)
-    names = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
-    for kind, times in (("position", (0, 1, 2)), ("velocity", (1, 2, 3)), ("effort", (2, 1))):
-        path = clone / "data" / "identification" / "dynamic" / f"tiago_{kind}.csv"
+    (case,) = cases.public(tmp_path)
+    assert not case.there and sorted(read_mapping(case.maps))[:2] == ["dq_arm_1_joint", "dq_arm_2_joint"]
+    for path in files_of(case.logs[0]):
         path.parent.mkdir(parents=True, exist_ok=True)
-        header = ",".join(["t", *(f"- {name}_{kind}" for name in names)])
-        path.write_text("\n".join([header, *(",".join([str(t), *[f"{kind[0]}{t}"] * 8]) for t in times)]) + "\n")
-    (case,) = cases.public(tmp_path, tmp_path)
-    rows = [line.split(",") for line in case.logs[0].read_text().splitlines()]
-    assert rows[0][:2] == ["t", "q_torso_lift_joint"] and [row[0] for row in rows[1:]] == ["1.0", "2.0"]
-    assert rows[1][1:] == ["p1"] * 8 + ["v1"] * 8 + ["e1"] * 8
-    assert 'name="motor" type="fixed"' in Path(case.rig).read_text()
+        path.touch()
+    assert case.there
 
 
 def test_currents_in_a_file_without_a_header(tmp_path: Path) -> None:
@@ -103,7 +100,7 @@ def test_currents_in_a_file_without_a_header(tmp_path: Path) -> None:
     table = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 20))
     table[:, 0] = np.arange(50) * 0.008
     np.savetxt(log, table, delimiter=",")
-    case = cases.public(tmp_path, tmp_path)[0]
+    case = cases.public(tmp_path)[0]
     read = read_log(log, Rig.load(urdf), case.maps)
     assert read.v is not None and read.tau is not None
     np.testing.assert_allclose(np.hstack([read.q, read.v]), table[:, 1:13])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from xml.etree import ElementTree
 
+from gimbal_pin.log.io.formats import files_of
 from gimbal_pin.rig.rig import Rig
 
 Words = tuple[str, ...]
@@ -79,6 +78,11 @@ class Case:
     runs: Mapping[str, Words] = field(default_factory=lambda: COMPARED)
     rotor: float = inf
 
+    @property
+    def there(self) -> bool:
+        """Whether its files are."""
+        return all(path.is_file() for log in self.logs for path in files_of(log))
+
     def arguments(self, run: str, out: Path) -> list[str]:
         """Return the words of a run's command line; files are written in `out`, the JSON to ``out/.json``."""
         several = {"{logs}": [str(log) for log in self.logs], "{maps}": [w for m in self.maps for w in ("--map", m)]}
@@ -95,7 +99,7 @@ def joints(pairs: Mapping[str, str], names: Sequence[str], first: int = 1) -> Wo
 
 def measured(data: Path, made: Path) -> list[Case]:
     """Return the cases of a folder of measured data, whether its files are there or not; `made` gets URDFs."""
-    return [*motors(data), *pendulums(data), *mended(data / "dfki_double_pendulum", made), *others(data, made)]
+    return [*motors(data), *pendulums(data), *others(data, made)]
 
 
 def motors(data: Path) -> list[Case]:
@@ -124,7 +128,7 @@ def pendulums(data: Path) -> list[Case]:
     plain = ("t=time", *joints({"q": "pos{}", "dq": "vel{}", "tau": "tau{}"}, names))
     numbered = {"q": "pos_meas{}", "dq": "vel_meas{}", "tau": "tau_meas{}"}
     lot = [two / f"20220812-{run}-PM_measured.csv" for run in first]
-    urdf = one / "pendulum.urdf"
+    urdf, axes = one / "pendulum.urdf", ("t=time", *joints(numbered, ("Joint1", "Joint2")))
     return [
         Case("simple_system_identification", urdf, (one / "system_identification.csv",), single, {**EVERY, **NOISY}),
         Case("simple_direct_collocation", urdf, (one / "direct_collocation.csv",), single, EVERY),
@@ -132,36 +136,9 @@ def pendulums(data: Path) -> list[Case]:
         Case("double_three_logs", second, tuple(lot), plain, rotor=AK80_ROTOR),
         Case("double_A_0815_02", second, (two / "A_0815_02.csv",), ("t=time", *joints(numbered, names)),
              rotor=AK80_ROTOR),
+        Case("double_A_5s", second, (two / "A_friction_compensated_5s.csv",), plain, rotor=AK80_ROTOR),
+        Case("double_C1_6s", two / "vendor_C1.urdf", (two / "C1_154220_6s.csv",), axes),
     ]  # fmt: skip
-
-
-def mended(data: Path, made: Path) -> list[Case]:
-    """Two short logs of the double pendulum, as they are and with what stops a reader taken out of a copy in `made`.
-
-    One log's first two rows share a time stamp; the maker's URDF does not declare its root link, and has one without
-    mass.
-    """
-    short, urdf, maker = data / "A_friction_compensated_5s.csv", data / "double_pendulum.urdf", data / "vendor_C1.urdf"
-    if not (short.is_file() and maker.is_file()):
-        return []
-    lines = short.read_text(encoding="utf-8").splitlines(keepends=True)
-    (made / short.name).write_text("".join(lines[:1] + lines[2:]), encoding="utf-8")
-    tree = ElementTree.parse(maker)
-    ElementTree.SubElement(tree.getroot(), "link", name="world")
-    for link in tree.getroot().iter("link"):
-        for inertial in [part for part in link.findall("inertial") if part.find("mass[@value='0']") is not None]:
-            link.remove(inertial)
-    tree.write(made / maker.name)
-    plain = ("t=time", *joints({"q": "pos{}", "dq": "vel{}", "tau": "tau{}"}, ("shoulder", "elbow")))
-    numbered = {"q": "pos_meas{}", "dq": "vel_meas{}", "tau": "tau_meas{}"}
-    axes = ("t=time", *joints(numbered, ("Joint1", "Joint2")))
-    log = (data / "C1_154220_6s.csv",)
-    return [
-        Case("double_A_5s", urdf, (short,), plain, rotor=AK80_ROTOR),
-        Case("double_A_5s_mended", urdf, (made / short.name,), plain, rotor=AK80_ROTOR),
-        Case("double_C1_6s", made / maker.name, log, axes),
-        Case("double_C1_6s_makers_urdf", maker, log, axes),
-    ]
 
 
 def others(data: Path, made: Path) -> list[Case]:
@@ -175,11 +152,11 @@ def others(data: Path, made: Path) -> list[Case]:
     ]
 
 
-def public(folder: Path, made: Path) -> list[Case]:
+def public(folder: Path) -> list[Case]:
     """Return the cases of the public repositories that have a clone in a folder, see the README of the data."""
     return [
         *universal(folder / "dynamic_calibration"),
-        *tiago(folder / "figaroh-examples" / "examples" / "tiago", made),
+        *tiago(folder / "figaroh-examples" / "examples" / "tiago"),
     ]
 
 
@@ -198,32 +175,14 @@ def universal(clone: Path) -> list[Case]:
     return found
 
 
-def tiago(clone: Path, made: Path) -> list[Case]:
-    """TIAGo's torso and arm: three files joined by time, every other joint fixed in a URDF of our own."""
+def tiago(clone: Path) -> list[Case]:
+    """TIAGo's torso and arm: three files of one clock; the rig's other joints have no columns."""
     urdf, logs = clone / "urdf" / "tiago_schunk.urdf", clone / "data" / "identification" / "dynamic"
-    kinds = {"q": "position", "dq": "velocity", "tau": "effort"}
-    paths = {kind: logs / f"tiago_{kind}.csv" for kind in kinds.values()}
-    if not all(path.is_file() for path in (urdf, *paths.values())):
+    if not urdf.is_file():
         return []
     names = ("torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)))
-    tree = ElementTree.parse(urdf)
-    for joint in tree.getroot().iter("joint"):
-        if joint.get("type") is not None and joint.get("name") not in names:
-            joint.set("type", "fixed")
-    tree.write(made / "tiago.urdf")
-    tables = {kind: by_time(path) for kind, path in paths.items()}
-    times = sorted(set.intersection(*(set(table) for table in tables.values())))
-    with (made / "tiago.csv").open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(["t", *(f"{target}_{joint}" for target in kinds for joint in names)])
-        for t in times:
-            rows.writerow([t, *(tables[kind][t][f"{joint}_{kind}"] for kind in kinds.values() for joint in names)])
-    maps = tuple(f"tau_{joint}=tau_{joint}*{constant}" for joint, constant in zip(names, TIAGO_CONSTANTS))
-    return [Case("tiago", made / "tiago.urdf", (made / "tiago.csv",), maps)]
-
-
-def by_time(path: Path) -> dict[float, dict[str, str]]:
-    """Read a CSV file with a column t as time → column → text; headers lose a leading ``- ``."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [{key.lstrip("- "): value for key, value in row.items()} for row in csv.DictReader(file)]
-    return {float(row["t"]): row for row in rows}
+    kinds = {"q": "position", "dq": "velocity", "tau": "effort"}
+    maps = [f'{target}_{joint}="- {joint}_{kind}"' for target, kind in kinds.items() for joint in names]
+    maps[-len(names) :] = [f"{one}*{constant}" for one, constant in zip(maps[-len(names) :], TIAGO_CONSTANTS)]
+    log = "+".join(str(logs / f"tiago_{kind}.csv") for kind in kinds.values())
+    return [Case("tiago", urdf, (Path(log),), ("t=t", *maps))]

@@ -384,13 +384,13 @@ def required(cases: Iterable[Case], folder: Path) -> list[Check]:
         if name in at:
             title = f"{name}: within a tenth of unmasked least squares"
             lines.append(Check(title, ((name, "identify"),), no_worse(at[name], folder)))
-    for name in ("double_A_5s", "double_A_5s_mended", "double_C1_6s"):
+    for name in ("double_A_5s", "double_C1_6s"):
         title = f"{name}: diagnose and identify answer or exit with 3"
         lines.append(Check(title, ((name, "diagnose"), (name, "identify")), answers_or_refuses))
     for name, case in at.items():
         title = f"{name}: nothing named that is denied"
-        # A file that no reader takes, and logs without torque, have no verdict.
-        if name not in ("double_A_5s", "double_C1_6s_makers_urdf", "rub_gimbal", "phantom4_motion"):
+        # Logs without torque have no verdict.
+        if name not in ("rub_gimbal", "phantom4_motion"):
             lines.append(Check(title, ((name, "diagnose"),), nothing_denied(case)))
         lines.append(
             Check(f"{name}: no error of ours in {', '.join(case.runs)}",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.errors import LogError
+from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.log.io.mapping import ROW, Source, check_targets, read_mapping
 from gimbal_pin.log.io.tables import Table, listed
 from gimbal_pin.log.log import REACH, SOONEST, Array, Log, implausible, untimely
@@ -174,7 +174,10 @@ def whole_rows(
 
 
 def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
-    """Raise `LogError` unless sources exist once, required groups are there, and no group is there in part."""
+    """Raise `LogError` unless sources exist once, required groups are there, and no group is there in part.
+
+    `DataError` where torques alone are missing, and every column is something else.
+    """
     for source in present.values():
         count = table.columns.count(source.column)
         if count == 0 and source.column != ROW:
@@ -183,6 +186,11 @@ def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str
         if count > 1:
             raise LogError(table.name, f"has {count} columns '{source.column}'", "rename all but one in the header")
     missing = [c for group in groups.values() if group.required for c in group.columns if c not in present]
+    left = set(table.columns) - {source.column for source in present.values()}
+    if missing and not left and all(group.columns[0].startswith("tau_") for group in groups.values()
+                                    if group.required and set(group.columns) & {*missing}):  # fmt: skip
+        mend = "record the torque or current that the drives report"
+        raise DataError(table.name, "holds how the joints move, and no torque that moves them", mend)
     if missing:
         what = f"has no column {listed(missing)} (its columns: {listed(table.columns)})"
         mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
