@@ -22,6 +22,7 @@ from gimbal_pin.log.io.mapping import Source, parse_expression, read_mapping
 from gimbal_pin.log.io.recognise import recognise
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import text
+from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.rig import Rig
 from tests.command_line import Run, refused, result
 from tests.test_formats import TURRET, swing
@@ -96,6 +97,37 @@ def test_a_rate_of_the_other_sign_or_of_an_unknown_unit_is_turned_into_its_angle
     assert float(mapping["dq_tilt"][1]) == pytest.approx(0.0042, rel=1e-3)
 
 
+@pytest.mark.parametrize("names", [("{j}_deg", "{j}_deg_s", "{j}_nm"), ("{j} [deg]", "{j} [deg/s]", "{j} [N m]")])
+def test_a_joints_name_and_a_unit_say_what_a_column_is(names: tuple[str, str, str], tmp_path: Path) -> None:
+    log = proposed(written(tmp_path, "deg", "t", names))
+    q, v = swing(log.t)
+    np.testing.assert_allclose(log.q, q, atol=1e-8)
+    assert log.v is not None and log.tau is not None
+    np.testing.assert_allclose(log.v, v, atol=1e-8)
+
+
+def test_the_first_block_of_nameless_columns_that_the_motion_explains_is_the_torques() -> None:
+    """Torques, what a model expects of them, and a voltage that nothing explains before both."""
+    t, rng = np.arange(0, 10, 0.002), np.random.default_rng(0)
+    q, v = swing(t)
+    tau = 0.3 * np.gradient(v, t, axis=0) + 0.1 * np.sign(v)
+    columns = [*q.T, *v.T, rng.normal(size=len(t)), *(tau + 0.01 * rng.normal(size=tau.shape)).T, *(2 * tau).T]
+    data = {"t": t, **{f"column{k}": x for k, x in enumerate(columns, start=2)}}
+    mapping = recognise("t", data, TURRET).mapping
+    assert [mapping[f"tau_{joint}"][0] for joint in TURRET.joints] == ["column7", "column8"]
+
+
+def test_joints_without_columns_are_held_and_that_is_said(tmp_path: Path, run: Run) -> None:
+    path = written(tmp_path, "rad", "t", NAMES["joints"])
+    pandas.read_csv(path).drop(columns=["pos_tilt", "vel_tilt", "tau_tilt"]).to_csv(path, index=False)
+    found = result(run, "inspect", path, "--rig", "turret", "--yaml", tmp_path / "m.yaml")["files"][0]
+    assert set(found["mapping"]) == {"t", "q_pan", "dq_pan", "tau_pan"} and found["missing"] == []
+    assert "'tilt'" in found["notes"][-1]
+    code, _, error = run("identify", "turret", path, "--map", tmp_path / "m.yaml", "-o", tmp_path / "model.yaml")
+    assert code == 0 and "held" in error and "tilt 0" in error
+    assert read_yaml(tmp_path / "model.yaml")["joints"] == ["pan"]
+
+
 def test_a_step_that_parts_a_turn_tells_degrees_from_radians() -> None:
     t = np.arange(0, 10, 0.002)
     for turn, unit in ((2 * pi, "rad"), (360.0, "deg")):
@@ -153,6 +185,35 @@ def test_odrives_on_a_bus_are_the_rigs_joints(style: str, tmp_path: Path) -> Non
     for own, true in ((log.q, q), (log.v, v), (log.tau, 2 * q * constants)):
         np.testing.assert_allclose(own, true, atol=1e-4)
     assert any("'001', '021'" in event for event in log.events) and any("no numbers" in event for event in log.events)
+
+
+@pytest.mark.parametrize(
+    ("form", "units"), [("f", (1.0, 1.0, 1.0)), ("i", (1e-5, 1e-5, 1e-3)), ("h", (1e-4, 2.5e-4, 0.01))]
+)
+def test_moteus_on_a_fast_bus_are_the_rigs_joints(form: str, units: tuple[float, ...], tmp_path: Path) -> None:
+    """A mode in an int8, then position, velocity and torque, as two controllers answer a host that asks."""
+    t = 1.7e9 + np.arange(0, 4, 0.002)
+    q, v = swing(t - t[0])
+    start = {"f": 0x2C, "i": 0x28, "h": 0x24}[form]
+    lines = []
+    for k, at in enumerate(t):
+        for node in (1, 2):
+            values = [
+                x / unit
+                for x, unit in zip((q[k, node - 1] / 2 / pi, v[k, node - 1] / 2 / pi, 3 * q[k, node - 1]), units)
+            ]
+            told = struct.pack(f"<3{form}", *(values if form == "f" else map(round, values)))
+            data = (b"\x21\x00\x0a" + bytes([start | 3, 1]) + told).ljust(32, b"\x50")
+            lines += [
+                f"({at:.6f}) can0 {0x8000 | node:08X}##1140400130D",
+                f"({at:.6f}) can0 {node << 8:03X}##1{data.hex().upper()}",
+            ]
+    (tmp_path / "bus.log").write_text("\n".join(lines) + "\n")
+    log = proposed(tmp_path / "bus.log")
+    q, v = swing(log.t - t[0])
+    assert log.v is not None and log.tau is not None and len(log) > len(t) - 8
+    for own, true, unit in ((log.q, q, 2 * pi * units[0]), (log.v, v, 2 * pi * units[1]), (log.tau, 3 * q, units[2])):
+        np.testing.assert_allclose(own, true, atol=1e-5 + (0.0 if form == "f" else 0.51 * unit))
 
 
 def test_a_bus_without_odrives_is_refused_with_the_mend(tmp_path: Path, run: Run) -> None:

@@ -1,14 +1,18 @@
-"""A CAN bus as candump writes it: the ODrives on it, by the CANSimple protocol's published layout.
+"""A CAN bus as candump writes it: the ODrives and the moteus controllers on it, by their protocols' published layouts.
 
-A frame's identifier is ``node << 5 | command``, its data are little-endian floats (docs/can-protocol.rst of ODrive,
-firmware 0.5.1 and later: turns and turns/s; Get_Torques is firmware 0.6's). Lines are ``(seconds) can0 029#0011…`` of
-``candump -l`` or ``-L``, or ``(seconds) can0 029 [8] 00 11 …`` of ``candump -t a``.
+An ODrive's identifier is ``node << 5 | command``, its data are little-endian floats (docs/can-protocol.rst of ODrive,
+firmware 0.5.1 and later: turns and turns/s; Get_Torques is firmware 0.6's). A moteus answers by ``source << 8 |
+destination`` with subframes of registers (docs/reference.md of mjbots/moteus, A.1 and A.2). Lines are ``(seconds) can0
+029#0011…`` of ``candump -l`` or ``-L``, ``029##10011…`` with CAN-FD, or ``(seconds) can0 029 [8] 00 11 …`` of ``candump
+-t a``.
 """
 
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Mapping
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -19,48 +23,90 @@ from gimbal_pin.rig.reading import read_bytes
 
 MAGIC = tuple(b"%s(%d" % (space, digit) for space in (b"", b" ") for digit in range(10))
 FRAME = re.compile(
-    rb"(?m)^[ \t]*\((\d{1,12}\.\d{1,9})\)[ \t]+(\w+)[ \t]+([0-9A-F]{3})(?:#|[ \t]+\[\d\][ \t]+)((?:[0-9A-F]{2} ?){4,8})"
-    rb"[ \t]*(?:[RT][ \t]*)?\r?$"
+    rb"(?m)^[ \t]*\((\d{1,12}\.\d{1,9})\)[ \t]+(\w+)[ \t]+([0-9A-F]{8}|[0-9A-F]{3})"
+    rb"(?:##[0-9A-F]|#|[ \t]+\[\d\d?\][ \t]+)((?:[0-9A-F]{2} ?){3,64})[ \t]*(?:[RT][ \t]*)?\r?$"
 )
-"""Time, interface, identifier of 11 bits, and data; a request (RTR) has none."""
+"""Time, interface, identifier, and data; a request (RTR) has none."""
 SIGNALS: Mapping[int, tuple[str, ...]] = {
     0x09: ("Pos_Estimate_turns", "Vel_Estimate_turns"),
     0x14: ("Iq_Setpoint", "Iq_Measured"),
     0x1C: ("Torque_Target", "Torque_Estimate"),
     0x0C: ("Setpoint_Pos_turns",),
 }
-"""Command → the floats that its data begin with. The last is sent to the drive: its Input_Pos."""
+"""Command → the floats that an ODrive's data begin with. The last is sent to the drive: its Input_Pos."""
+REGISTERS: Mapping[int, tuple[str, tuple[float, ...]]] = {
+    1: ("Position_turns", (1e-2, 1e-4, 1e-5, 1.0)),
+    2: ("Velocity_turns", (1e-1, 2.5e-4, 1e-5, 1.0)),
+    3: ("Torque", (0.5, 1e-2, 1e-3, 1.0)),
+    4: ("Iq_Measured", (1.0, 1e-1, 1e-3, 1.0)),
+}
+"""Register of a moteus → its name, and one unit of an int8, int16, int32 or float."""
+REPLY, NOP, FORMS = 0x20, 0x50, "bhif"
+
+
+def odrive(command: int, data: bytes) -> dict[str, float]:
+    """Return signal → value of an ODrive's frame; empty for another's."""
+    names = SIGNALS.get(command, ())
+    return (
+        dict(zip(names, struct.unpack_from(f"<{len(names)}f", data))) if names and len(data) >= 4 * len(names) else {}
+    )
+
+
+def moteus(data: bytes) -> dict[str, float]:
+    """Return signal → value of a moteus's reply, nan where it knows none; empty for another frame."""
+    out, at = dict[str, float](), 0
+    while at + 1 < len(data):
+        kind, at = data[at], at + 1
+        if kind == NOP:
+            continue
+        if kind & 0xF0 != REPLY:
+            return {}
+        count, form = kind & 3, FORMS[kind >> 2 & 3]
+        if not count:
+            count, at = data[at], at + 1
+        size = struct.calcsize(form)
+        if at + 1 + count * size > len(data):
+            return {}
+        for k, value in enumerate(struct.unpack_from(f"<{count}{form}", data, at + 1)):
+            name, units = REGISTERS.get(data[at] + k, ("", ()))
+            if name:
+                lost = form != "f" and value == -(1 << 8 * size - 1)
+                out[name] = nan if lost else value * units[kind >> 2 & 3]
+        at += 1 + count * size
+    return out
 
 
 def open_candump(path: Path) -> Table:
-    """Read a capture: one stream per ODrive and command, all by the bus's clock; `LogError` if there is no ODrive."""
-    found: dict[tuple[int, str, int], tuple[list[float], list[bytes]]] = {}
+    """Read a capture: one stream per drive and kind of frame, all by the bus's clock; `LogError` if there is none."""
+    found: dict[tuple[tuple[str, ...], str, int], tuple[list[float], list[tuple[float, ...]]]] = {}
     others, lines = set[str](), 0
     for time, bus, identifier, data in (frame.groups() for frame in FRAME.finditer(read_bytes(path, LogError))):
-        node, command = divmod(int(identifier, 16), 32)
-        content, lines = bytes.fromhex(data.decode()), lines + 1
-        if len(content) < 4 * len(SIGNALS.get(command, "one")):
+        content, lines, at = bytes.fromhex(data.decode()), lines + 1, int(identifier, 16)
+        node, signals = at >> 5, odrive(at & 31, content) if len(identifier) == 3 else {}
+        if not signals and at < 0x8000:  # beyond, a host asks for a reply
+            node, signals = at >> 8, moteus(content)
+        if signals:
+            times, values = found.setdefault((tuple(signals), bus.decode(), node), ([], []))
+            times.append(float(time))
+            values.append(tuple(signals.values()))
+        else:
             others.add(identifier.decode())
-            continue
-        times, frames = found.setdefault((command, bus.decode(), node), ([], []))
-        times.append(float(time))
-        frames.append(content[: 4 * len(SIGNALS[command])])
     if not found:
-        what = f"holds no estimates of an ODrive in its {lines} frames of 11-bit identifiers"
+        what = f"holds no estimates of an ODrive or a moteus in its {lines} frames"
         raise LogError(str(path), what, "decode it by the device's DBC (python -m cantools decode), and write CSV")
     many = len({bus for _, bus, _ in found}) > 1
     streams, notes = [], []
-    for command, bus, node in sorted(found, key=lambda key: (list(SIGNALS).index(key[0]), key)):
-        times, frames = found[command, bus, node]
-        with np.errstate(invalid="ignore"):  # a signalling nan becomes a quiet one
-            values = np.frombuffer(b"".join(frames), "<f4").reshape(len(frames), -1).astype(np.float64)
-        fine = np.all(np.isfinite(values), axis=1)  # an ODrive that has not found its encoder's zero says nan
+    first = [name for names in SIGNALS.values() for name in names]
+    for names, bus, node in sorted(found, key=lambda key: (first.index(key[0][0]) if key[0][0] in first else 0, key)):
+        times, rows = found[names, bus, node]
+        table = np.array(rows)
+        fine = np.all(np.isfinite(table), axis=1)  # a drive that has not found its encoder's zero says nan
         label = f"{bus}.node{node}" if many else f"node{node}"
-        name = f"{label}.{SIGNALS[command][0]}"
+        name = f"{label}.{names[0]}"
         if not fine.all():
-            notes.append(f"{np.sum(~fine)} of {len(frames)} frames of {name} hold no numbers: left out")
+            notes.append(f"{np.sum(~fine)} of {len(rows)} frames of {name} hold no numbers: left out")
         if fine.any():
-            columns = {f"{name}.t": np.array(times), **dict(zip((f"{label}.{s}" for s in SIGNALS[command]), values.T))}
+            columns = {f"{name}.t": np.array(times), **dict(zip((f"{label}.{s}" for s in names), table.T))}
             streams.append(Stream(f"{name}.t", {column: x[fine] for column, x in columns.items()}))
     if others:
         notes.append(f"frames of the identifiers {listed(sorted(others))} are none that are read: left out")
