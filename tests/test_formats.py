@@ -151,13 +151,14 @@ def test_the_same_motion_identifies_the_same_rig(tmp_path: Path) -> None:
     still = Imu(np.zeros((len(ran), 3)), np.tile([0, 0, 9.81], (len(ran), 1)), np.tile([1.0, 0, 0, 0], (len(ran), 1)))
     columns = log_columns(replace(ran, t=np.round(ran.t, 6), q_ref=None, temperature=None, imus={TURRET.base: still}))
     theta = []
-    for writer in ("csv", "ros2 mcap"):
+    for writer in ("csv", "parquet of pandas", "npz", "mat", "mat 7.3", "ros1", "ros2 mcap", "ulog"):
         name, write = WRITERS[writer]
         write(columns, tmp_path / f"{writer}-{name}")
-        estimated = identify(TURRET, [io.read_log(tmp_path / f"{writer}-{name}", TURRET)]).model.estimated
+        log = io.read_log(tmp_path / f"{writer}-{name}", TURRET, maps(writer, columns))
+        estimated = identify(TURRET, [log]).model.estimated
         assert estimated is not None
         theta.append(estimated.theta)
-    np.testing.assert_allclose(theta[1], theta[0], rtol=1e-9)
+    np.testing.assert_allclose(theta, [theta[0]] * len(theta), rtol=1e-9)
 
 
 def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_told(tmp_path: Path) -> None:
