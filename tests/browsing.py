@@ -55,7 +55,7 @@ class Visit:
                 await tab.send_command(f"{domain}.enable")
             loaded = session.subscribe_once("Page.loadEventFired")
             await tab.send_command("Page.navigate", {"url": url})
-            await asyncio.wait_for(loaded, 60)
+            await asyncio.wait_for(loaded, 240)
             for step in steps:
                 if isinstance(step, str):
                     self.values.append(await browser.evaluate(tab, step))
