@@ -16,7 +16,7 @@ from gimbal_pin.control.laws.uncertainty import bounds
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.bodies import bodies, deviations, figures, slopes
+from gimbal_pin.estimation.bodies import believed, bodies, figures, slopes
 from gimbal_pin.estimation.estimators import Bootstrap, Estimate, ols, physical, weighted
 from gimbal_pin.estimation.estimators.components import (
     Likelihood,
@@ -118,7 +118,7 @@ def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: f
     rng = np.random.default_rng(0)
     root = rng.standard_normal((len(mixing), len(mixing))) * 10.0 ** rng.uniform(-6, -2, len(mixing))[:, None]
     P, prior = root @ root.T, trust * mixing @ spread(rig.phi)
-    through = mixing @ deviations(rig.phi, mixing, P, trust)
+    through = mixing @ believed(rig.phi, mixing, mixing @ rig.phi, P, trust)[1]
     size = np.sqrt(np.diag(P))
     expected = P - P @ np.linalg.solve(P + prior @ prior.T, P)
     assert np.allclose(through @ through.T / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
@@ -135,7 +135,7 @@ def test_intervals_of_bodies_hold_the_truth() -> None:
             continue
         beta = mixing @ true + std * rng.standard_normal(len(std))
         phi = likeliest(rig.phi, mixing, beta, np.diag(std**2), trust)
-        said = bodies(rig.links, rig.phi, phi, mixing, np.diag(std**2), trust)
+        said = bodies(rig.links, rig.phi, phi, mixing, beta, np.diag(std**2), trust)
         for body, own in zip(said, true.reshape(-1, 10)):
             every = (body.mass, *body.com, *body.inertia)
             hits += [abs(f.value - x) <= 1.96 * f.std for f, x in zip(every, figures(own)) if f.std > 1e-12]
@@ -159,7 +159,7 @@ def test_what_the_log_shows_is_said_and_what_the_urdf_says_too(found: Identified
 
 
 def test_the_controller_draws_from_the_estimates_own_covariance(found: Identified) -> None:
-    """Twice the deviations, twice the bounds; and a repetition's covariance goes the same way."""
+    """Twice the believed, twice the bounds; and a repetition's covariance goes the same way."""
     model = found.model
     assert model.estimated is not None and model.estimated.covariance is found.estimate.covariance
 

@@ -16,11 +16,14 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.consistency import spread
+from gimbal_pin.rig.inertia import physical
 
 TRUST = 0.3
 """Relative standard deviation of the URDF's masses that is assumed where nobody states one."""
 SHOWN = 0.5
 """A figure is shown by the log if that leaves less than this share of the deviation that the trust gives it."""
+DRAWS, INTERVAL = 400, 0.95
+"""Bodies that are drawn to see how far the intervals are from what slopes say, and the share that lies in them."""
 COMPLEX = 1e-30
 """Step into the complex plane: derivatives without rounding."""
 NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -74,7 +77,13 @@ class Body:
 
 
 def bodies(
-    links: Sequence[str], given: Array, phi: Array, mixing: Array, covariance: Array, trust: float = TRUST
+    links: Sequence[str],
+    given: Array,
+    phi: Array,
+    mixing: Array,
+    beta: Array,
+    covariance: Array,
+    trust: float = TRUST,
 ) -> tuple[Body, ...]:
     """Return the figures of a rig's bodies with their deviations.
 
@@ -83,31 +92,57 @@ def bodies(
         given: The URDF's bodies: what the trust is in, (10 n,).
         phi: The bodies, physical, (10 n,).
         mixing: K: base parameters per entry of phi, (b, 10 n).
-        covariance: Covariance of the base parameters, (b, b).
+        beta: Estimated base parameters, (b,).
+        covariance: Their covariance, (b, b).
         trust: Relative standard deviation of the URDF's masses; lengths to half of that.
     """
-    before, after = trust * spread(given), deviations(given, mixing, covariance, trust)
+    before = trust * spread(given)
+    middle, after = believed(given, mixing, beta, covariance, trust)
+    draws = after @ np.random.default_rng(0).standard_normal((len(phi), DRAWS))
     found = []
     for k, own in enumerate(np.reshape(phi, (-1, 10))):
         at, slope = slice(10 * k, 10 * k + 10), slopes(own)
         std, prior = (np.linalg.norm(slope @ root[at], axis=1) for root in (after, before))
         shown = std < SHOWN * prior
+        std = std * bent(own, middle[at] - own, slope, draws[at])
         values = zip(figures(own).tolist(), std.tolist(), shown.tolist(), UNITS)
         mass, *rest = (Figure(*each) for each in values)
         found.append(Body(links[k], mass, tuple(rest[:3]), tuple(rest[3:])))
     return tuple(found)
 
 
-def deviations(given: Array, mixing: Array, covariance: Array, trust: float) -> Array:
-    """A root of the covariance of bodies' parameters, (10 n, 10 n): ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``, G = B Bᵀ the trust's.
+def believed(given: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> tuple[Array, Array]:
+    """The mean of bodies' parameters, (10 n,), and a root of their covariance, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``, (10 n, 10 n).
 
-    That is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of magnitude.
+    G = B Bᵀ is the trust's, so that is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of
+    magnitude. Arguments as for `bodies`.
     """
     root, size = trust * spread(given), np.sqrt(np.diag(covariance))
     lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
-    shown = np.linalg.solve(lower, mixing @ root / size[:, None])
-    R = np.asarray(np.linalg.qr(np.vstack([shown, np.eye(len(given))]), mode="r"))
-    return np.asarray(np.linalg.solve(R.T, root.T).T)
+    shown, apart = (np.linalg.solve(lower, (x.T / size).T) for x in (mixing @ root, beta - mixing @ given))
+    Q, R = np.linalg.qr(np.vstack([shown, np.eye(len(given))]))
+    moved = root @ np.linalg.solve(R, Q[: len(size)].T @ apart)
+    return given + moved, np.asarray(np.linalg.solve(R.T, root.T).T)
+
+
+def bent(phi: Array, apart: Array, slope: Array, draws: Array) -> Array:
+    """How many times as wide as their slopes say the figures' 95 % intervals are, (10,).
+
+    A centre of mass is a quotient and an inertia about it a product: where the mass is uncertain by a third, their
+    deviations are no more in proportion to it.
+
+    Args:
+        phi: One body's parameters, (10,).
+        apart: Mean of its parameters less these, (10,).
+        slope: Of the figures, see `slopes`.
+        draws: Changes of the parameters as likely as their covariance says, (10, N).
+    """
+    each = [phi + apart + draw for draw in draws.T]
+    curved = np.array([figures(one) - figures(phi) for one in each if physical(one)])
+    if not len(curved):
+        return np.ones(10)
+    wide, narrow = (np.quantile(np.abs(x), INTERVAL, axis=0) for x in (curved, (slope @ draws).T))
+    return np.asarray(np.where(narrow > 0, wide / np.maximum(narrow, 1e-300), 1.0))
 
 
 def figures(phi: Array) -> Array:

@@ -223,7 +223,8 @@ class Identified:
         width, rig = len(self.reduction.independent), self.model.rig
         covariance = self.estimate.covariance[:width, :width]
         mixing = over_phi(rig, self.reduction)
-        return bodies(rig.links, self.given, self.consistent.phi, mixing, covariance, self.trust)
+        known = self.estimate.theta[:width], covariance
+        return bodies(rig.links, self.given, self.consistent.phi, mixing, *known, self.trust)
 
     @property
     def stated(self) -> Array:
