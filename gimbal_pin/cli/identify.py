@@ -94,7 +94,7 @@ def identify(
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
-    from gimbal_pin.estimation.balance import reported
+    from gimbal_pin.diagnosis.given import compared, reported
     from gimbal_pin.estimation.bodies import TRUST
     from gimbal_pin.estimation.identification import refittable_effects
     from gimbal_pin.estimation.model_file import read_model
@@ -130,7 +130,8 @@ def identify(
     causes = () if extended is None else refittable_effects(read_model(extended, loaded))
     found = identified(loaded, read, fit, bias, refit, trusted, causes)
     write(found, output, urdf)
-    present(text.identified(found), reported(found), json)
+    apart = compared(found)
+    present(text.identified(found, apart), reported(found, apart), json)
 
 
 def identified(

@@ -14,9 +14,11 @@ from gimbal_pin.diagnosis.fit import Fit
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide
 from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
 from gimbal_pin.estimation.rows import over_phi
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.rig import Rig
 
 RANK = 1e-6
@@ -31,6 +33,8 @@ TOLD = 2.0
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
 TRIAL, FAINT = 0.03, 0.05
 """Share of a mass, and the millimetres from which it is said what that much more of it does."""
+SHARES, HALVINGS = (1e-4, 1.0), 12
+"""Between which shares other bodies' difference from the URDF is looked for, and in how many halvings."""
 MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
 
@@ -141,11 +145,21 @@ class Difference:
         gain = (left[:, shown] / size[shown]).T @ W
         return Seen(right[shown].T, gain @ self.change, gain @ self.covariance @ gain.T)
 
+    def left(self, columns: Array) -> tuple[float, int]:
+        """Power of the change outside the reach of some columns, (b, m), in units of noise, and in how many ways."""
+        rest = outside(self.whitener @ columns, (self.whitener @ self.change)[:, None])
+        return float(np.sum(rest**2)), len(self.change) - int(np.linalg.matrix_rank(self.whitener @ columns, tol=None))
+
     def lack_of_fit(self, columns: Array) -> float:
         """Chance of as much change outside the reach of some columns, (b, m), where there is none."""
-        rest = outside(self.whitener @ columns, (self.whitener @ self.change)[:, None])
-        freedom = len(self.change) - np.linalg.matrix_rank(self.whitener @ columns, tol=None)
-        return float(chi2.sf(float(np.sum(rest**2)), freedom)) if freedom else 1.0
+        power, freedom = self.left(columns)
+        return float(chi2.sf(power, freedom)) if freedom else 1.0
+
+    def widened(self, root: Array) -> Difference:
+        """Return it with a root of another covariance, (b, r), in its own."""
+        W, more = self.whitener, root @ root.T
+        noise = self.weighting * len(self.change) / np.trace(W @ self.weighting @ W.T)
+        return replace(self, covariance=self.covariance + more, weighting=noise + more)
 
 
 def outside(span: Array, columns: Array) -> Array:
@@ -171,9 +185,9 @@ class Given:
             only what shows without them is said.
         stated: The mass that its URDF states, kg.
         mass: Difference from it, kg, one value, or none where it does not show.
-        shift: Of the centre of mass at the mass above, m, forms (3,) with its directions.
+        shift: Of the centre of mass of the payload with the mass above, m, forms (3,) with its directions.
         per_mass: Change of that shift if the payload has a kilogram more, m/kg, (3,): a body that carries it off the
-            joints' axes pulls as one that sits further out.
+            joints' axes pulls as one that sits further out, and what sits off its place does so less if it is heavier.
         products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
         words: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
         gyration: The payload's radius of gyration as stated, m.
@@ -270,6 +284,11 @@ class Given:
         products = self.skewed()
         return {"camera": row, **({self.body: products} if products else {})}
 
+    @property
+    def weighs(self) -> tuple[float, float] | tuple[()]:
+        """What the payload weighs, and the deviation of that, kg; nothing where it does not show."""
+        return (self.stated + float(self.mass.change[0]), float(self.mass.std[0])) if len(self.mass.value) else ()
+
     def skewed(self) -> dict[str, Any]:
         """Return the products of inertia that are shown and differ, kg m², or nothing."""
         seen = self.products
@@ -278,11 +297,24 @@ class Given:
         return {**figures, "sentence": self.skew()} if self.skew() else {}
 
 
+def compared(found: Identified) -> Given | None:
+    """Compare what `identify` found with the rig that it was given; None where nothing is mounted that is known."""
+    rig = found.model.rig.with_phi(found.given)
+    return None if found.torn or found.swapped else given(Difference.of_identified(rig, found))
+
+
+def reported(found: Identified, apart: Given | None) -> dict[str, Any]:
+    """Return what JSON holds of an identification, the payload's place and mass and the balance with it."""
+    weighs = () if apart is None else apart.weighs
+    return {**weighed(found, *weighs), "given_model": None if apart is None else apart.to_dict()}
+
+
 def given(found: Difference) -> Given | None:
     """Explain a difference by the payload's ten parameters; None where the rig carries nothing with a mass.
 
-    Inertias are left open: a shift is read from first moments at the stated mass, a mass from what it alone moves
-    (arms that carry it off an axis). Where the payload cannot explain the difference, every other body is open, too.
+    Inertias are left open: a shift is read from first moments, a mass from what it alone moves (arms that carry it off
+    an axis). Where the payload cannot explain the difference, the other bodies differ from the URDF, too, by a share
+    that is estimated, see `others`.
     """
     rig = found.rig
     try:
@@ -290,29 +322,37 @@ def given(found: Difference) -> Given | None:
     except UsageError:
         return None
     mine = slice(10 * body, 10 * body + 10)
-    own, others = found.responses[:, mine], np.delete(found.responses, range(10 * body, 10 * body + 10), axis=1)
+    own = found.responses[:, mine]
     alone = found.lack_of_fit(own) > SURE
-    rest = np.zeros((len(own), 0)) if alone else others
+    found, open_ = (found, own[:, INERTIA]) if alone else others(found, body)
     moments = inertia.mass * own[:, MOMENTS] @ frame.rotation
     phi = inertia.toDynamicParameters()
     heavier = own @ (phi / inertia.mass)[:, None]
     moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
     radius = gyration(inertia)
-    mass = found.seen(heavier, np.hstack([moments, own[:, INERTIA], rest]), SHOWN * inertia.mass)
-    unsure = heavier if len(mass.value) else heavier[:, :0]
-    beside, fine = np.hstack([unsure, own[:, INERTIA], rest]), SHOWN * radius
-    shift = found.seen(moments, beside, fine)
-    per_mass = replace(found, change=-heavier[:, 0] * (not len(mass.value))).seen(moments, beside, fine).change
+    mass = found.seen(heavier, np.hstack([moments, open_]), SHOWN * inertia.mass)
+    more, turned, fine = float(mass.change[0]), own[:, MOMENTS] @ frame.rotation, SHOWN * radius
+    unsure = heavier[:, : len(mass.value)]
+    first = found.seen(moments, np.hstack([unsure, open_]), fine)
+    # About what was found: all of the payload's mass has moved, what it has more included.
+    whole = inertia.mass + more
+    moved = turned @ first.change * inertia.mass / whole
+    beside = np.hstack([unsure + moved[:, None], open_])
+    shift = replace(found, change=found.change + more * moved).seen(whole * turned, beside, fine)
+    unweighed = -(heavier[:, 0] + moved) * (not len(mass.value))
+    per_mass = replace(found, change=unweighed).seen(whole * turned, beside, fine).change
 
     def placed(extra: float) -> Array:
         """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
-        more = float(mass.change[0]) + extra
-        return shifted(inertia, frame, shift.change + extra * per_mass) + phi * more / inertia.mass
+        body = phi + shifted(inertia, frame, shift.change + extra * per_mass)
+        return body * (whole + extra) / inertia.mass - phi
 
     left = replace(found, change=found.change - own @ placed(0.0))
     hidden = own @ (placed(TRIAL * inertia.mass) - placed(0.0))[:, None]  # an unknown mass makes products, too
     diagonal = np.delete(own, PRODUCTS, axis=1)
-    products = left.seen(own[:, PRODUCTS], np.hstack([diagonal, rest, hidden[:, len(mass.value) :]]), SHOWN * moment)
+    products = left.seen(
+        own[:, PRODUCTS], np.hstack([diagonal, open_[:, 6:], hidden[:, len(mass.value) :]]), SHOWN * moment
+    )
     return Given(
         link=carried(rig),
         body=rig.links[body],
@@ -326,3 +366,29 @@ def given(found: Difference) -> Given | None:
         gyration=radius,
         moment=moment,
     )
+
+
+def others(found: Difference, body: int) -> tuple[Difference, Array]:
+    """Return the difference, deviations holding what other bodies than one may differ by, and what is open beside it.
+
+    Open are all inertias, as no URDF holds the motors' rotors; where that leaves nothing to judge by, the body's own.
+    Masses and first moments are the URDF's, stretched by τ (`consistency.spread`), with τ so that what the body does
+    not explain is as large as its degrees of freedom (Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 1982).
+    """
+    mine = np.arange(10 * body, 10 * body + 10)
+    own = found.responses[:, mine]
+    order = sorted(range(found.rig.n), key=lambda k: k != body)
+    open_ = found.responses[:, [10 * k + place for k in order for place in INERTIA]]
+    if not found.left(np.hstack([own, open_]))[1]:
+        open_ = own[:, INERTIA]
+    apart = found.responses @ np.delete(spread(found.rig.phi), mine, axis=1)
+
+    def allowed(share: float) -> Difference:
+        return found.widened(share * apart)
+
+    low, high = SHARES
+    for _ in range(HALVINGS):
+        share = float(np.sqrt(low * high))
+        power, freedom = allowed(share).left(np.hstack([own, open_]))
+        low, high = (share, high) if power > freedom else (low, share)
+    return allowed(high), open_

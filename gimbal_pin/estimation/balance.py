@@ -110,15 +110,16 @@ class Balance:
         }
 
 
-def balance(found: Identified, mass: float | None = None) -> Balance | None:
+def balance(found: Identified, mass: float | None = None, loose: float = 0.0) -> Balance | None:
     """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
 
     G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, W one over the
-    motors' torque. The payload's mass is the one that was found, or the stated one where the log does not show it.
+    motors' torque.
 
     Args:
         found: The gimbal with the payload.
-        mass: The payload's mass where it was identified, kg, as that of one camera beside others is.
+        mass: The payload's mass where it was identified, kg; None: the stated one.
+        loose: Its standard deviation, kg.
     """
     rig = found.model.rig
     try:
@@ -130,7 +131,7 @@ def balance(found: Identified, mass: float | None = None) -> Balance | None:
     full = regressor(rig, q, still, still)
     gravity = full[:, :, columns_of(rig, found.reduction)]
     moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
-    weighs, loose = identified_mass(found, body, float(inertia.mass)) if mass is None else (mass, 0.0)
+    weighs = float(inertia.mass) if mass is None else mass
     per_way = weighs * full[:, :, moments] @ facing(rig)
     limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
     inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
@@ -144,19 +145,7 @@ def balance(found: Identified, mass: float | None = None) -> Balance | None:
     return Balance(way, std, weighs, not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist())))
 
 
-def identified_mass(found: Identified, body: int, stated: float) -> tuple[float, float]:
-    """Return the payload's mass and its deviation, kg: with all that its body is heavier by, where the log shows that.
-
-    Else the stated one, without a deviation.
-
-    Added mass is the payload's: it is what is changed on a gimbal.
-    """
-    figure, given = found.bodies[body].mass, float(found.given[10 * body])
-    heavier = stated + figure.value - given
-    return (heavier, figure.std) if figure.shown and not found.swapped and heavier > 0 else (stated, 0.0)
-
-
-def reported(found: Identified, mass: float | None = None) -> dict[str, Any]:
-    """Return what JSON holds of an identification, the balance with it; `mass`: see `balance`."""
-    balanced = balance(found, mass)
+def reported(found: Identified, mass: float | None = None, loose: float = 0.0) -> dict[str, Any]:
+    """Return what JSON holds of an identification, the balance with it; `mass` and `loose`: see `balance`."""
+    balanced = balance(found, mass, loose)
     return {**found.to_dict(), "balance": None if balanced is None else balanced.to_dict()}

@@ -12,6 +12,7 @@ from tqdm import tqdm
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis
+from gimbal_pin.diagnosis.given import compared
 from gimbal_pin.estimation.identification import Identified
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
@@ -75,7 +76,7 @@ def full(
         *([] if wrong is None else [partial(diagnosis, wrong)]),
         *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(undiagnosed)))] if undiagnosed else []),
         lambda: animation(recording, STEPS.format(controller_name(law))),
-        lambda: parameters(found, evaluated, rig),
+        lambda: parameters(found, evaluated, compared(found) if wrong is None else wrong.given),
         lambda: torque(found, evaluated),
         lambda: margins(*tunings.values()),
         lambda: tracking(result, rig, plant),

@@ -17,12 +17,12 @@ from gimbal_pin.control.tracking import Tracking, tour, track
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
+from gimbal_pin.diagnosis.given import Given, compared, reported
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.balance import reported
 from gimbal_pin.estimation.estimators import Estimator, weighted
 from gimbal_pin.estimation.identification import Identified, identify, refittable_effects
 from gimbal_pin.estimation.model_file import write_extended, write_model
@@ -100,6 +100,11 @@ class Auto:
         return next(iter(self.tunings.values()))
 
     @property
+    def apart(self) -> Given | None:
+        """What sets the payload apart from its URDF: the diagnosis's answer where there is one, for it knows more."""
+        return compared(self.identified) if self.diagnosis is None else self.diagnosis.given
+
+    @property
     def held_on(self) -> str:
         """What the camera was held on, in words."""
         return TRUE_PLANT if self.plant == TRUE_PLANT else DRAWN_PLANT
@@ -108,7 +113,7 @@ class Auto:
         """Return the verbs' JSON side by side."""
         return {
             "schema": 1,
-            "identify": reported(self.identified),
+            "identify": reported(self.identified, self.apart),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": self.tuning.to_dict(),
             "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},

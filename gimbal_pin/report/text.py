@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis
+    from gimbal_pin.diagnosis.given import Given
     from gimbal_pin.diagnosis.result import Finding
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
@@ -137,13 +138,14 @@ def inspected(found: Inspected) -> str:
 # -- identification ----------------------------------------------------------------------------------------------------
 
 
-def identified(found: Identified) -> str:
-    """Parameters with uncertainty, accuracy, and how to balance the payload."""
+def identified(found: Identified, apart: Given | None = None) -> str:
+    """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
     from gimbal_pin.estimation.balance import balance
 
     # Advice from the parameters of neither rig would lead astray.
-    balanced = None if found.torn else balance(found)
-    return "\n".join([*described(found), *(() if balanced is None else balanced.sentences)])
+    balanced = None if found.torn else balance(found, *(() if apart is None else apart.weighs))
+    against = () if apart is None else (f"given model: {line}" for line in apart.lines)
+    return "\n".join([*described(found), *against, *(() if balanced is None else balanced.sentences)])
 
 
 def described(found: Identified) -> list[str]:
@@ -504,7 +506,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
         lines.append(f"camera on a platform that moves, jitter rms, on {found.held_on}: {each}")
     if verbose:
         parts = [
-            identified(found.identified),
+            identified(found.identified, found.apart),
             *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
             tuning(found.tuning, verbose),
             tracking(found.tracking, found.plant, found.model.rig),

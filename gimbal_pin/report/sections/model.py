@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis.given import Difference
-from gimbal_pin.diagnosis.given import given as stated
+from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.estimation.balance import balance
 from gimbal_pin.estimation.identification import Identified
@@ -31,7 +30,6 @@ from gimbal_pin.report.format import (
 )
 from gimbal_pin.report.html import Section, bullets, heading, paragraph
 from gimbal_pin.report.table import join
-from gimbal_pin.rig.rig import Rig
 
 Flags = NDArray[np.bool_]
 
@@ -49,11 +47,11 @@ CLOUD = 900
 """Most dots in a cloud."""
 
 
-def parameters(found: Identified, evaluated: Evaluated, given: Rig) -> Section:
-    """Return base parameters and friction with 95 % intervals, and the torque that each moves, beside a rig's own."""
+def parameters(found: Identified, evaluated: Evaluated, apart: Given | None) -> Section:
+    """Return base parameters and friction with 95 % intervals, the torque that each moves, and the payload's place."""
     every, width = known(found, evaluated), len(found.reduction.independent)
     bound = None if found.bound is None else found.bound.tolist()
-    apart, payload = stated(Difference.of_identified(given, found)), balance(found)
+    payload = balance(found, *(() if apart is None else apart.weighs))
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
