@@ -201,7 +201,7 @@ def test_a_film_that_is_broken_off_leaves_no_browser_and_no_profile(log: Path, t
             family = with_children(process.pid)
         assert process.poll() is None and list(scratch.iterdir()), process.stderr.read()  # type: ignore[union-attr]
         process.send_signal(signal.SIGINT)
-        process.wait(30)
+        process.wait(120)
     assert all(ended(one) for one in family) and not list(tmp_path.iterdir())
     scratch.rmdir()  # refused if anything is in it
 

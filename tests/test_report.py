@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from gimbal_pin.control.tracking import Tracking, track
 from gimbal_pin.control.tuning import Tuning, tune
+from gimbal_pin.diagnosis.given import compared
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Sensors
 from gimbal_pin.estimation.identification import Identified, identify
@@ -308,7 +309,7 @@ def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(wa
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
-    section = parameters(walk.found, evaluate(walk.found, walk.logs), walk.rig)
+    section = parameters(walk.found, evaluate(walk.found, walk.logs), compared(walk.found))
     rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
     theta, std = walk.found.estimate.theta, walk.found.estimate.std
     assert len(rows) == len(theta)
