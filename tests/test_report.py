@@ -232,6 +232,23 @@ def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, hol
     assert np.isnan(y).any() == np.isnan(values).any()
 
 
+@pytest.mark.parametrize("order", ["sorted", "shuffled"])
+def test_every_dot_of_a_cloud_is_drawn(order: str) -> None:
+    """Whatever the order of x, and though many lie close together."""
+    rng = np.random.default_rng(0)
+    x = np.linspace(0.0, 1.0, 1200) if order == "sorted" else rng.uniform(size=1200)
+    y = 0.01 * rng.standard_normal(1200)
+
+    def make() -> plots.Figure:
+        figure, panels = plots.panels(1, 1, 2.0)
+        plots.dots(panels[0, 0], x, y, "#123456")
+        return figure
+
+    svg = str(plots.drawn(make, "cloud"))
+    (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke: #123456', svg)
+    assert path.count("L") == 1200  # a line of no length, whose round caps are the dot
+
+
 def test_no_line_is_drawn_across_a_gap() -> None:
     t = np.concatenate([np.arange(0, 1, 0.1), np.arange(5, 6, 0.1)])
     x, y = rounded(t, np.sin(t))
