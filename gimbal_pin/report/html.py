@@ -56,7 +56,11 @@ def render(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
 
 
 def template(package: str, name: str, **values: Any) -> str:
-    """Return the template of a package, filled: what is put in is escaped unless the template calls it safe."""
+    """Return the template of a package, filled: what is put in is escaped unless the template calls it safe.
+
+    Values of a page's scripts go through ``tojson``: no name in them holds a character that ends a script or begins an
+    element (<, >, &, ', U+2028, U+2029).
+    """
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

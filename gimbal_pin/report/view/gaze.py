@@ -6,7 +6,6 @@ turned by ``E = exp(e)`` from the wanted attitude sees as ``Eᵀ p`` what the wa
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -186,6 +185,5 @@ def page(seen: Outlook, wanted: Array) -> str:
     `wanted`: R_d, (3, 3).
     """
     several = pictures(seen)
-    # A name may hold anything: what ends a script inside one must not end this one.
-    numbers = json.dumps(data(seen, wanted, several), ensure_ascii=True).replace("</", "<\\/")
-    return template("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=numbers)
+    drawn = data(seen, wanted, several)
+    return template("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=drawn)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import importlib.util
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -83,7 +82,7 @@ def page(
         scene=data(rig, shown, drawn, written, beside),
         gaze=gaze.script() if inset else "",
         pictures=pictures,
-        seen=json.dumps(seen),
+        seen=seen,
         live=live,
     )
 
@@ -105,27 +104,25 @@ def readings(rig: Rig, runs: Sequence[Frames]) -> list[three.Json]:
     return found
 
 
-def data(rig: Rig, shown: Frames, drawn: Scene, written: bool, beside: Frames | None) -> str:
-    """Return the commands and the times as JSON."""
+def data(rig: Rig, shown: Frames, drawn: Scene, written: bool, beside: Frames | None) -> three.Json:
+    """Return the commands and the times that the page's script plays."""
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
-    return json.dumps(
-        {
-            "commands": [packed(command) for command in commands],
-            "start": float(shown.t[0]),
-            "end": float(shown.t[-1]),
-            "duration": float(shown.clock[-1]),
-            "speed": shown.speed,
-            "fov": stage.FOV,
-            "aspect": stage.ASPECT,
-            "sky": stage.SKY,
-            "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
-            "frames": len(shown.t),
-            "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
-            "fade": FADE,
-            "joints": readings(rig, [shown] if beside is None else [shown, beside]),
-            "written": written,
-        }
-    )
+    return {
+        "commands": [packed(command) for command in commands],
+        "start": float(shown.t[0]),
+        "end": float(shown.t[-1]),
+        "duration": float(shown.clock[-1]),
+        "speed": shown.speed,
+        "fov": stage.FOV,
+        "aspect": stage.ASPECT,
+        "sky": stage.SKY,
+        "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
+        "frames": len(shown.t),
+        "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
+        "fade": FADE,
+        "joints": readings(rig, [shown] if beside is None else [shown, beside]),
+        "written": written,
+    }
 
 
 def legend(shown: Frames) -> list[tuple[str, str]]:
