@@ -203,10 +203,26 @@ def test_a_drive_that_filters_counts_of_its_own_is_seen_by_its_lag(turret: tuple
     assert found is not None and abs(figures(found.fault)["corner"] / 4.0 - 1) < 0.3
 
 
-def test_a_delayed_rate_is_not_a_filtered_one(turret: tuple[Rig, Log]) -> None:
+def test_a_delayed_rate_is_not_a_filtered_one_and_is_moved_to_its_time(turret: tuple[Rig, Log]) -> None:
     rig, log = turret
-    late = log.part(slice(3, None))
-    assert CHECKS["filtered-velocity"](rig, replace(late, v=np.asarray(log.v)[:-3]), FILTER) is None
+    late = replace(log.part(slice(3, None)), v=np.asarray(log.v)[:-3])
+    found = CHECKS["filtered-velocity"](rig, late, FILTER)
+    assert found is not None and "low-pass" not in found.fault.sentence and "6 ms later" in found.fault.sentence
+    assert abs(figures(found.fault)["delay"] / (3 * log.dt) - 1) < 0.05 and "corner" not in figures(found.fault)
+    assert found.log.v is not None and CHECKS["filtered-velocity"](rig, found.log, FILTER) is None
+
+
+def test_a_coarse_rate_that_repeats_itself_is_late_and_behind_no_low_pass() -> None:
+    """A servo's rate: the mean of the last 40 ms in steps, over rows that repeat the row before."""
+    rig = Rig.load("turret")
+    log = prescribed(nominal(rig), seconds=6.0, dt=5e-3)
+    mean = (log.q[8:] - log.q[:-8]) / 0.04
+    v = 0.05 * np.round(mean / 0.05)
+    for k in range(1, len(v), 2):
+        v[k] = v[k - 1]
+    found = CHECKS["filtered-velocity"](rig, replace(log.part(slice(8, None)), v=v), FILTER)
+    assert found is not None and "low-pass" not in found.fault.sentence + found.fault.next_experiment
+    assert figures(found.fault)["delay"] == pytest.approx(0.0225, abs=0.003)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.1])

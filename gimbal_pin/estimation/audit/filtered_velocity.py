@@ -1,7 +1,8 @@
-"""A rate that is the angle's derivative behind a low-pass: a lag, not a delay."""
+"""A rate that is the angle's derivative behind a low-pass, or late."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -26,8 +27,13 @@ PARTS, LEAST = 40, 60
 """Parts of a log in which a recursion is looked for, and their least length in samples."""
 FLAT = 0.15
 """A corner above this share of the sampling rate is no filter."""
+WHOLE = 0.5
+"""A recursion whose gain at 0 Hz differs from one by more is no filter: slow motion passes a low-pass whole.
+
+A rate that mostly repeats itself makes a recursion with a pole on the unit circle and any gain."""
 BETTER = 0.5
-"""Where no recursion fits, a lag must leave less than this share of the power that the best pure delay leaves."""
+"""Where no recursion fits, a low-pass must leave less than this share of the power that the best pure delay leaves, and
+a delay of what the derivative itself leaves."""
 SURE = 10.0
 """And differ from it by so many times the power of the angle's noise."""
 VISIBLE = 0.005
@@ -38,21 +44,28 @@ PASSES, TRIM = 3, 4.0
 """Fits of the recursion, each without the samples beyond so many deviations of the last."""
 
 
-class Lag(NamedTuple):
-    """The low-pass that makes one joint's rate of its angle: corner, Hz, order, and its change of the rate's rms."""
+class LowPass(NamedTuple):
+    """A filter of the rate: corner, Hz, and order."""
 
     corner: float
     order: int
+
+
+class Lag(NamedTuple):
+    """What makes one joint's rate of its angle: a low-pass, or a delay, s; and its change of the rate's rms."""
+
+    cause: LowPass | float
     change: float
 
 
 def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
-    """``v = H(s) dq/dt`` with H a low-pass of first or second order.
+    """``v = H(s) dq/dt`` with H a low-pass of first or second order, or a delay.
 
     Two tests. A drive that filters the counts that it logs leaves an exact recursion,
     ``v_k = a₁ v_{k-1} + a₂ v_{k-2} + Σ b_l (q_{k-l} - q_{k-l-1})``, encoder noise and all; a gyro has noise of its
     own. A drive that filters counts of its own leaves a lag: slow motion fits a low-pass better than any pure delay,
     which keeps the shape of the rate. Neither harms a fit that differentiates the angle: the mended log has no rate.
+    Of a rate that is late by more than a sample, which differences are anyway, the mended log has it in time.
     """
     if log.v is None or len(log) < 2 * LEAST:
         return None
@@ -60,7 +73,12 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if not found:
         return None
     worst = max(found, key=lambda j: found[j].change)
-    mended = noted(replace(log, v=None), "the filtered rate was left out")
+    delays = {j: lag.cause for j, lag in found.items() if not isinstance(lag.cause, LowPass)}
+    if len(delays) == len(found):
+        mended = noted(in_time(log, delays), "the late rate was moved to its time")
+    else:
+        worst = max(found.keys() - delays.keys(), key=lambda j: found[j].change)
+        mended = noted(replace(log, v=None), "the filtered rate was left out")
     unreliable = spoils_torque(rig, log, mended, filtering)
     return Examined(fault_of(rig.joints[worst], found[worst], len(found), unreliable), mended)
 
@@ -71,8 +89,18 @@ def corrupt(log: Log, rng: np.random.Generator, *, corner: float = 8.0, order: i
     return replace(log, v=lowpassed(raw, min(corner, 0.45 / log.dt), order, log.dt))
 
 
+def in_time(log: Log, delays: Mapping[int, float]) -> Log:
+    """Return a log with the rates of these joints earlier by their delays, s, as far as it then goes."""
+    assert log.v is not None
+    v = log.v.copy()
+    for j, delay in delays.items():
+        v[:, j] = signals.resample(log.t - delay, v[:, j : j + 1], log.t)[:, 0]
+    last = int(np.searchsorted(log.t, log.t[-1] - max(delays.values()), side="right"))
+    return replace(log, v=v).part(slice(0, last))
+
+
 def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
-    """Return the low-pass in one joint's rate, or None where there is none, or none that one could see."""
+    """Return the lag in one joint's rate, or None where there is none, or none that one could see."""
     assert log.v is not None
     longest = max(stretches(log, 1.0), key=lambda stretch: stretch.length, default=None)
     if longest is None or longest.length * longest.dt < SHORTEST or np.ptp(log.q[:, j]) == 0.0:
@@ -89,20 +117,20 @@ def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
     if change < VISIBLE:
         return None
     noise = float(signals.noise_std(qv)[0]) * signals.noise_gain(sections, 1.0 / dt, 1)
-    lag = recursions(log.q[:, j], log.v[:, j], dt) or lagging(derived, rate, dt, noise, filtering.cutoff)
-    return Lag(*lag, change) if lag is not None else None
+    cause = recursions(log.q[:, j], log.v[:, j], dt) or lagging(derived, rate, dt, noise, filtering.cutoff)
+    return Lag(cause, change) if cause is not None else None
 
 
-def recursions(q: Array, v: Array, dt: float) -> tuple[float, int] | None:
-    """Return corner and order of the filter that makes the rate in any part of a log, or None."""
+def recursions(q: Array, v: Array, dt: float) -> LowPass | None:
+    """Return the filter that makes the rate in any part of a log, or None."""
     count = max(1, min(PARTS, len(q) // LEAST))
     parts = zip(np.array_split(q, count), np.array_split(v, count))
     found = [low_pass for part in parts if (low_pass := recursion(*part, dt)) is not None]
     return sorted(found)[len(found) // 2] if found else None
 
 
-def recursion(q: Array, v: Array, dt: float) -> tuple[float, int] | None:
-    """Return corner and order of a filter that gives the rate exactly from the angle's increments, or None."""
+def recursion(q: Array, v: Array, dt: float) -> LowPass | None:
+    """Return a stable filter that gives the rate exactly from the angle's increments, or None."""
     past = np.stack([v[2:-1], v[1:-2]], axis=1)
     increments = np.stack([np.diff(q)[k : len(q) - 3 + k] for k in (2, 1, 0)], axis=1)
     target = v[3:]
@@ -111,9 +139,13 @@ def recursion(q: Array, v: Array, dt: float) -> tuple[float, int] | None:
         coefficients, left = trimmed(np.concatenate([past[:, :order], increments[:, : order + 1]], axis=1), target)
         if left < EXACT * alone:
             poles = np.roots(np.append(1.0, -coefficients[:order]))
+            remaining = 1.0 - float(np.sum(coefficients[:order]))
+            passed = float(np.sum(coefficients[order:])) * dt
+            if np.any(np.abs(poles) >= 1.0) or abs(passed - remaining) > WHOLE * abs(remaining):
+                return None
             poles = poles[np.abs(poles) > 1e-6]
             corner = float(np.abs(np.log(poles.astype(complex))).min() / (2.0 * np.pi * dt)) if len(poles) else np.inf
-            return (corner, order) if corner < FLAT / dt else None
+            return LowPass(corner, order) if corner < FLAT / dt else None
     return None
 
 
@@ -128,8 +160,8 @@ def trimmed(columns: Array, target: Array) -> tuple[Array, float]:
     return coefficients, size
 
 
-def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float) -> tuple[float, int] | None:
-    """Return corner and order of the low-pass that fits slow motion better than any delay, or None.
+def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float) -> LowPass | float | None:
+    """Return the low-pass that fits slow motion better than any delay, or else the delay, s, that fits; or None.
 
     Args:
         derived: The angle's derivative after the default filter, (m,).
@@ -139,19 +171,27 @@ def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float)
         cutoff: Of that filter, Hz.
     """
     step = max(1, int(0.05 / (cutoff * dt)))
-    d, r, dt = derived[::step], rate[::step], dt * step
+    d, r, sample, dt = derived[::step], rate[::step], dt, dt * step
     times = dt * np.arange(len(d))
     settled = slice(round(1.0 / (CORNERS[0] * dt)) // 2, None)
-    delays = (signals.resample(times, d[:, None], times - 1.0 / (2.0 * np.pi * f))[:, 0] for f in CORNERS)
-    apart, delayed = min((remainder(x, r, dt, settled) for x in delays), key=lambda pair: pair[0])
+    shifts = 1.0 / (2.0 * np.pi * CORNERS)
+    tried = [remainder(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled) for shift in shifts]
+    best = min(range(len(tried)), key=lambda k: tried[k].left)
+    delayed, delay = tried[best], float(shifts[best]) + tried[best].delay
     # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
-    if apart * (1.0 + np.sqrt(BETTER)) ** 2 <= SURE * noise**2:
-        return None
-    shapes = [(order, float(f)) for order in (1, 2) for f in CORNERS]
-    lags = [(order, f, remainder(lowpassed(d, f, order, dt), r, dt, settled)) for order, f in shapes]
-    order, corner, (left, lagged) = min(lags, key=lambda each: each[2][0])
-    visible = float(np.mean((lagged - delayed) ** 2)) > SURE * noise**2
-    return (corner, order) if visible and left < BETTER * apart and corner < FLAT / dt else None
+    if delayed.left * (1.0 + np.sqrt(BETTER)) ** 2 > SURE * noise**2:
+        shapes = [LowPass(float(f), order) for order in (1, 2) for f in CORNERS]
+        lags = {shape: remainder(lowpassed(d, shape.corner, shape.order, dt), r, dt, settled) for shape in shapes}
+        low_pass = min(lags, key=lambda shape: lags[shape].left)
+        lag = lags[low_pass]
+        visible = float(np.mean((lag.fit - delayed.fit) ** 2)) > SURE * noise**2
+        if visible and lag.left < BETTER * delayed.left and low_pass.corner < FLAT / sample:
+            return low_pass
+    gain = float(d[settled] @ r[settled] / (d[settled] @ d[settled]))
+    moved = float(np.mean((delayed.fit - gain * d[settled]) ** 2))
+    undelayed = float(np.mean((r[settled] - gain * d[settled]) ** 2))
+    is_late = delay > sample and moved > SURE * noise**2 and delayed.left < BETTER * undelayed
+    return delay if is_late else None
 
 
 def lowpassed(signal: Array, corner: float, order: int, dt: float) -> Array:
@@ -169,24 +209,40 @@ def butterworth(order: int, corner: float) -> Array:
     return np.asarray(butter(order, corner, fs=1.0, output="sos"))
 
 
-def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> tuple[float, Array]:
-    """``mean (rate - g x - d dx/dt)²`` over a gain g and a small delay d, and what is fitted."""
+class Remainder(NamedTuple):
+    """What a shape of the rate leaves, (rad/s)²; what is fitted, rad/s, (m,); and its delay, s."""
+
+    left: float
+    fit: Array
+    delay: float
+
+
+def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> Remainder:
+    """``mean (rate - g (x - d dx/dt))²`` over a gain g and a small delay d."""
     columns = np.stack([shaped, signals.differentiate(shaped[:, None], dt)[:, 0]], axis=1)[settled]
-    fit = columns @ np.linalg.lstsq(columns, rate[settled], rcond=None)[0]
-    return float(np.mean((rate[settled] - fit) ** 2)), fit
+    gain, slope = np.linalg.lstsq(columns, rate[settled], rcond=None)[0].tolist()
+    fit = columns @ np.array([gain, slope])
+    return Remainder(float(np.mean((rate[settled] - fit) ** 2)), fit, -slope / gain if gain else 0.0)
 
 
 def fault_of(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
     """Return the fault, described."""
-    figures = (
-        Parameter("corner", lag.corner, "Hz"),
-        Parameter("order", float(lag.order), "1"),
-        Parameter("rate_changed", lag.change, "1"),
-    )
+    changed = Parameter("rate_changed", lag.change, "1")
     joints = f" (and {count - 1} more)" if count > 1 else ""
-    sentence = (
-        f"{joint}{joints}: the rate is the angle behind a low-pass of {digits(lag.corner, 2)} Hz, which changes it by "
-        f"{digits(100 * lag.change, 2)} %; {'it spoils the torque' if unreliable else 'it does little harm here'}"
+    harm = (
+        f"which changes it by {digits(100 * lag.change, 2)} %; "
+        f"{'it spoils the torque' if unreliable else 'it does little harm here'}"
     )
-    mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
-    return Fault(NAME, joint, sentence, figures, lag.change / VISIBLE, unreliable, mend)
+    figures: tuple[Parameter, ...]
+    if isinstance(lag.cause, LowPass):
+        corner, order = lag.cause
+        figures = (Parameter("corner", corner, "Hz"), Parameter("order", float(order), "1"), changed)
+        what = f"is the angle behind a low-pass of {digits(corner, 2)} Hz"
+        mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
+    else:
+        figures = (Parameter("delay", lag.cause, "s"), changed)
+        what = f"is {digits(1e3 * lag.cause, 2)} ms later than the angle"
+        mend = "leave the rate out, or log rates with the time that they are of: drives average over the time before"
+    return Fault(
+        NAME, joint, f"{joint}{joints}: the rate {what}, {harm}", figures, lag.change / VISIBLE, unreliable, mend
+    )
