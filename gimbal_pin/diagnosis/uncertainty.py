@@ -132,8 +132,10 @@ def covariance(state: State, cause: Cause) -> Array:
         columns = tangent(state, cause, state.coefficients(cause))
     stacked = base.fit.stacked(columns)
     rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)
-    unit = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
-    own, sizes, turned = np.linalg.svd(rest / unit, full_matrices=False)
+    size = np.linalg.norm(rest, axis=0)
+    shown = size > ROUNDING * np.linalg.norm(stacked, axis=0)  # the base columns leave more than rounding of it
+    unit = np.where(shown, size, 1.0)
+    own, sizes, turned = np.linalg.svd(np.where(shown, rest / unit, 0.0), full_matrices=False)
     held = sizes > HELD * sizes[0]
     basis = np.hstack([own[:, held], base.fit.basis])
     spread = cluster_covariance(basis, state.fit.residual, clusters(state.problem.evidence), int(held.sum()))

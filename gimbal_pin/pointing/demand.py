@@ -162,13 +162,11 @@ def least(dt: float, asked: Array, limit: float, answer: Array, first: int) -> A
     from scipy.optimize import lsq_linear
 
     n = len(asked)
-    lowest, highest = -limit - asked, limit - asked
-    # Bounds must leave room: this much torque is nothing.
-    none = 1e-9 * limit
-    lowest[:first], highest[:first] = -none, none
     summed = np.tril(np.ones((n, n)))
-    moved = dt**2 * (summed @ summed - summed / 2) * answer
-    found = lsq_linear(moved, np.zeros(n), (lowest, np.maximum(highest, lowest + none)), tol=1e-10)
+    # Torque that may not act before `first` is no unknown of the problem.
+    moved = (dt**2 * (summed @ summed - summed / 2) * answer)[:, first:]
+    bounds = -limit - asked[first:], limit - asked[first:]
+    found = lsq_linear(moved, np.zeros(n), bounds, tol=1e-12)
     return np.asarray(moved @ found.x)
 
 
