@@ -12,15 +12,18 @@ import pytest
 
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
+from gimbal_pin.dynamics.apply import plant_with
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import PayloadShift
+from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.identification import Identified, given_beta, identify
 from gimbal_pin.estimation.payloads import Carried, Several, identify_new, identify_several, stated
 from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused, result
@@ -193,3 +196,36 @@ def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path)
     for payload, one in found.identified.items():
         read = read_model(tmp_path / "model.yaml", replace(Rig.load("turret", payload)))
         np.testing.assert_allclose(read.rig.phi, one.model.rig.phi)
+
+
+@cache
+def toothed(name: str, joint: str, seed: int) -> Several:
+    """Two cameras on a gimbal with five teeth per turn at a joint, of which the model has none."""
+    teeth = f"cogging:{joint}:amplitude=0.1,harmonic=5"
+    rigs = {payload: Rig.load(name, payload) for payload in ("mirrorless", "cinema")}
+    plants = {payload: plant_with(nominal(rig), [parse_effect(teeth, rig)]).plant for payload, rig in rigs.items()}
+    logs = {
+        payload: [prescribed(plant, 10 * seed + k, 60.0, torque_noise=0.01, dt=4e-3)]
+        for k, (payload, plant) in enumerate(plants.items())
+    }
+    return identify_several(rigs, logs, filtering=ALIGNED)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("name", "joint"), [("turret", "tilt"), ("thesis", "roll")])
+def test_deviations_of_several_cameras_hold_what_the_model_lacks(name: str, joint: str, seed: int) -> None:
+    """Parameters of the gimbal, its friction and the second camera: rms of their errors in deviations."""
+    found = toothed(name, joint, seed)
+    rig, first, camera = Rig.load(name, "mirrorless"), found.first, found.cameras["cinema"]
+    true = np.concatenate([given_beta(rig, first.reduction), rig.friction.ravel()])
+    own = own_of(found).shown(stated(Rig.load(name, "cinema")))
+    z = np.concatenate([(first.estimate.theta - true) / first.estimate.std, (camera.value - own) / camera.std])
+    assert np.abs(z).max() < 4 and 0.4 < np.sqrt(np.mean(z**2)) < 1.3
+
+
+def test_a_joint_that_is_not_explained_with_some_camera_is_said_first() -> None:
+    found = toothed("turret", "tilt", 1)
+    said = [f"warning: with {payload}: tilt is not explained: " for payload in ("mirrorless", "cinema")]
+    lines = text.several(found).splitlines()
+    assert all(line.startswith(one) for line, one in zip(lines, said)) and not any("pan is not" in x for x in lines)
+    assert found.to_dict()["warnings"][0] in lines[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.balance import reported
 from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
-from gimbal_pin.estimation.estimators.least_squares import residuals
 from gimbal_pin.estimation.identification import (
     Identified,
     assembled,
@@ -27,6 +27,7 @@ from gimbal_pin.estimation.identification import (
     refitted,
     split,
 )
+from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.rows import Block, Filtering, Rows, camera_body, over_phi, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import PHI, Rig
@@ -93,6 +94,12 @@ class Several:
         """A few lines per camera: what was estimated, and how well it predicts."""
         return "\n".join([*(repr(one) for one in self.identified.values()), self.sentence])
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What has to be known before the parameters are read, in sentences: the cameras' worst, then their next."""
+        each = [[f"with {name}: {said}" for said in one.warnings] for name, one in self.identified.items()]
+        return tuple(said for rank in zip_longest(*each) for said in rank if said is not None)
+
     def refitted(self, whole: Several) -> Several:
         """Return an estimate from all data with the held-out accuracy of this one, which had not seen all of it."""
         each = {name: refitted(self.identified[name], one) for name, one in whole.identified.items()}
@@ -114,7 +121,8 @@ class Several:
         }
         first = each.get(self.reference, next(iter(each.values())))
         logs = [log for one in self.identified.values() for log in one.logs]
-        return {**first, "logs": logs, "reference": self.reference, "note": self.sentence, "payloads": each}
+        whole = {"logs": logs, "warnings": list(self.warnings), "reference": self.reference, "note": self.sentence}
+        return {**first, **whole, "payloads": each}
 
 
 def parted(
@@ -232,21 +240,22 @@ def identify_several(
     blocks = {name: regression(rows) for name, (rows, _, _) in parts.items()}
     for name, (rows, _, _) in parts.items():
         check_enough(rows, blocks[name])
-    wide = [list(widened(blocks[name], own, k, len(order))) for k, name in enumerate(order)]
-    joint = alike(wide, estimator([block for part in wide for block in part]).theta)
-    estimate = estimator(joint)
+    joint = [block for k, name in enumerate(order) for block in widened(blocks[name], own, k, len(order))]
+    estimate, missed = with_misfit(joint, estimator(joint), len(order))
     first = parts[reference][0]
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
     check_seen(first.logs[0].name, names, joint, estimate)
     width, total, size = len(first.names), len(estimate.theta), own.columns.shape[1]
     pick = {name: camera_map(size, k, width, total) for k, name in enumerate(order)}
-    identified = {
-        name: replace(
-            assembled(rows, blocks[name], with_camera(own, estimate, pick[name], width), tested, how),
+    identified = {}
+    for k, (name, (rows, tested, how)) in enumerate(parts.items()):
+        mine = slice(first.rig.n * k, first.rig.n * (k + 1))
+        one = replace(with_camera(own, estimate, pick[name], width), residual_std=estimate.residual_std[mine])
+        identified[name] = replace(
+            assembled(rows, blocks[name], one, tested, how),
+            missed=dict(zip(rows.rig.joints, missed[mine])),
             faults=faults(rigs[name], logs[name]),
         )
-        for name, (rows, tested, how) in parts.items()
-    }
     for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part, weighted(part))
     known = (estimate.theta, estimate.covariance)
@@ -255,24 +264,21 @@ def identify_several(
 
 
 def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> Iterator[Block]:
-    """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in."""
+    """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in, (m, n count, …).
+
+    The joints with each camera are joints of their own, a camera's after another's: each weighs by its own residual,
+    as a heavy camera's noise would drown a light one's, and that has its own colour.
+    """
     for block in blocks:
-        size = own.columns.shape[1]
-        extra = np.zeros((*block.b.shape, size * (count - 1)))
+        (m, n, width), size = block.A.shape, own.columns.shape[1]
+        A = np.zeros((m, n, count, width + size * (count - 1)))
+        A[:, :, place, :width] = block.A
         if place:
-            extra[:, :, size * (place - 1) : size * place] = rigid(block, own)
-        yield block._replace(A=np.concatenate([block.A, extra], axis=2))
-
-
-def alike(parts: Sequence[Sequence[Block]], theta: Array) -> list[Block]:
-    """Scale each camera's rows so that their residuals are alike: a heavy camera's noise would drown a light one's."""
-    left = [np.sqrt(np.mean(np.concatenate([residuals(b, theta) for b in part]) ** 2, axis=0)) for part in parts]
-    weights = [np.mean(left, axis=0) / np.maximum(one, 1e-300) for one in left]
-    return [
-        block._replace(A=block.A * weight[:, None], b=block.b * weight)
-        for part, weight in zip(parts, weights)
-        for block in part
-    ]
+            A[:, :, place, width + size * (place - 1) : width + size * place] = rigid(block, own)
+        apart = np.eye(count)[place, :, None]
+        b, share = ((apart * x[:, None]).reshape(m, -1) for x in (block.b, block.share))
+        q, v = (np.tile(x, count) for x in (block.q, block.v))
+        yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share)
 
 
 def identify_new(

@@ -145,7 +145,8 @@ def identified(found: Identified, apart: Given | None = None) -> str:
     # Advice from the parameters of neither rig would lead astray.
     balanced = None if found.torn else balance(found, *(() if apart is None else apart.weighs))
     against = () if apart is None else (f"given model: {line}" for line in apart.lines)
-    return "\n".join([*described(found), *against, *(() if balanced is None else balanced.sentences)])
+    warned = (f"warning: {said}" for said in found.warnings)
+    return "\n".join([*warned, *described(found), *against, *(() if balanced is None else balanced.sentences)])
 
 
 def described(found: Identified) -> list[str]:
@@ -155,8 +156,7 @@ def described(found: Identified) -> list[str]:
     method = found.estimate.method
     trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
     bound = None if found.bound is None else found.bound.tolist()
-    lines = [f"warning: {said}" for said in found.warnings]
-    lines.append(f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}")
+    lines = [f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}"]
     lines += [str(tables.parameters(known(found), bound)), *at_best(found)]
     lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     lines += ["", accuracy(found)]
@@ -216,10 +216,10 @@ def within(figure: Figure, factor: float = 1.0) -> str:
 
 
 def several(found: Several) -> str:
-    """Every camera's own parameters, the accuracy with it and its balance; then the gimbal's parameters."""
+    """What is wrong; every camera's own parameters, the accuracy with it and its balance; then the gimbal's."""
     from gimbal_pin.estimation.balance import balance
 
-    parts = []
+    parts = [f"warning: {said}" for said in found.warnings]
     for name, one in found.identified.items():
         camera = found.cameras[name]
         balanced = balance(one, camera.mass)

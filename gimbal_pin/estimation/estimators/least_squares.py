@@ -230,7 +230,9 @@ def robust(blocks: Sequence[Block]) -> Estimate:
     theta = weighted(blocks).theta
     for _ in range(HUBER_PASSES):
         spread = [np.abs(residuals(block, theta)) for block in blocks]
-        scale = np.maximum(np.median(np.concatenate(spread), axis=0) / 0.6745, 1e-12)
+        used = np.concatenate([block.share for block in blocks]) > 0
+        middle = [np.median(np.append(x[rows], 0.0)) for x, rows in zip(np.concatenate(spread).T, used.T)]
+        scale = np.maximum(np.array(middle) / 0.6745, 1e-12)
         weights = [np.sqrt(np.minimum(1.0, HUBER * scale / np.maximum(error, 1e-300))) for error in spread]
         factors = factor(blocks, weights)
         theta, information, condition = solve(factors, 1.0 / scale)

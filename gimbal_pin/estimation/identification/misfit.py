@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, joint_weights, solve, triangle
+from gimbal_pin.estimation.estimators.least_squares import RANK, effective_rows, factor, joint_weights, solve, triangle
 from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
 
@@ -88,6 +88,11 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     """
     size = A.shape[1]
     R = triangle(np.column_stack([A, X, b]))
+    _, seen, turned = np.linalg.svd(R[:, :size], full_matrices=False)
+    turned = turned[seen > RANK * seen.max(initial=0.0)]
+    if len(turned) < size:  # what several columns share is taken once
+        size = len(turned)
+        R = triangle(np.column_stack([R[:, : A.shape[1]] @ turned.T, R[:, A.shape[1] :]]))
     end = min(len(R), size + X.shape[1])
     left, z, rest = R[size:end, size:-1], R[size:end, -1], float(np.sum(R[end:, -1] ** 2))
     free = max(count - size, 1.0)
@@ -112,19 +117,26 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
 
 
-def with_misfit(blocks: Sequence[Block], estimate: Estimate) -> tuple[Estimate, tuple[Misfit, ...]]:
+def with_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
-    The rows weigh as they do in `weighted`, or alike where the estimator is `ols`.
+    The rows weigh as they do in `weighted`, or alike where the estimator is `ols`. With several cameras on one gimbal
+    δ may be the gimbal's, the same with each, or each camera's own, or in part both: the sum bounds them all.
+
+    Args:
+        blocks: Rows.
+        estimate: What was estimated from them.
+        cameras: Of how many cameras the joints are, one's after another's.
     """
     found, columns = misfits(blocks)
     weight = np.ones(len(found)) if estimate.method == "ols" else joint_weights(estimate.residual_std**2)
     gain = solve(factor(blocks), weight)[1]
     gain = np.where(np.isfinite(gain), gain, 0.0)
-    covariance = estimate.covariance.copy()
+    moved = np.zeros((len(found), len(gain), len(GROUPS)))
     for j, one in enumerate(found):
         if one.size > 0:
             through = np.concatenate([block.A[:, j] for block in blocks]).T @ columns[j]
-            moved = weight[j] ** 2 * gain @ (through * np.sqrt(one.variance))
-            covariance += moved @ moved.T
-    return replace(estimate, covariance=covariance), tuple(found)
+            moved[j] = weight[j] ** 2 * gain @ (through * np.sqrt(one.variance))
+    shared = moved.reshape(cameras, -1, *moved.shape[1:]).sum(axis=0)
+    spreads = [np.einsum("jkf,jlf->kl", each, each) for each in ((moved, shared) if cameras > 1 else (moved,))]
+    return replace(estimate, covariance=estimate.covariance + sum(spreads)), tuple(found)
