@@ -57,6 +57,7 @@ def diagnose(
 
     Args and errors: as `examined`.
     """
+    logs = [log.ordered(rig) for log in logs]
     shown = [excerpt(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
     found = examined(rig, [one.log for one in shown], causes, rng, holdout, band)
@@ -85,6 +86,7 @@ def examined(
 
     Raises:
         DataError: The logs are too short, or a joint never moved.
+        LogError: A log lacks a joint of the rig.
     """
     for log in logs:
         check_log(log, filtering)

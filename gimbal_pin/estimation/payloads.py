@@ -231,6 +231,7 @@ def identify_several(
         DataError: The logs are too short, or some parameters leave no trace in them.
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
     """
+    logs = {name: [log.ordered(rigs[name]) for log in each] for name, each in logs.items()}
     filters = filtering or Filtering()
     reference = BARE if BARE in rigs else next(iter(rigs))
     order = (reference, *(name for name in rigs if name != reference))
@@ -307,6 +308,7 @@ def identify_new(
         DataError: The logs are too short, or do not show the camera.
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
     """
+    logs = [log.ordered(rig) for log in logs]
     filters, reduction = filtering or Filtering(), reduce(rig)
     rows, tested, how = parted(rig, logs, holdout or "none", filters, reduction)
     if rows.names != estimated(known).names:

@@ -20,7 +20,7 @@ FINE = 100.0
 
 def sequential(rig: Rig, logs: Sequence[Log], seconds: float, effects: Sequence[Effect] = ()) -> Sequential:
     """Return the criterion of a motion of so many seconds that teaches most beyond the logs: for `excite`."""
-    return Sequential(known(Columns.of(rig, effects), logs), seconds, rig.n)
+    return Sequential(known(Columns.of(rig, effects), [log.ordered(rig) for log in logs]), seconds, rig.n)
 
 
 def known(columns: Columns, logs: Sequence[Log], filtering: Filtering | None = None) -> Array:

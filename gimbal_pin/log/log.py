@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.rig.arrays import Array
+
+if TYPE_CHECKING:
+    from gimbal_pin.rig.rig import Rig
 
 PAUSE = 10.0
 """Interval between two samples, s, from which the recording was paused: no clock loses so many samples."""
@@ -99,11 +102,17 @@ def untimely(t: Array) -> tuple[int, str, str] | None:
 
 
 def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
-    """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length).
+    """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length), or for no numbers.
 
     An array that cannot be written to is not copied: a part of a long log costs no memory.
     """
-    copy = np.array(array, dtype=np.float64, copy=None if immutable(array) else True)
+    if array is None or np.ma.is_masked(array):
+        what = "is None" if array is None else "has masked samples"
+        raise LogError(name, what, "give every sample; leave the rows out that have none, or split the log there")
+    try:
+        copy = np.array(array, dtype=np.float64, copy=None if immutable(array) else True)
+    except (TypeError, ValueError) as error:
+        raise LogError(name, f"is no array of numbers ({error})", "give lists or arrays of numbers") from error
     if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
         raise LogError(
             name, f"has shape {copy.shape}, expected {shape}", "give one row per sample, one column per joint"
@@ -153,10 +162,10 @@ class Motion:
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
-        samples, joints = np.shape(self.q)
-        object.__setattr__(self, "t", frozen(self.t, (samples,), "t"))
-        for name in ("q", "v", "a"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (samples, joints), name))
+        object.__setattr__(self, "t", frozen(self.t, (None,), "t"))
+        object.__setattr__(self, "q", frozen(self.q, (len(self.t), None), "q"))
+        for name in ("v", "a"):
+            object.__setattr__(self, name, frozen(getattr(self, name), self.q.shape, name))
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -202,6 +211,8 @@ class Imu:
 class Log:
     """One trajectory as it was recorded or simulated (CONTRACT.md, "A log").
 
+    Lists and arrays are copied. What takes a rig and a log finds the log's columns by the names of the rig's joints.
+
     Attributes:
         name: The file or simulation that it is from, as errors and reports name it.
         joints: Joint names, in the order of the arrays' columns.
@@ -229,15 +240,26 @@ class Log:
     events: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the arrays, check their shapes, their values, and that time increases."""
-        shape = (len(np.atleast_1d(self.t)), len(self.joints))
-        for name in ("t", "q", "v", "tau", "q_ref", "temperature"):
-            if (value := getattr(self, name)) is not None:
-                kept = channel(value, shape[:1] if name == "t" else shape, name, f"{self.name}: {name}")
+        """Freeze the arrays, check the joints' names, shapes, values, and that time increases."""
+        joints = (self.joints,) if isinstance(self.joints, str) else tuple(self.joints or ())
+        if len(set(joints)) < len(joints):
+            raise LogError(f"{self.name}: joints", f"are {', '.join(joints)}", "give each column a name of its own")
+        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "t", channel(self.t, (None,), "t", f"{self.name}: t"))
+        for name in ("q", "v", "tau", "q_ref", "temperature"):
+            if (value := getattr(self, name)) is not None or name == "q":
+                kept = channel(value, (len(self.t), len(joints)), name, f"{self.name}: {name}")
                 object.__setattr__(self, name, kept)
-        object.__setattr__(self, "imus", MappingProxyType(dict(self.imus)))
+        object.__setattr__(self, "imus", MappingProxyType(dict(self.imus or {})))
+        for link, imu in self.imus.items():
+            for name, value in imu.channels.items():
+                frozen(value, (len(self.t), value.shape[1]), f"{self.name}: {name} of {link}")
         if (late := untimely(self.t)) is not None:
             raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
+
+    def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
+        """Make it pass between processes, which the read-only view of `imus` does not."""
+        return type(self), tuple(dict(x) if x is self.imus else x for x in vars(self).values())
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -254,6 +276,23 @@ class Log:
     def dt(self) -> float:
         """Median sampling interval, s."""
         return float(np.median(np.diff(self.t)))
+
+    def columns(self, rig: Rig) -> list[int]:
+        """Return the column of each joint of a rig, found by name; `LogError` where a joint has none."""
+        for joint in rig.joints:
+            if joint not in self.joints:
+                have = f"it has {', '.join(self.joints)}"
+                mend = f"{have}: name its joints as the rig does, or load the rig that it is of"
+                raise LogError(self.name, f"has no joint '{joint}' of rig {rig.name}", mend)
+        return [self.joints.index(joint) for joint in rig.joints]
+
+    def ordered(self, rig: Rig) -> Log:
+        """Return the log with its columns in a rig's order of joints; others are left out, as when a file is read."""
+        if self.joints == rig.joints:
+            return self
+        columns, names = self.columns(rig), ("q", "v", "tau", "q_ref", "temperature")
+        turned = {name: x[:, columns] for name in names if (x := getattr(self, name)) is not None}
+        return replace(self, joints=rig.joints, **turned)
 
     def part(self, rows: slice | NDArray[np.integer[Any]]) -> Log:
         """Return the samples in `rows` as a log of its own."""

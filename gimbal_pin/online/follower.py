@@ -176,12 +176,12 @@ class Online:
             log: Samples later than those before, in one block or many; with rates in all of them or in none.
 
         Raises:
-            LogError: They are not later than those before.
+            LogError: They are not later than those before, or lack a joint of the rig.
             UsageError: No torque, too few samples per period of the cutoff, or rates in some blocks only.
         """
         if not len(log):
             return memory
-        memory = appended(memory, log)
+        memory = appended(memory, log.ordered(self.rows.rig))
         if memory.t <= memory.due:
             return memory
         memory = memory._replace(grid=memory.grid.with_logs(memory.pending), pending=())

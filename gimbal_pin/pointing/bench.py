@@ -145,6 +145,7 @@ def learned(rig: Rig, log: Log, model: Model | None = None, wanted: Array = WANT
         model: The model, where it is known already.
         wanted: The camera's attitude in the world, (3, 3).
     """
+    log = log.ordered(rig)
     known = identify(rig, [log], holdout="none").model if model is None else model
     t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
     spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), log.name)

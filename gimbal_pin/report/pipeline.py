@@ -155,6 +155,7 @@ def auto(
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
+    logs = [log.ordered(rig) for log in logs]
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
     wrong, undiagnosed = examined(rig, logs, rng, holdout)
     extended = wrong is not None and bool(wrong.lacking)

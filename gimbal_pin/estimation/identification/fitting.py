@@ -182,8 +182,10 @@ def identify(
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
-        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
+        LogError: A log lacks a joint of the rig, a torque has the wrong sign, or two have changed places, see
+            `channel_assignment.check_assignment`.
     """
+    logs = [log.ordered(rig) for log in logs]
     for log in logs:
         check_log(log, filtering or Filtering())
         check_unit(rig, log)

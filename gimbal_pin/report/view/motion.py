@@ -88,7 +88,7 @@ def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Ar
         raise UsageError(
             "colour", f"has shape {np.shape(colour)}", f"give one value per sample and joint {log.q.shape}"
         )
-    order = columns(rig, log)
+    order = log.columns(rig)
     times = frame_times(log.t, speed / fps)
     reference = log.q_ref if ghost else None
     return Frames(
@@ -99,15 +99,6 @@ def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Ar
         colour=None if colour is None else np.clip(interpolate(times, log.t, np.asarray(colour)[:, order]), 0.0, 1.0),
         speed=speed,
     )
-
-
-def columns(rig: Rig, log: Log) -> list[int]:
-    """Return the log's column of each joint of the rig."""
-    for joint in rig.joints:
-        if joint not in log.joints:
-            have = ", ".join(log.joints)
-            raise LogError(log.name, f"has no joint '{joint}' of rig {rig.name}", f"it has {have}: map a column to it")
-    return [log.joints.index(joint) for joint in rig.joints]
 
 
 def frame_times(t: Array, step: float) -> Array:

@@ -15,7 +15,7 @@ from gimbal_pin.log.io.files import atomic_write, replacing
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import pictures
-from gimbal_pin.report.view.motion import Frames, columns, frame_times, motion
+from gimbal_pin.report.view.motion import Frames, frame_times, motion
 from gimbal_pin.report.view.page import page
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.rig.rig import Rig
@@ -138,7 +138,7 @@ def within(at: float, log: Log) -> float:
 
 def moment(rig: Rig, log: Log) -> float:
     """Return the time, s, of greatest distance from the reference; without one, from the mean pose."""
-    order = columns(rig, log)
+    order = log.columns(rig)
     away = log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref)
     return float(log.t[int(np.argmax(np.sum(np.nan_to_num(away[:, order]) ** 2, axis=1)))])
 

@@ -1,0 +1,91 @@
+"""What a person at a Python prompt meets: the names of the package itself, what they take, and what they print."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gimbal_pin
+from gimbal_pin import GimbalPinError, Log, Rig
+from gimbal_pin.log.log import Imu
+from tests.bench_logs import prescribed
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    return prescribed(gimbal_pin.nominal(rig), seconds=20.0, torque_noise=0.01)
+
+
+# --- logs -----------------------------------------------------------------------------------------------------------
+
+
+def turned(log: Log) -> Log:
+    """The same log with its columns, and their names, the other way round."""
+    return replace(log, joints=log.joints[::-1], **{name: getattr(log, name)[:, ::-1] for name in ("q", "v", "tau")})
+
+
+def test_columns_are_found_by_their_joints_names(rig: Rig, log: Log) -> None:
+    straight, other = (gimbal_pin.identify(rig, [one], holdout="none") for one in (log, turned(log)))
+    np.testing.assert_allclose(other.estimate.theta, straight.estimate.theta, rtol=1e-9)
+    assert min(other.train.fit_percent.values()) > 90
+
+
+def test_a_log_of_another_rig_is_refused_by_all_that_take_both(rig: Rig, log: Log) -> None:
+    strange = replace(log, joints=("pan", "nod"))
+    online = gimbal_pin.Online.of(rig)
+    for asked in (
+        lambda: gimbal_pin.identify(rig, [strange]),
+        lambda: gimbal_pin.diagnose(rig, [strange], rng=np.random.default_rng(0)),
+        lambda: gimbal_pin.auto(rig, [strange], "nowhere", rng=np.random.default_rng(0)),
+        lambda: online.advance(online.start(), strange),
+    ):
+        with pytest.raises(GimbalPinError, match=f"{log.name}: has no joint '{rig.joints[1]}' of rig turret; it has"):
+            asked()
+
+
+GIVEN: dict[str, Any] = {"t": [0.0, 0.1, 0.2], "q": [[0.0], [0.1], [0.2]]}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"t": None}, "run: t: is None"),
+        ({"q": None}, "run: q: is None"),
+        ({"q": [[0.0], [0.1]]}, r"run: q: has shape \(2, 1\), expected \(3, 1\)"),
+        ({"q": [0.0, 0.1, 0.2]}, r"run: q: has shape \(3,\), expected \(3, 1\)"),
+        ({"tau": [[0.0], [0.1, 0.2], [0.3]]}, "run: tau: is no array of numbers"),
+        ({"v": [["fast"], [0.1], [0.2]]}, "run: v: is no array of numbers"),
+        ({"tau": np.ma.array(GIVEN["q"], mask=[[0], [1], [0]])}, "run: tau: has masked samples"),
+        ({"imus": {"arm": Imu(gyro=np.zeros((2, 3)))}}, "run: gyro of arm: has shape"),
+        ({"joints": ("pan", "pan"), "q": np.zeros((3, 2))}, "run: joints: are pan, pan"),
+    ],
+)
+def test_a_log_says_in_one_line_what_it_cannot_be_made_of(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(GimbalPinError, match=words) as refusal:
+        Log(**{"name": "run", "joints": ("pan",), **GIVEN, **wrong})
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_log_is_made_of_plain_lists() -> None:
+    made = Log("run", ["pan"], **GIVEN)  # type: ignore[arg-type]
+    assert made.joints == ("pan",) and made.q.dtype == np.float64 and made.q.shape == (3, 1)
+
+
+@pytest.mark.parametrize("through", [lambda x: pickle.loads(pickle.dumps(x)), copy.copy, copy.deepcopy])
+def test_a_log_passes_between_processes(through: Any, log: Log) -> None:
+    carried = replace(log, imus={"arm": Imu(gyro=np.ones((len(log), 3)))}, events=("said",))
+    same = through(carried)
+    assert (same.name, same.joints, same.events, same.payload) == (carried.name, carried.joints, ("said",), None)
+    np.testing.assert_array_equal(same.q, carried.q)
+    np.testing.assert_array_equal(same.imus["arm"].gyro, np.ones((len(log), 3)))
+    assert not same.q.flags.writeable
