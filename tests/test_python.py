@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -89,3 +90,17 @@ def test_a_log_passes_between_processes(through: Any, log: Log) -> None:
     np.testing.assert_array_equal(same.q, carried.q)
     np.testing.assert_array_equal(same.imus["arm"].gyro, np.ones((len(log), 3)))
     assert not same.q.flags.writeable
+
+
+def test_one_mapping_is_a_text_a_path_or_a_table(rig: Rig, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time,a,b\n0,0,1\n0.1,2,3\n0.2,4,5\n", encoding="utf-8")
+    table = {"t": "time", "q_pan": "a*pi/180", "q_tilt": "b*pi/180"}
+    written = tmp_path / "map.yaml"
+    written.write_text("".join(f"{target}: {source}\n" for target, source in table.items()), encoding="utf-8")
+    several = [f"{target}={source}" for target, source in table.items()]
+    given: list[Any] = [str(written), written, table, several, [written]]
+    for mapping in given:
+        read = gimbal_pin.read_log(tmp_path / "log.csv", rig, mapping, need_tau=False)
+        np.testing.assert_allclose(read.q, np.deg2rad([[0, 1], [2, 3], [4, 5]]))
+    with pytest.raises(GimbalPinError, match=r"mapping: q_pan: maps to 3"):
+        gimbal_pin.read_log(tmp_path / "log.csv", rig, {**table, "q_pan": 3})  # type: ignore[dict-item]

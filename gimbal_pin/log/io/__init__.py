@@ -20,20 +20,22 @@ from gimbal_pin.log.io.columns import (
     read_groups,
 )
 from gimbal_pin.log.io.formats import format_of, is_log, open_table
+from gimbal_pin.log.io.mapping import Entries
 from gimbal_pin.log.io.tables import Table
 from gimbal_pin.log.io.units import check_units, torque_notes
 from gimbal_pin.log.log import Array, Imu, Log, Motion
 from gimbal_pin.rig.rig import Rig
 
 
-def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, need_tau: bool = True) -> Log:
+def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: bool = True) -> Log:
     """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
 
     Args:
         path: File, or several joined by + (`formats.open_table`), with the mounted payload behind an @ if there is one
             (``log.csv@cinema``).
         rig: Whose joints and links the columns are named after; other columns are ignored.
-        mapping: ``target=column[*factor]``, or paths of YAML files that hold such a table (`mapping`).
+        mapping: ``target=column[*factor]`` or the path of a YAML file with such a table, one or several; or the table,
+            target → ``column[*factor]``.
         need_tau: Refuse a file without torques.
 
     Returns:
@@ -47,9 +49,7 @@ def read_log(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = (), *, 
     return log_in(open_table(file), rig, mapping, payload, need_tau)
 
 
-def log_in(
-    table: Table, rig: Rig, mapping: Sequence[str | Path] = (), payload: str | None = None, need_tau: bool = True
-) -> Log:
+def log_in(table: Table, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True) -> Log:
     """Return the log in a file that is open, see `read_log`."""
     links, notes = links_of(rig), list[str]()
     groups = log_groups(rig.joints, links, need_tau)
@@ -88,7 +88,7 @@ def to_imu(data: Mapping[str, Array], link: str) -> Imu | None:
     return Imu(**parts) if parts else None
 
 
-def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path] = ()) -> tuple[Array, Imu]:
+def read_imu(path: str | Path, rig: Rig, link: str, mapping: Entries = ()) -> tuple[Array, Imu]:
     """Read what the IMU fixed to `link` reported, without any joint: on the base, the platform's motion.
 
     Returns:
@@ -106,7 +106,7 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Sequence[str | Path
     return data["t"][:, 0], imu
 
 
-def read_motion(path: str | Path, rig: Rig, mapping: Sequence[str | Path] = ()) -> Motion:
+def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
     """Read a trajectory ``t, q_<joint>, dq_<joint>, ddq_<joint>``.
 
     Where rates or accelerations are missing they are the derivatives of the cubic spline (not-a-knot) through the next

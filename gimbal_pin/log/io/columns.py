@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.log.io.mapping import ROW, Source, check_targets, read_mapping
+from gimbal_pin.log.io.mapping import ROW, Entries, Source, check_targets, read_mapping
 from gimbal_pin.log.io.tables import Table, listed
 from gimbal_pin.log.log import REACH, SOONEST, Array, Log, implausible, untimely
 from gimbal_pin.rig import urdf
@@ -78,7 +77,7 @@ def links_of(rig: Rig) -> list[str]:
     return urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
 
 
-def unrecorded(rig: Rig, tables: Iterable[Table], mapping: Sequence[str | Path]) -> dict[str, float]:
+def unrecorded(rig: Rig, tables: Iterable[Table], mapping: Entries) -> dict[str, float]:
     """Return each joint of which no table holds anything → the angle, rad, or place, m, nearest to zero it can have.
 
     Empty where they hold no joint at all: then it is their names that are not the rig's.
@@ -90,7 +89,7 @@ def unrecorded(rig: Rig, tables: Iterable[Table], mapping: Sequence[str | Path])
     return absent if len(absent) < rig.n else {}
 
 
-def mapped(rig: Rig, groups: Mapping[str, Group], mapping: Sequence[str | Path]) -> dict[str, Source]:
+def mapped(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> dict[str, Source]:
     """Return target → source of a mapping to these groups; `UsageError` or `LogError` if it cannot be one.
 
     Two channels that claim one name are refused: of joints `a` and `ref_a`, ``q_ref_a``.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
@@ -18,7 +18,7 @@ from gimbal_pin.log.io.columns import Group, links_of, log_groups, mapped, read_
 from gimbal_pin.log.io.csv import BLOCK, COMMENT, CsvTable, as_utf8, headed
 from gimbal_pin.log.io.formats import FORMATS, TEXT
 from gimbal_pin.log.io.link import is_link, lines
-from gimbal_pin.log.io.mapping import ROW, Source
+from gimbal_pin.log.io.mapping import ROW, Entries, Source
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.reading import readable
 from gimbal_pin.rig.rig import Rig
@@ -28,7 +28,7 @@ PAUSE = 0.05
 """Time between two polls, s: reading row by row would cost more than identifying from it."""
 
 
-def follow(path: str, rig: Rig, mapping: Sequence[str | Path] = (), *, idle: float = inf) -> Iterator[Log]:
+def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> Iterator[Log]:
     """Yield a CSV log's samples as they come, until the pipe ends or the file has not grown for `idle` seconds.
 
     A last line without its end is left out, as it may be incomplete.

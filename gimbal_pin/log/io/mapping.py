@@ -30,6 +30,9 @@ EXPRESSION = re.compile(
     re.VERBOSE,
 )
 
+Entries = str | Path | Sequence[str | Path] | Mapping[str, str]
+"""A mapping as it is given: ``target=expression`` or the path of a YAML file with a table of such, one or several; or
+the table itself, target → expression."""
 LONGEST = 1000
 """Most characters of an expression: matching takes the square of that in time."""
 ROW = "row"
@@ -51,31 +54,35 @@ class Source:
     place: str = ""
 
 
-def read_mapping(entries: Sequence[str | Path] = ()) -> dict[str, Source]:
+def read_mapping(entries: Entries = ()) -> dict[str, Source]:
     """Return target → source of all entries.
 
     Args:
-        entries: ``target=expression``, or paths of YAML files with one ``target: expression`` a line. Entries given as
-            text stand above those from files.
+        entries: The mapping; entries given as text stand above those from files.
 
     Raises:
         UsageError: An entry that does not follow the grammar, or a target stated twice.
     """
     stored, stated = dict[str, Source](), dict[str, Source]()
-    for entry in entries:
-        if is_file(entry):
-            table = read_yaml(entry)
-            if not isinstance(table, dict):
-                mend = "write one line 'q_yaw: pos1*pi/180' per column"
-                raise UsageError(str(entry), "is no table of columns", mend)
-            for target, text in table.items():
-                place = f"{entry}: {target}"
-                if not isinstance(text, str):
-                    raise UsageError(place, f"maps to {text!r}, which is no text", "quote it: 'column*factor'")
-                add(stored, target, parse_expression(text, place))
+    for entry in [entries] if isinstance(entries, (str, Path, Mapping)) else entries:
+        if isinstance(entry, Mapping):
+            add_table(stored, entry, "mapping")
+        elif is_file(entry):
+            add_table(stored, read_yaml(entry), str(entry))
         else:
             add(stated, *parse_entry(str(entry)))
     return {**stored, **stated}
+
+
+def add_table(sources: dict[str, Source], table: object, place: str) -> None:
+    """Add a table of target → expression; `UsageError` if it is none."""
+    if not isinstance(table, Mapping):
+        raise UsageError(place, "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column")
+    for target, text in table.items():
+        if not isinstance(text, str):
+            mend = "quote it: 'column*factor'"
+            raise UsageError(f"{place}: {target}", f"maps to {text!r}, which is no text", mend)
+        add(sources, target, parse_expression(text, f"{place}: {target}"))
 
 
 def is_file(entry: str | Path) -> bool:
