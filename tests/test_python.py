@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,6 +92,63 @@ def test_a_log_passes_between_processes(through: Any, log: Log) -> None:
     np.testing.assert_array_equal(same.q, carried.q)
     np.testing.assert_array_equal(same.imus["arm"].gyro, np.ones((len(log), 3)))
     assert not same.q.flags.writeable
+
+
+# --- random numbers -------------------------------------------------------------------------------------------------
+
+
+def test_every_name_that_draws_can_be_called_without_a_generator() -> None:
+    takers = {
+        name
+        for name in gimbal_pin.__all__
+        if inspect.isfunction(value := getattr(gimbal_pin, name)) and "rng" in inspect.signature(value).parameters
+    }
+    assert takers >= {"auto", "bench_run", "diagnose", "excite", "profile_s", "simulate", "track"}
+    for name in takers:
+        assert inspect.signature(getattr(gimbal_pin, name)).parameters["rng"].default is None, name
+
+
+DRAWN: dict[str, tuple[Callable[..., Any], Callable[[Any], Any]]] = {
+    "profile_s": (lambda rig, **rng: gimbal_pin.profile_s(np.linspace(0, 1, 20), **rng), lambda platform: platform.f),
+    "excite": (lambda rig, **rng: gimbal_pin.excite(rig, seconds=2, starts=1, **rng), lambda found: found.coefficients),
+    "bench_run": (
+        lambda rig, **rng: gimbal_pin.bench_run(gimbal_pin.nominal(rig), seconds=0.2, period=2, **rng),
+        lambda log: log.tau,
+    ),
+    "track": (
+        lambda rig, **rng: gimbal_pin.track(
+            gimbal_pin.nominal(rig),
+            {"mine": gimbal_pin.tune(gimbal_pin.nominal(rig), bandwidth_hz=4).controller},
+            seconds=0.7,
+            one_by_one=False,
+            **rng,
+        ),
+        lambda tracking: tracking.experiments[0].log.tau,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_seed_in_a_result_repeats_it(name: str, rig: Rig) -> None:
+    run, drawn = DRAWN[name]
+    first = run(rig)
+    np.testing.assert_array_equal(drawn(run(rig, rng=first.seed)), drawn(first))
+    assert not np.array_equal(drawn(run(rig, rng=first.seed + 1)), drawn(first))
+    assert run(rig, rng=np.random.default_rng(first.seed)).seed is None
+
+
+def test_diagnose_says_its_seed(rig: Rig, log: Log) -> None:
+    short = log.part(slice(0, 12_000))
+    assert gimbal_pin.diagnose(rig, [short], rng=5).seed == 5 and gimbal_pin.diagnose(rig, [short]).seed is not None
+
+
+@pytest.mark.parametrize("wrong", ["mine", -1, 0.5])
+def test_what_is_no_seed_is_refused(wrong: Any) -> None:
+    with pytest.raises(GimbalPinError, match="rng: is"):
+        gimbal_pin.profile_s(np.linspace(0, 1, 20), wrong)
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
 
 
 def test_one_mapping_is_a_text_a_path_or_a_table(rig: Rig, tmp_path: Path) -> None:

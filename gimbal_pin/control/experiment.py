@@ -15,6 +15,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.excitation import excite
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.inertia import pseudo_inertia
 from gimbal_pin.rig.rig import Rig
 
@@ -31,7 +32,7 @@ def bench_run(
     plant: Model,
     controller: Controller | None = None,
     *,
-    rng: np.random.Generator,
+    rng: Rng = None,
     seconds: float = 60.0,
     period: float = 10.0,
     starts: int = 1,
@@ -49,7 +50,8 @@ def bench_run(
     Args:
         plant: The true rig.
         controller: What moves it; None: computed torque of 4 Hz that knows the plant.
-        rng: Source of the excitation's starts and of the sensors' noise.
+        rng: Source of the excitation's starts and of the sensors' noise, or its seed; None: a fresh one, whose seed is
+            in the result.
         seconds: Length, s.
         period: Length of the excitation that is repeated, s.
         starts: Random starts of the excitation's design.
@@ -64,18 +66,19 @@ def bench_run(
     """
     mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
     dt, rig = mover.dt, plant.rig
+    generator, seed = seeded(rng)
     if reference is None:
-        design = excite(rig, seconds=period, starts=starts, rng=rng, torque_model=plant, dt=dt)
+        design = excite(rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt)
         reference = repeated(design.motion, seconds, dt)
     sensors = replace(Sensors.of(rig, dt), imus=tuple(imus))
     if encoder_bits is not None:
         sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
     log = simulate(
-        plant, mover, reference, rng=rng, sensors=sensors, delay=delay, drive=drive, platform=platform, name=name
+        plant, mover, reference, rng=generator, sensors=sensors, delay=delay, drive=drive, platform=platform, name=name
     )
     tau = np.asarray(log.tau)
-    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
-    return replace(log, tau=tau + noise)
+    noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * generator.standard_normal(tau.shape)
+    return replace(log, tau=tau + noise, seed=seed)
 
 
 def perturbed(rig: Rig, spread: float, rng: np.random.Generator) -> Model:

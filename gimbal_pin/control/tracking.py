@@ -16,6 +16,7 @@ from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
 PEAK_RATE = 15 / 8
@@ -152,12 +153,14 @@ class Tracking:
         payload: Its payload, or None.
         steps: Joint → step, rad.
         experiments: Every step with every controller.
+        seed: Repeats it as `rng`; None where a generator was given.
     """
 
     rig: str
     payload: str | None
     steps: Mapping[str, float]
     experiments: tuple[Experiment, ...]
+    seed: int | None = None
 
     def of(self, name: str, controller: str) -> Experiment:
         """Return one experiment; `UsageError` if there is none of that name."""
@@ -216,7 +219,7 @@ def track(
     plant: Model,
     controllers: Mapping[str, Controller],
     *,
-    rng: np.random.Generator,
+    rng: Rng = None,
     seconds: float = 1.2,
     angles_deg: Sequence[float] = STEPS_DEG,
     move: float = 0.5,
@@ -231,7 +234,7 @@ def track(
     Args:
         plant: The plant; it need not be the controllers' model.
         controllers: Name → controller.
-        rng: Source of the sensors' noise.
+        rng: Source of the sensors' noise, or its seed; None: a fresh one, whose seed is in the result.
         seconds: Length of each experiment, s.
         angles_deg: Steps, degrees, cycled over the joints and made smaller where the rig's limits ask for it.
         move: Duration of the step, s.
@@ -248,13 +251,14 @@ def track(
     steps = within(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(rig.n)], move)
     single = [(joint, steps * (np.arange(rig.n) == j)) for j, joint in enumerate(rig.joints)]
     plan = [("all-axes", steps), *(single if one_by_one and rig.n > 1 else [])]
-    seeds = rng.integers(2**63, size=len(plan))
+    generator, seed = seeded(rng)
+    seeds = generator.integers(2**63, size=len(plan))
 
-    def run(name: str, goal: Array, seed: int, label: str, controller: Controller) -> Experiment:
+    def run(name: str, goal: Array, start_of_noise: int, label: str, controller: Controller) -> Experiment:
         start, after = home(rig), seconds - BEFORE - move
         reference = minimum_jerk(start, start + goal, dt=controller.dt, move=move, before=BEFORE, after=after)
         witness = Witness(**vars(sensors or Sensors.of(rig, controller.dt)))
-        own, title = np.random.default_rng(seed), f"{name}, {label}"
+        own, title = np.random.default_rng(start_of_noise), f"{name}, {label}"
         log = simulate(plant, controller, reference, rng=own, sensors=witness, delay=delay, name=title)
         q = np.array(witness.seen)
         shares = at_limit(rig.joints, np.asarray(log.tau), rig.tau_max).values()
@@ -263,11 +267,11 @@ def track(
         return Experiment(name, label, dict(zip(rig.joints, rows)), max(still, default=nan), q, log)
 
     experiments = [
-        run(name, goal, seed, *controller)
-        for (name, goal), seed in zip(plan, seeds.tolist())
+        run(name, goal, each, *controller)
+        for (name, goal), each in zip(plan, seeds.tolist())
         for controller in controllers.items()
     ]
-    return Tracking(rig.name, rig.payload, dict(zip(rig.joints, steps.tolist())), tuple(experiments))
+    return Tracking(rig.name, rig.payload, dict(zip(rig.joints, steps.tolist())), tuple(experiments), seed)
 
 
 def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: float) -> StepMetrics:

@@ -30,6 +30,7 @@ from gimbal_pin.estimation.identification import check_log, greatest_base_motion
 from gimbal_pin.estimation.rows import Filtering, excerpt
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Log
+from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
 LIVELY = 1e-3
@@ -46,22 +47,23 @@ def diagnose(
     logs: Sequence[Log],
     causes: Mapping[str, type[Cause]] = CAUSES,
     *,
-    rng: np.random.Generator,
+    rng: Rng = None,
     holdout: str | None = None,
     filtering: Filtering | None = None,
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
     Of a long log some stretches are looked at, see `rows.excerpt`; a note says which. The band is `band.usual` where no
-    filtering is given.
+    filtering is given. `rng` may be a seed; None: a fresh one, whose seed is in the result.
 
     Args and errors: as `examined`.
     """
     logs = [log.ordered(rig) for log in logs]
     shown = [excerpt(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
-    found = examined(rig, [one.log for one in shown], causes, rng, holdout, band)
-    return replace(found, notes=(*(one.note for one in shown if one.note), *found.notes))
+    generator, seed = seeded(rng)
+    found = examined(rig, [one.log for one in shown], causes, generator, holdout, band)
+    return replace(found, seed=seed, notes=(*(one.note for one in shown if one.note), *found.notes))
 
 
 def examined(

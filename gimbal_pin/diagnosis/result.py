@@ -204,6 +204,7 @@ class Diagnosis:
             compensated, rad; empty where nothing was found.
         likeness: For every finding, which other causes look like it on these logs.
         instead: Causes that were fitted in the findings' places.
+        seed: Repeats it as `rng`; None where a generator was given.
     """
 
     rig: str
@@ -228,6 +229,7 @@ class Diagnosis:
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     likeness: tuple[Likeness, ...] = ()
     instead: tuple[Cause, ...] = ()
+    seed: int | None = None
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:

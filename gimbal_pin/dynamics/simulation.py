@@ -19,6 +19,7 @@ from gimbal_pin.errors import UsageError, visible
 from gimbal_pin.log.limited import THROUGH, at_limit, limited, past_stops
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.draws import Rng, seeded
 
 
 class Reference(NamedTuple):
@@ -48,7 +49,7 @@ def simulate(
     controller: Controller,
     reference: Motion,
     *,
-    rng: np.random.Generator,
+    rng: Rng = None,
     sensors: Sensors | None = None,
     delay: int = 1,
     drive: Sequence[Signal] = (),
@@ -68,7 +69,7 @@ def simulate(
         plant: The plant: a model whose terms need not be the controller's.
         controller: The control law.
         reference: Reference, one sample per control interval.
-        rng: Source of the sensors' noise.
+        rng: Source of the sensors' noise, or its seed; None: a fresh one, whose seed is in the result.
         sensors: The sensors; None: the rig's encoders and gyros.
         delay: Samples between measurement and torque.
         drive: What stands between the command, which the log keeps, and the torque that acts, after the plant's own.
@@ -88,8 +89,9 @@ def simulate(
     if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
     rig, sense = plant.rig, Sensors.of(plant.rig, dt) if sensors is None else sensors
-    rate_noise = sense.rate_std * rng.standard_normal(reference.q.shape)
-    torque_noise = sense.torque_std * rng.standard_normal(reference.q.shape)
+    generator, seed = seeded(rng)
+    rate_noise = sense.rate_std * generator.standard_normal(reference.q.shape)
+    torque_noise = sense.torque_std * generator.standard_normal(reference.q.shape)
     carried = None if platform is None else halved(platform, t)
     system = Plant(plant, plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried))
     motors = Drive((*plant.drive, *drive), rig, dt, plant)
@@ -121,9 +123,10 @@ def simulate(
         v=v,
         tau=tau + torque_noise,
         q_ref=reference.q,
-        imus=imus(rig, sense, t, np.array([true_q, true_v]), base, rng),
+        imus=imus(rig, sense, t, np.array([true_q, true_v]), base, generator),
         payload=rig.payload,
         events=(*events, *((THROUGH.format(lost),) if lost else ())),
+        seed=seed,
     )
 
 

@@ -22,6 +22,7 @@ from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
 TOLERANCE = 3e-4
@@ -67,6 +68,7 @@ class Excitation:
         speed: Joint → its rms rate, rad/s.
         clearance: The smallest distance between parts that can hit each other; None: there are none.
         unchecked: Links whose collision mesh is not there, so that nobody knows what they hit.
+        seed: Repeats it as `rng`; None where a generator was given.
         narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
             alone, (p,); None where no earlier logs were given.
     """
@@ -85,6 +87,7 @@ class Excitation:
     narrowed: Array | None = None
     clearance: Gap | None = None
     unchecked: tuple[str, ...] = ()
+    seed: int | None = None
 
     @property
     def seconds(self) -> float:
@@ -143,7 +146,7 @@ def excite(
     periods: int = 1,
     harmonics: int | None = None,
     starts: int = 5,
-    rng: np.random.Generator,
+    rng: Rng = None,
     criterion: str | Criterion = "condition",
     effects: Sequence[Effect] = (),
     margin: float = 0.05,
@@ -168,7 +171,7 @@ def excite(
         harmonics: Harmonics of one over the period, two or more; None: up to half a hertz, at least five, a period of
             more than 20 s being parted into several (`Series.of`).
         starts: How much is tried, one or more: three random motions for each.
-        rng: Source of the starts.
+        rng: Source of the starts, or its seed; None: a fresh one, whose seed is in the result.
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
         margin: Share of every limit that is left free.
@@ -210,10 +213,11 @@ def excite(
         Clearance.of(rig, clearance, envelope),
         speed,
     )
-    x, finished = optimised(problem, starts, rng)
+    generator, seed = seeded(rng)
+    x, finished = optimised(problem, starts, generator)
     x, gap = cleared(problem, x)
     motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))
-    return replace(described(problem, x, motion, finished), clearance=gap)
+    return replace(described(problem, x, motion, finished), clearance=gap, seed=seed)
 
 
 def cleared(problem: Problem, x: Array) -> tuple[Array, Gap | None]:

@@ -225,6 +225,7 @@ class Log:
         imus: Link name → readings of the IMU fixed to it.
         payload: Name of the payload that was mounted, or None if not stated.
         events: Sentences about what happened while recording (limits hit, fallbacks).
+        seed: What repeats a simulated log as `rng`; None of others, and where a generator was given.
     """
 
     name: str
@@ -238,6 +239,7 @@ class Log:
     imus: Mapping[str, Imu] = field(default_factory=dict)
     payload: str | None = None
     events: tuple[str, ...] = ()
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays, check the joints' names, shapes, values, and that time increases."""

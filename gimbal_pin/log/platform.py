@@ -41,6 +41,7 @@ class Platform:
         w: Angular rate, rad/s, shape (N, 3).
         dw: Its derivative, rad/s², shape (N, 3).
         quat: Attitude R in the world, (w, x, y, z), shape (N, 4); None where it is not known.
+        seed: What repeats a drawn motion as `rng`; None of others, and where a generator was given.
     """
 
     t: Array
@@ -48,6 +49,7 @@ class Platform:
     w: Array
     dw: Array
     quat: Array | None = None
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""

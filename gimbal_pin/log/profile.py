@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.draws import Rng, seeded
 
 
 @dataclass(frozen=True)
@@ -45,14 +46,17 @@ ACCELERATION = (Band(0.2, 2.0, 1.0, 20), around(75.0, 1.0), around(140.0, 0.5))
 """Acceleration in the world of profile S, m/s²."""
 
 
-def profile_s(t: Array, rng: np.random.Generator, size: float = 1.0) -> Platform:
+def profile_s(t: Array, rng: Rng = None, size: float = 1.0) -> Platform:
     """Return profile S at the times `t`, s, (N,); `size` scales its angles and accelerations.
 
-    The draws do not depend on `t`: one seed is one motion, however finely and long it is looked at.
+    `rng`: a generator or a seed; None: a fresh one, whose seed is in the result. The draws do not depend on `t`: one
+    seed is one motion, however finely and long it is looked at.
     """
-    angles, rates, accelerations = summed(ATTITUDE, t, rng, 2)
-    (acceleration,) = summed(ACCELERATION, t, rng, 0)
-    return Platform.turning(t, size * angles, size * rates, size * accelerations, size * acceleration)
+    generator, seed = seeded(rng)
+    angles, rates, accelerations = summed(ATTITUDE, t, generator, 2)
+    (acceleration,) = summed(ACCELERATION, t, generator, 0)
+    drawn = Platform.turning(t, size * angles, size * rates, size * accelerations, size * acceleration)
+    return replace(drawn, seed=seed)
 
 
 def summed(bands: Sequence[Band], t: Array, rng: np.random.Generator, derivatives: int) -> tuple[Array, ...]:

@@ -35,6 +35,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.report import pages, view
 from gimbal_pin.report.summary import Summary, summary
+from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
 MODEL_BASED, PID = "computed-torque", "pid"
@@ -77,6 +78,7 @@ class Auto:
         undiagnosed: Why there is no diagnosis, or nothing.
         notes: What `write_run` says of files of an earlier run.
         beside: The identification with the causes that were found in the equations; None where there are none.
+        seed: Repeats it as `rng`; None where a generator was given.
     """
 
     identified: Identified
@@ -93,6 +95,7 @@ class Auto:
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
     beside: Identified | None = None
+    seed: int | None = None
 
     @property
     def tuning(self) -> Tuning:
@@ -128,7 +131,7 @@ def auto(
     logs: Sequence[Log],
     folder: str | Path,
     *,
-    rng: np.random.Generator,
+    rng: Rng = None,
     estimator: Estimator = weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
@@ -144,7 +147,8 @@ def auto(
         rig: The rig.
         logs: Its logs.
         folder: Where the files go; made if it is not there.
-        rng: Source of the sensors' noise in the verification.
+        rng: Source of the bootstraps and of the sensors' noise in the verification, or its seed; None: a fresh one,
+            whose seed is in the result.
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`.
         filtering: As for `identify`.
@@ -157,15 +161,16 @@ def auto(
     """
     logs = [log.ordered(rig) for log in logs]
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
-    wrong, undiagnosed = examined(rig, logs, rng, holdout)
+    generator, seed = seeded(rng)
+    wrong, undiagnosed = examined(rig, logs, generator, holdout)
     extended = wrong is not None and bool(wrong.lacking)
     model = wrong.after.model if wrong is not None and extended else identified.model
     asked = wish or Wish()
     tunings, late = tuned(model, asked), asked.samples
     laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
-    tracking = track(plant or model, laws, rng=rng, delay=late)
+    tracking = track(plant or model, laws, rng=generator, delay=late)
     law = next(iter(tunings.values())).controller
-    animated = simulate(model, law, tour(model, law.dt), rng=rng, name="all axes to and fro", delay=late)
+    animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
     held, why = carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
@@ -174,7 +179,7 @@ def auto(
     steps = identified, wrong, model, tunings, tracking, animated
     first = next(iter(tunings.values()))
     head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed)
-    found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside)
+    found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside, seed=seed)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
 
