@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import cycle
@@ -28,6 +29,7 @@ from gimbal_pin.estimation.channel_assignment import agreement, check_assignment
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.rows import Filtering, Regression, Rows, regression
+from gimbal_pin.estimation.torque_time import misplaced
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
@@ -275,6 +277,56 @@ def test_diagnosis_names_a_column_before_any_cause(run: Run, tmp_path: Path) -> 
     log = recorded(Rig.load("turret"), 3)
     write_log(replace(log, tau=np.asarray(log.tau)[:, ::-1]), tmp_path / "x.csv")
     refused(run("diagnose", "turret", tmp_path / "x.csv"), 2, "tau_pan and tau_tilt hold each other's torque")
+
+
+def delayed(log: Log, by: float) -> Log:
+    """The torque's column comes so much later than the others, s."""
+    tau = np.asarray(log.tau)
+    return replace(log, tau=np.stack([np.interp(log.t - by, log.t, x) for x in tau.T], axis=1))
+
+
+@pytest.mark.parametrize(("name", "by"), [("turret", 0.05), ("turret", -0.1), ("thesis", 0.2)])
+def test_a_torque_that_is_far_too_late_is_refused_and_its_time_is_told(
+    run: Run, name: str, by: float, tmp_path: Path
+) -> None:
+    """No friction, spring or limit is made of it; with the alignment that is said it is a log like others."""
+    rig = Rig.load(name)
+    write_log(delayed(recorded(rig, 1), by), tmp_path / "x.csv")
+    code, _, err = run("identify", name, tmp_path / "x.csv")
+    columns = ", ".join(f"tau_{joint}" for joint in rig.joints)
+    size, when = re.search(rf"{columns} are (\S+) ms (late|early): ", err).groups()  # type: ignore[union-attr]
+    assert code == 2 and err.count("\n") == 1
+    assert abs(float(size) - 1e3 * abs(by)) < 3 and when == ("late" if by > 0 else "early")
+    alignment = re.search(r"--alignment (\S+)", err)[1]  # type: ignore[index]
+    assert run("identify", name, tmp_path / "x.csv", f"--alignment={alignment}")[0] == 0
+    assert run("diagnose", name, tmp_path / "x.csv", "--json", tmp_path / "x.json")[0] == 0
+    said = json.loads((tmp_path / "x.json").read_text())
+    assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == ["clock"]
+    assert abs(said["findings"][0]["parameters"]["late"]["value"] - by) < 3e-3 and said["residual"] == {}
+
+
+@pytest.mark.parametrize("name", ["turret", "thesis", "ptu", "handheld", "drone"])
+def test_a_torque_a_little_late_is_said_and_one_in_time_is_not(name: str) -> None:
+    rig = Rig.load(name)
+    log = recorded(rig, 2)
+    notes = {by: identify(rig, [delayed(log, by)], holdout="none").notes for by in (-0.02, 0.0, 0.004, 0.014)}
+    assert not notes[-0.02] and not notes[0.0] and not notes[0.004]  # a drive's delay is no fault of the log
+    seen = any("ms late" in note for note in notes[0.014])
+    assert seen == (name != "ptu")  # whose friction hides what its inertia takes
+
+
+@pytest.mark.parametrize("kind", ["slow", "one tone"])
+def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kind: str) -> None:
+    """At constant speed every torque fits, and a sine's delay is friction."""
+    rig = Rig.load("turret")
+    t = DT * np.arange(5000)
+    size, rate = (0.3, 2.0) if kind == "one tone" else (0.8, 0.05)
+    q = size * np.sin(np.outer(t, rate * np.array([1.0, 1.4])) + 0.3)
+    v, a = np.gradient(q, DT, axis=0), np.gradient(np.gradient(q, DT, axis=0), DT, axis=0)
+    tau = nominal(rig).inverse(q, v, a)
+    tau += 0.03 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
+    log = delayed(Log(kind, rig.joints, t, q + noise(q, 1e-5), v + noise(v, 1e-3), tau), 0.06)
+    assert not misplaced(rig, log, Filtering())
 
 
 @pytest.mark.parametrize("more", [[], ["--cutoff", "0.2"], ["--follow", "--idle", "0"]])

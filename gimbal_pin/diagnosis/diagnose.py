@@ -28,6 +28,7 @@ from gimbal_pin.estimation.audit import Audit, Fault, audit
 from gimbal_pin.estimation.channel_assignment import check_assignment_of_logs
 from gimbal_pin.estimation.identification import check_log, greatest_base_motion, split
 from gimbal_pin.estimation.rows import Filtering, excerpt
+from gimbal_pin.estimation.torque_time import misplaced, mistimed, told
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.draws import Rng, seeded
@@ -101,14 +102,18 @@ def examined(
     fitted = {log.name for log in train}
     audits = [found if found.log.name in fitted else found.spared for found in audits]
     reliable = all(found.reliable for found in audits)
-    if not all(found.usable for found in audits):
-        return spoilt(rig, logs, audits, filtering)
+    shifts = [(log, misplaced(rig, log, filtering)) for log in audited]
+    late = next((fault for log, found in shifts if (fault := mistimed(log, found)) is not None), None)
+    if late is not None or not all(found.usable for found in audits):
+        return spoilt(rig, logs, audits if late is None else with_fault(audits, late), filtering)
+    noticed = tuple(note for log, found in shifts for note in told(log, found))
     try:
         said = searched(rig, logs, causes, rng, filtering, Parted(audits, train, test, whole, encoders))
     except DataError:
         if reliable:
             raise
         return spoilt(rig, logs, audits, filtering)
+    said = replace(said, notes=(*said.notes, *noticed))
     return said if reliable else replace(said, verdict="data")
 
 

@@ -12,6 +12,9 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import Seen, ladder
 from gimbal_pin.effects.signal import Memory, Signal
 
+SLOWEST = 0.05
+"""Longest delay of a drive that is looked for, s: a loop around it has a bandwidth of 3 Hz at most."""
+
 
 @dataclass(frozen=True)
 class Delay(Signal):
@@ -47,7 +50,7 @@ class Delay(Signal):
     @classmethod
     def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
         """From a tenth of a sample of the channels to a twentieth of a second."""
-        return tuple(cls.inside(joint, time) for time in ladder(seen.dt / 10, 0.05, 9, cls.shapes[0]))
+        return tuple(cls.inside(joint, time) for time in ladder(seen.dt / 10, SLOWEST, 9, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return it in milliseconds."""

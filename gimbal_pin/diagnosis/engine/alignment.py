@@ -16,11 +16,12 @@ from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import Beside
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
+from gimbal_pin.estimation.torque_time import EARLIEST
 from gimbal_pin.log.log import Array
 
-EARLIEST, LATEST = -2e-2, 5e-3
-"""Shifts that are the log's, s: currents are reported late, through filters of 10 Hz and above; angles, over buses of
-200 Hz. A torque that acts later than that is a drive's."""
+LATEST = 5e-3
+"""Latest shift that is the log's, s: angles are reported late, over buses of 200 Hz. A torque that acts later than that
+is a drive's."""
 USUAL = 2.5e-3
 """Deviation of such shifts, s: where a torque hardly says when it acts, it acts when it was stamped."""
 ROUNDS = 3

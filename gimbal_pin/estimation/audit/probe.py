@@ -44,12 +44,12 @@ REACH, TAPER = 0.02, 0.03
 
 
 class Piece(NamedTuple):
-    """A stretch of a log, thinned, with the mask on every column and on the torque.
+    """A stretch of a log, thinned, with the mask on every column.
 
     Attributes:
         t: Time, s, (m,).
         A: Torque per base parameter and friction coefficient, (m, n, k).
-        b: Torque, N m, (m, n).
+        tau: Torque without the mask, N m, (m, n).
         q: Angle, rad, (m, n).
         v: Rate, rad/s, (m, n).
         open: The mask, in [0, 1], (m, n).
@@ -58,11 +58,16 @@ class Piece(NamedTuple):
 
     t: Array
     A: Array
-    b: Array
+    tau: Array
     q: Array
     v: Array
     open: Array
     dt: float
+
+    @property
+    def b(self) -> Array:
+        """The masked torque, N m, (m, n)."""
+        return self.tau * self.open
 
 
 class Probe(NamedTuple):
@@ -116,9 +121,9 @@ def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
     slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
     ch = full.every(keep)
     moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
-    torque = like.b if like is not None else (ch.tau - rows.stated_torque(ch)) * moving
+    tau = like.tau if like is not None else ch.tau - rows.stated_torque(ch)
     A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
-    return Piece(ch.t, A * moving[:, :, None], torque, ch.q, ch.v, moving, stretch.dt * keep.step)
+    return Piece(ch.t, A * moving[:, :, None], tau, ch.q, ch.v, moving, stretch.dt * keep.step)
 
 
 def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, Flags]:

@@ -24,6 +24,7 @@ from gimbal_pin.estimation.identification.checks import check_enough, check_log,
 from gimbal_pin.estimation.identification.identified import Identified, accuracy, faults
 from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, base_motion, regression
+from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
@@ -183,7 +184,7 @@ def identify(
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
         LogError: A log lacks a joint of the rig, a torque has the wrong sign, or two have changed places, see
-            `channel_assignment.check_assignment`.
+            `channel_assignment.check_assignment`; or one acts too early or late, see `torque_time.check_time`.
     """
     logs = [log.ordered(rig) for log in logs]
     for log in logs:
@@ -193,6 +194,7 @@ def identify(
     notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
     logs = [one.log for one in calibrated]
     filters = filtering or usual_filter(logs, greatest_base_motion(rig, logs))
+    notes += check_time(rig, logs, filters)
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
     base = greatest_base_motion(rig, train)

@@ -1,0 +1,186 @@
+"""Does the torque belong to the motion beside it? A column that is far too late gives friction, springs and limits.
+
+``min_θ ‖b_j(t - a) - A_j θ‖²`` over shifts a of a joint's torque, on the rows of the log: A is computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gimbal_pin.effects.delay import SLOWEST
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import LogError, digits
+from gimbal_pin.estimation.audit.base import Fault
+from gimbal_pin.estimation.audit.clock import NAME
+from gimbal_pin.estimation.audit.probe import Piece, probe, rows_at
+from gimbal_pin.estimation.estimators.least_squares import effective_rows
+from gimbal_pin.estimation.rows import Filtering, Flags, excerpt
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.rig import Rig
+
+EARLIEST = -2e-2
+"""Earliest that a torque acts before its stamp, s: currents are reported late, through filters of 10 Hz and above."""
+SMALL = 5e-3
+"""Shift that is not worth a word, s: angles and currents of one sample are as far apart on a bus of 200 Hz."""
+WIDE, STEP = 0.25, 0.01
+"""Shifts that are tried, to either side, s, and from one to the next: at 4 Hz that is a quarter of a radian."""
+CLEARER = 0.25
+"""Share of the squared error within the bounds that the best shift may leave.
+
+Of 23 measured logs of eight devices a shift beyond the bounds leaves less than half of it at one joint: a third, of a
+pendulum that swings for some seconds.
+"""
+ALIKE = 1.5
+"""Shifts whose squared error is within this factor of the least are as likely: of a motion of one tone they are half a
+period apart, and the smallest is taken."""
+BLOCKS, AGREEING = 20, 16
+"""Stretches of time, and how many must each be explained better: by chance one in 170 logs has so many."""
+ROWS = 3
+"""Least number of rows per parameter."""
+EXAMINED = 60.0
+"""Time of each log that is looked at, s."""
+
+
+class Shift(NamedTuple):
+    """When a joint's torque acts, where that is clearly not at its stamp.
+
+    Attributes:
+        joint: The joint.
+        by: How much later than its stamp, s.
+        left: What of the torque's square is left there, as a share.
+        within: The same at the best of the shifts that it is compared with.
+        beyond: Whether these are all that a drive and its report allow; else those not late by more than `SMALL`.
+    """
+
+    joint: str
+    by: float
+    left: float
+    within: float
+    beyond: bool
+
+
+def check_time(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> tuple[str, ...]:
+    """Raise `LogError` if a torque acts too early or late to be this motion's; say where it is noticeably so."""
+    return tuple(said for log in logs for said in told(log, misplaced(rig, log, filtering)))
+
+
+def told(log: Log, found: Sequence[Shift]) -> tuple[str, ...]:
+    """Raise `LogError` if a torque acts beyond the bounds; say by how much where it is within them."""
+    if beyond := [one for one in found if one.beyond]:
+        raise LogError(log.name, described(beyond), mend(log, beyond))
+    return (f"{log.name}: {described(found)}; {mend(log, found)}",) if found else ()
+
+
+def mistimed(log: Log, found: Sequence[Shift]) -> Fault | None:
+    """Return the fault of a log with a torque beyond the bounds, or None."""
+    if not (beyond := [one for one in found if one.beyond]):
+        return None
+    worst = clearest(beyond)
+    figures = (Parameter("late", -worst.by, "s"), Parameter("left", worst.left / worst.within, "1"))
+    sentence = f"{log.name}: {described(beyond)}; no physics is looked for in it"
+    return Fault(NAME, worst.joint, sentence, figures, abs(worst.by / EARLIEST), True, mend(log, beyond))
+
+
+def clearest(found: Sequence[Shift]) -> Shift:
+    """Return the shift that explains most."""
+    return min(found, key=lambda one: one.left / one.within)
+
+
+def described(found: Sequence[Shift]) -> str:
+    """Say by how much which torques are late or early."""
+    worst = clearest(found)
+    size, when = digits(1e3 * abs(worst.by), 3), "late" if worst.by < 0 else "early"
+    left, within = (digits(100 * float(np.sqrt(share)), 2) for share in (worst.left, worst.within))
+    columns = ", ".join(f"tau_{one.joint}" for one in found)
+    gain = f"the model misses {left} % of the torque then instead of {within} %"
+    return f"{columns} {'is' if len(found) == 1 else 'are'} {size} ms {when}: {gain}"
+
+
+def mend(log: Log, found: Sequence[Shift]) -> str:
+    """Say what takes the torque as it acts; all joints have one alignment."""
+    by = digits(clearest(found).by, 3)
+    return f"say so with --alignment {by}" if len(found) == len(log.joints) else f"shift it in time by {by} s"
+
+
+def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
+    """Return the joints whose torque acts noticeably early or late, as far as the log clearly says so.
+
+    A log that fits as well within the bounds says nothing of the time: a slow one, or a motion of one tone. Where the
+    alignment is given, it is known.
+    """
+    if log.tau is None or filtering.alignment is not None:
+        return ()
+    slow = Filtering(cutoff=min(filtering.cutoff, Filtering().cutoff))
+    made = probe(rig, excerpt(log, EXAMINED).log, slow)
+    pieces = tuple(without_ends(piece) for piece in made.pieces if np.ptp(piece.t) > 4 * WIDE)
+    rows = rows_at(made._replace(pieces=pieces), slow.cutoff)
+    if not rows:
+        return ()
+    held, shifts = log.dt / 2, np.arange(-WIDE, WIDE + STEP / 2, STEP)
+    bare = [piece._replace(A=piece.A[:, :, :0]) for piece in pieces]
+    every = (rows_at(made._replace(pieces=tuple(shifted(one, by) for one in bare)), slow.cutoff) for by in shifts)
+    torque = np.stack([np.concatenate([block.b for block in blocks]) for blocks in every], axis=2)
+    columns, used = np.concatenate([block.A for block in rows]), effective_rows(rows)
+    late = shifts + held
+    found = []
+    for j, joint in enumerate(rig.joints):
+        A = columns[:, j, columns[:, j].any(axis=0)]
+        if used[j] <= ROWS * A.shape[1]:
+            continue
+        left = errors(A, torque[:, j])
+        total = left.sum(axis=0)
+        sharp = np.ptp(shifts[total <= ALIKE * total.min()]) < 3 * STEP
+        for beyond, lower in ((True, EARLIEST), (False, -SMALL)):
+            inside = (late >= lower) & (late <= SLOWEST)
+            k = best_outside(left, inside)
+            if k is not None and (beyond or (sharp and EARLIEST <= late[k] < 0)):
+                by, within = float(late[k] + STEP * vertex(total, k)), float(total[inside].min())
+                found.append(Shift(joint, by, float(total[k]), within, beyond))
+                break
+    return tuple(found)
+
+
+def without_ends(piece: Piece) -> Piece:
+    """Return a piece whose mask is closed at its ends, where no shift leads outside."""
+    inner = ((piece.t > piece.t[0] + WIDE) & (piece.t < piece.t[-1] - WIDE)).astype(float)
+    return piece._replace(A=piece.A * inner[:, None, None], open=piece.open * inner[:, None])
+
+
+def shifted(piece: Piece, by: float) -> Piece:
+    """Return a piece whose torque acts so much later, s."""
+    return piece._replace(tau=np.stack([np.interp(piece.t - by, piece.t, tau) for tau in piece.tau.T], axis=1))
+
+
+def errors(A: Array, b: Array) -> Array:
+    """Return the share of torques' squares, (m, s), that columns, (m, k), leave in each of `BLOCKS`, (blocks, s)."""
+    left, size, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
+    left = left[:, size > 1e-9 * size[0]]
+    squares = (b - left @ (left.T @ b)) ** 2 / np.maximum(np.sum(b**2, axis=0), 1e-300)
+    return np.stack([part.sum(axis=0) for part in np.array_split(squares, BLOCKS)])
+
+
+def best_outside(left: Array, inside: Flags) -> int | None:
+    """Return the number of the shift outside the bounds that clearly leaves less than any within, or None.
+
+    Args:
+        left: What each block is left, (blocks, s).
+        inside: Which shifts are within the bounds, (s,).
+    """
+    total = left.sum(axis=0)
+    least = 1 + np.flatnonzero((total[1:-1] <= total[2:]) & (total[1:-1] <= total[:-2]))
+    least = least[total[least] <= ALIKE * total.min()]
+    if not len(least):
+        return None
+    k = int(min(least, key=lambda i: abs(i - len(total) // 2)))
+    within = int(np.argmin(np.where(inside, total, np.inf)))
+    better = int(np.sum(left[:, k] < left[:, within]))
+    return k if not inside[k] and total[k] < CLEARER * total[within] and better >= AGREEING else None
+
+
+def vertex(y: Array, k: int) -> float:
+    """Return how far beyond place k a parabola through it and its neighbours is least, in places."""
+    bend = float(y[k - 1] - 2 * y[k] + y[k + 1])
+    return float(y[k - 1] - y[k + 1]) / (2 * bend) if bend > 0 else 0.0
