@@ -104,9 +104,23 @@ class Envelope:
 
     def shares(self, model: Model, motion: Motion) -> Array:
         """Largest share of each limit that a motion uses, rows as `QUANTITIES`, (4, n); 0 where there is no limit."""
-        return np.vstack(
-            [np.abs(self.kinematic(motion)).max(axis=1), np.maximum(self.torques(model, motion).max(axis=(0, 1)), 0.0)]
-        )
+        used = np.swapaxes(self.kinematic(motion), 0, 1)
+        kinematic = np.maximum(find_crest(used), find_crest(-used))
+        torque = find_crest(np.swapaxes(self.torques(model, motion), 0, 1)).max(axis=0)
+        return np.vstack([kinematic, np.maximum(torque, 0.0)])
+
+
+def find_crest(x: Array) -> Array:
+    """Largest value of smooth functions that are sampled evenly, (N, ...) → (...).
+
+    Between samples a crest rises to the vertex of the parabola through the three around it,
+    ``x_0 - (x_1 - x_-1)^2 / 8 (x_1 - 2 x_0 + x_-1)``.
+    """
+    before, middle, after = x[:-2], x[1:-1], x[2:]
+    is_crest = (middle >= before) & (middle >= after) & (middle > np.minimum(before, after))
+    bend = np.where(is_crest, before - 2 * middle + after, -1.0)
+    vertex = np.where(is_crest, middle - (after - before) ** 2 / (8 * bend), -np.inf)
+    return np.asarray(np.concatenate([x, vertex]).max(axis=0))
 
 
 def check_stated(rig: Rig) -> None:

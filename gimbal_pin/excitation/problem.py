@@ -14,7 +14,7 @@ from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns, sliding
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.fourier import Series
-from gimbal_pin.excitation.limits import Envelope
+from gimbal_pin.excitation.limits import Envelope, find_crest
 from gimbal_pin.log.log import Array, Motion
 
 DENSE = 240
@@ -243,8 +243,8 @@ class Problem:
 
     def widest(self, x: Array, middle: Array) -> Array:
         """Factor per joint that brings x to the first of its kinematic limits, its middle off the centre, (n,)."""
-        used = self.envelope.kinematic(self.motion(x, self.dense))
-        up, down = used.max(axis=1), -used.min(axis=1)
+        used = np.swapaxes(self.envelope.kinematic(self.motion(x, self.dense)), 0, 1)
+        up, down = find_crest(used), find_crest(-used)
         peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
         return (1 - ROUNDING) / np.maximum.reduce(peaks)
 
