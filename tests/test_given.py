@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from lxml import etree
 
@@ -21,7 +22,7 @@ from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES, RigEffect
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.effects.rig_effect import carried, payload, shifted
+from gimbal_pin.effects.rig_effect import carried, payload
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.rig import Rig, build
@@ -29,11 +30,20 @@ from tests.bench_logs import prescribed
 
 ALIGNED = replace(BAND, alignment=0.0)
 RIGS = ("thesis", "handheld", "turret")
-SHIFT = np.array([4.2, 2.0, -1.0])
+SHIFT, MOVED = np.array([4.2, 2.0, -1.0]), "payload-shift:x=0.0042,y=0.002,z=-0.001"
 
 
 def plant(rig: Rig, *planted: str) -> Model:
     return plant_with(nominal(rig), [parse_effect(text, rig) for text in planted]).plant
+
+
+def moved(rig: Rig, share: float) -> Rig:
+    """The rig with a payload of a share of the mass, all of it elsewhere."""
+    body, inertia, frame = payload(rig)
+    phi = rig.phi.copy()
+    there = pin.SE3(np.eye(3), 1e-3 * frame.rotation @ SHIFT).act(inertia)
+    phi[10 * body : 10 * body + 10] += share * there.toDynamicParameters() - inertia.toDynamicParameters()
+    return rig.with_phi(phi)
 
 
 def recorded(model: Model, seed: int) -> Log:
@@ -55,7 +65,7 @@ def said(rig: Rig, log: Log) -> Given:
 def test_a_planted_shift_is_recovered_within_its_deviation(name: str) -> None:
     """In every direction that shows: within 3 standard deviations on average over seeds and directions (χ²)."""
     rig, z = Rig.load(name), []
-    model = plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001")
+    model = plant(rig, MOVED)
     for seed in range(2):
         row = said(rig, recorded(model, seed)).to_dict()["camera"]
         shown = [k for k in range(3) if row["com_mm"][k] is not None]
@@ -102,12 +112,8 @@ def test_a_mass_that_does_not_show_is_one_statement_with_the_place() -> None:
 def test_the_centre_is_that_of_the_mass_that_was_found() -> None:
     """A payload a fifth heavier, all of it elsewhere: its centre is where it is."""
     rig = Rig.load("handheld")
-    body, inertia, frame = payload(rig)
-    phi = rig.phi.copy()
-    moved = inertia.toDynamicParameters() + shifted(inertia, frame, 1e-3 * SHIFT)
-    phi[10 * body : 10 * body + 10] += 1.2 * moved - inertia.toDynamicParameters()
-    row = said(rig, recorded(nominal(rig.with_phi(phi)), 6)).to_dict()["camera"]
-    assert row["mass"] == pytest.approx(200 * inertia.mass, abs=4 * row["mass_std"])
+    row = said(rig, recorded(nominal(moved(rig, 1.2)), 6)).to_dict()["camera"]
+    assert row["mass"] == pytest.approx(200 * payload(rig)[1].mass, abs=4 * row["mass_std"])
     assert max(row["com_std_mm"]) < 0.1
     np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - SHIFT), 4 * np.array(row["com_std_mm"]))
 
@@ -129,7 +135,7 @@ def test_rotors_that_no_urdf_holds_hide_no_mass() -> None:
 def test_units_are_millimetres_and_grams() -> None:
     """The numbers of the JSON are the SI ones times a thousand, and the contract's keys are there."""
     rig = Rig.load("handheld")
-    found = said(rig, recorded(plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001"), 2))
+    found = said(rig, recorded(plant(rig, MOVED), 2))
     row = found.to_dict()["camera"]
     assert {"mass", "com_mm", "std", "sentence"} <= set(row)
     np.testing.assert_allclose(row["com_mm"], 1e3 * found.shift.change)
@@ -153,7 +159,7 @@ def test_other_bodies_that_differ_are_not_laid_on_the_payload() -> None:
 def test_the_sentence_does_not_know_how_a_frame_is_turned() -> None:
     """The same rig with the payload's and the cradle's link frames turned otherwise: the very same sentence."""
     rig = Rig.load("handheld")
-    model = plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001")
+    model = plant(rig, MOVED)
     other = turned(rig)
     log = recorded(model, 5)
     assert said(rig, log).sentence == said(other, log).sentence
@@ -188,7 +194,7 @@ def test_a_foreign_rig_carries_its_fixed_leaf_or_its_last_link() -> None:
     assert carried(bare) == "camera_mount"
     lumped = build(rig.path, to_urdf(Rig.load("turret", "none"), rig.phi), bare.config, None, None, "test")
     assert carried(lumped) == rig.links[-1]
-    log = recorded(plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001"), 4)
+    log = recorded(plant(rig, MOVED), 4)
     before, after = (said(one, log).to_dict()["camera"] for one in (rig, lumped))
     np.testing.assert_allclose(
         before["com_mm"][0] * before["stated_mass"], after["com_mm"][0] * after["stated_mass"], rtol=1e-6
@@ -215,7 +221,7 @@ BOTH = "off-diagonal-inertia:tilt:Ixy=0.0008,Ixz=0.0006,payload_Ixy=-0.0004,payl
 SUMS = {"Ixy": 0.0004, "Ixz": 0.0006, "Iyz": -0.0007}
 """What shows of them where the payload is not mounted turned."""
 PLANTED = {
-    "payload-shift:x=0.0042,y=0.002,z=-0.001": {"x": 0.0042, "z": -0.001},
+    MOVED: {"x": 0.0042, "z": -0.001},
     "payload-mass:extra=0.15": {"extra": 0.15},
     "off-diagonal-inertia:tilt:Ixy=0.002,Ixz=0.001,Iyz=0": {"Ixy": 0.002, "Ixz": 0.001},
 }
@@ -266,15 +272,23 @@ def test_a_weight_bolted_on_is_no_shifted_camera() -> None:
     assert figures["extra"] == pytest.approx(0.12, rel=0.2) and figures["x"] == pytest.approx(0.05, rel=0.2)
 
 
-def test_a_heavier_payload_that_was_moved_is_both() -> None:
-    """A weight bolted on somewhere would move the centre of mass alike; the inertias tell that it is none."""
-    rig = Rig.load("turret")
-    log = recorded(plant(rig, "payload-mass:extra=0.15", "payload-shift:x=0.0042,y=0.002,z=-0.001"), 9)
-    found = diagnosed(rig, log, "trusted")
-    figures = {one.cause: {p.name: p.value for p in one.parameters} for one in found.findings}
+@pytest.mark.parametrize("name", ["handheld", "turret"])
+def test_a_heavier_payload_that_was_moved_is_both(name: str) -> None:
+    """All of its mass has moved, what it has more included: both are what they are, in whatever order they are planted.
+
+    A weight bolted on somewhere would move the centre of mass alike; the inertias tell that it is none.
+    """
+    rig = Rig.load(name)
+    truth, both = moved(rig, 1.15), (f"payload-mass:extra={0.15 * payload(rig)[1].mass}", MOVED)
+    for planted in (both, both[::-1]):
+        np.testing.assert_allclose(plant(rig, *planted).rig.phi, truth.phi, atol=1e-9)
+    found = diagnosed(rig, recorded(nominal(truth), 9), "trusted")
+    figures = {one.cause: {p.name: (p.value, p.std) for p in one.parameters} for one in found.findings}
     assert set(figures) == {"payload-mass", "payload-shift"}
-    assert figures["payload-mass"]["extra"] == pytest.approx(0.15, rel=0.1)
-    assert figures["payload-shift"]["x"] == pytest.approx(0.0042, rel=0.1)
+    wanted = {**dict(zip("xyz", 1e-3 * SHIFT)), "extra": 0.15 * payload(rig)[1].mass}
+    for figure, (value, std) in [*figures["payload-shift"].items(), ("extra", figures["payload-mass"]["extra"])]:
+        assert value == pytest.approx(wanted[figure], abs=3 * std)
+    assert figures["payload-shift"]["x"][1] < 5e-5
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.03, True), (0.0, False)])
@@ -300,7 +314,7 @@ def test_a_faint_cause_needs_directions_to_be_told_from_an_error_of_the_form_of_
 
 def test_a_nominal_urdf_makes_none_and_says_it_all_the_same() -> None:
     rig = Rig.load("turret")
-    found = diagnosed(rig, recorded(plant(rig, "payload-shift:x=0.0042,y=0.002,z=-0.001"), 6), "nominal")
+    found = diagnosed(rig, recorded(plant(rig, MOVED), 6), "nominal")
     assert not found.findings and found.verdict == "nothing"
     assert "slide the camera 4.2 mm back" in found.to_dict()["given_model"]["camera"]["sentence"]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, gyration, payload, placed, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, gyration, payload, placed, with_payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.rig.rig import Rig
 
@@ -52,12 +52,13 @@ class PayloadMass(RigEffect):
 
     def apply(self, rig: Rig) -> Rig:
         """Scale the payload's part of its body, or add the weight to it."""
-        body, inertia, frame = payload(rig)
+        _, inertia, frame = payload(rig)
         place = np.array([self.x, self.y, self.z])
         added = inertia.toDynamicParameters() / inertia.mass
         if place.any():
             added = pin.Inertia(1.0, inertia.lever + frame.rotation @ place, np.zeros((3, 3))).toDynamicParameters()
-        return with_added(rig, body, self.extra * added, self.name)
+        total = inertia.toDynamicParameters() + self.extra * added
+        return with_payload(rig, pin.Inertia.FromDynamicParameters(total), self.name)
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:

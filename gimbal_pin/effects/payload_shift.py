@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, placed, shifted, slide, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, placed, shifted, slide, with_payload
 from gimbal_pin.rig.rig import Rig
 
 
@@ -32,9 +32,8 @@ class PayloadShift(RigEffect):
 
     def apply(self, rig: Rig) -> Rig:
         """Take the payload's inertia out of its body and put it back in at the other place."""
-        body, inertia, frame = payload(rig)
-        change = shifted(inertia, frame, np.array([self.x, self.y, self.z]))
-        return with_added(rig, body, change, self.name)
+        _, inertia, frame = payload(rig)
+        return with_payload(rig, shifted(inertia, frame, np.array([self.x, self.y, self.z])), self.name)
 
     def told(self, rig: Rig) -> str:
         """Say it in the camera's own directions, however its frame is turned."""

@@ -105,19 +105,44 @@ def holder(rig: Rig, link: int) -> int:
 
 def fixed_inertia(rig: Rig, root: int) -> pin.Inertia:
     """Return the inertia of a fixed link and of all that hangs on it, in the frame of the joint that moves it."""
+    inside = [rig.model.frames[index] for index in hanging(rig, root)]
+    parts = [frame.placement.act(frame.inertia) for frame in inside if frame.inertia.mass > 0]
+    return sum(parts[1:], parts[0]) if parts else pin.Inertia.Zero()
+
+
+def hanging(rig: Rig, root: int) -> list[int]:
+    """Return the frames that hold the inertia of a fixed link and of all that hangs on it."""
     frames = rig.model.frames
     inside = [frames[root].parentFrame, root]
     for index in range(root + 1, len(frames)):
         if frames[index].parentFrame in inside[1:]:
             inside.append(index)
-    parts = [frames[index].placement.act(frames[index].inertia) for index in inside if frames[index].inertia.mass > 0]
-    return sum(parts[1:], parts[0]) if parts else pin.Inertia.Zero()
+    return inside
 
 
-def shifted(inertia: pin.Inertia, frame: pin.SE3, shift: Array) -> Array:
-    """Change of a payload's ten parameters when it moves by `shift`, m, (3,), along its frame's axes."""
-    moved = pin.SE3(np.eye(3), frame.rotation @ shift).act(inertia)
-    return np.array(moved.toDynamicParameters() - inertia.toDynamicParameters())
+def with_payload(rig: Rig, inertia: pin.Inertia, owner: str) -> Rig:
+    """Return the rig with another inertia of its payload, in the frame of the joint that carries it.
+
+    Its frames hold it, too, so that `payload` returns it: what changes the payload next changes this one.
+
+    Raises:
+        UsageError: No such payload, or no such body that carries it, can exist.
+    """
+    if not inertia.mass > 0:
+        raise UsageError(owner, "leaves the payload a mass that no body can have", "give smaller figures")
+    body, before, _ = payload(rig)
+    changed = with_added(rig, body, inertia.toDynamicParameters() - before.toDynamicParameters(), owner)
+    if carried(rig) not in rig.links:
+        frames, root = changed.model.frames, rig.model.getFrameId(carried(rig), pin.FrameType.BODY)
+        for index in hanging(rig, root):
+            frames[index].inertia = pin.Inertia.Zero()
+        frames[root].inertia = frames[root].placement.actInv(inertia)
+    return changed
+
+
+def shifted(inertia: pin.Inertia, frame: pin.SE3, shift: Array) -> pin.Inertia:
+    """Return a payload's inertia when it moves by `shift`, m, (3,), along its frame's axes."""
+    return pin.SE3(np.eye(3), frame.rotation @ shift).act(inertia)
 
 
 def facing(rig: Rig) -> Array:
