@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import inspect
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,14 @@ import pytest
 
 import gimbal_pin
 from gimbal_pin import GimbalPinError, Log, Rig
+from gimbal_pin.diagnosis import Diagnosis
+from gimbal_pin.dynamics.checking import check
+from gimbal_pin.estimation.payloads import identify_several
 from gimbal_pin.log.log import Imu
+from gimbal_pin.report.pipeline import Auto
+from gimbal_pin.report.summary import summary
 from tests.bench_logs import prescribed
+from tests.rigs import chain
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +32,12 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def log(rig: Rig) -> Log:
-    return prescribed(gimbal_pin.nominal(rig), seconds=20.0, torque_noise=0.01)
+    return prescribed(gimbal_pin.nominal(rig), seconds=12.0, torque_noise=0.01)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(rig: Rig, log: Log) -> Diagnosis:
+    return gimbal_pin.diagnose(rig, [log])
 
 
 # --- logs -----------------------------------------------------------------------------------------------------------
@@ -137,15 +148,54 @@ def test_the_seed_in_a_result_repeats_it(name: str, rig: Rig) -> None:
     assert run(rig, rng=np.random.default_rng(first.seed)).seed is None
 
 
-def test_diagnose_says_its_seed(rig: Rig, log: Log) -> None:
-    short = log.part(slice(0, 12_000))
-    assert gimbal_pin.diagnose(rig, [short], rng=5).seed == 5 and gimbal_pin.diagnose(rig, [short]).seed is not None
+def test_diagnose_says_its_seed(diagnosis: Diagnosis) -> None:
+    assert diagnosis.seed is not None
 
 
 @pytest.mark.parametrize("wrong", ["mine", -1, 0.5])
 def test_what_is_no_seed_is_refused(wrong: Any) -> None:
     with pytest.raises(GimbalPinError, match="rng: is"):
         gimbal_pin.profile_s(np.linspace(0, 1, 20), wrong)
+
+
+# --- at a prompt ----------------------------------------------------------------------------------------------------
+
+
+def within(value: Any, seen: dict[int, Any]) -> dict[int, Any]:
+    """Everything of the package that a value holds, itself first, and the containers that hold it."""
+    own = type(value).__module__.startswith("gimbal_pin") and hasattr(value, "__dict__")
+    if id(value) in seen or not (own or isinstance(value, (Mapping, tuple, list))):
+        return seen
+    seen[id(value)] = value
+    inside = vars(value) if own else value
+    for part in list(inside.values() if isinstance(inside, Mapping) else inside):
+        within(part, seen)
+    return seen
+
+
+def test_whatever_a_name_returns_prints_as_a_few_lines(rig: Rig, log: Log, diagnosis: Diagnosis) -> None:
+    found = gimbal_pin.identify(rig, [log])
+    tuning = gimbal_pin.tune(found.model, bandwidth_hz=4, robust=True)
+    tracking = gimbal_pin.track(found.model, {"mine": tuning.controller}, seconds=0.7)
+    online = gimbal_pin.Online.of(rig)
+    memory = online.advance(online.start(), log)
+    read = summary(rig, found, tuning, tracking, [log], "the plant", diagnosis)
+    auto = Auto(found, diagnosis, found.model, {"mine": tuning}, tracking, log, {}, "the plant", read)
+    many = chain(32)
+    wide = Log("run", many.joints, [0.0, 1.0], np.zeros((2, 32)))
+    carried = gimbal_pin.profile_s(log.t)
+    several = identify_several({"infrared": rig}, {"infrared": [log]})
+    excitation = gimbal_pin.excite(rig, seconds=2, starts=1)
+    results = [auto, several, online, memory, online.model(memory), excitation, carried, check(rig), many, wide]
+    held = within([*results, gimbal_pin.nominal(many)], {}).values()
+    everything = [one for one in held if type(one).__module__.startswith("gimbal_pin")]
+    assert {"Diagnosis", "Tracking", "Estimate", "Evidence", "Rig", "Log"} <= {type(one).__name__ for one in everything}
+    long = {type(one).__name__: len(repr(one)) for one in everything}
+    assert not {name: size for name, size in long.items() if size > 400}
+    assert repr(tracking).startswith("Tracking(rig='turret', payload='infrared', steps={pan, tilt}, experiments=3 Exp")
+    assert repr(diagnosis).startswith("Diagnosis(rig='turret', logs=('prescribed 0'), verdict=")
+    assert repr(carried).startswith("Platform(t=12001 array, f=12001 × 3 array")
+    assert str(tuning).startswith(repr(tuning)[:-1]) and len(str(tuning)) > len(repr(tuning))
 
 
 # --- files ----------------------------------------------------------------------------------------------------------

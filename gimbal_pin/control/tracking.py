@@ -16,6 +16,7 @@ from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
@@ -143,6 +144,8 @@ class Experiment:
     q: Array
     log: Log
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
@@ -161,6 +164,8 @@ class Tracking:
     steps: Mapping[str, float]
     experiments: tuple[Experiment, ...]
     seed: int | None = None
+
+    __repr__ = brief
 
     def of(self, name: str, controller: str) -> Experiment:
         """Return one experiment; `UsageError` if there is none of that name."""

@@ -18,6 +18,7 @@ from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
 from gimbal_pin.dynamics.model import Model, model_from, plain_model
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.records import LARGEST, bounded, placed, record
 from gimbal_pin.rig.rig import Rig
 
@@ -61,12 +62,14 @@ class Tuning:
     reasons: tuple[str, ...]
     doubts: tuple[str, ...] = ()
 
+    __repr__ = brief
+
     @cached_property
     def controller(self) -> Law:
         """The control law, ready for `simulate`."""
         return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         """A line per joint: gains, bandwidth and margins; `text.tuning` has the table."""
         rig = self.model.rig
         rows = zip(rig.joints, self.gains, self.bandwidth_hz, self.margins)
@@ -250,6 +253,8 @@ class Stored:
     model: Model
     wish: Wish
     bandwidth_hz: Mapping[str, float | None]
+
+    __repr__ = brief
 
 
 def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:

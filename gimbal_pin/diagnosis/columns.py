@@ -16,6 +16,7 @@ from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 ALIKE = (0.3, 3.0)
@@ -164,6 +165,8 @@ class Load:
     torque: list[Array]
     borne: list[Array]
     stand: Stand
+
+    __repr__ = brief
 
     @cached_property
     def weight(self) -> list[Array]:

@@ -43,6 +43,7 @@ from gimbal_pin.estimation.rows import (
 )
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 BLOCKS = 40
@@ -99,6 +100,10 @@ class Part(NamedTuple):
     losses: tuple[Losses, ...] | None = None
     logged: Logged | None = None
     late: Array | float = 0.0
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
@@ -182,6 +187,8 @@ class Evidence:
     band: float
     block: Array
     seen: tuple[Seen, ...]
+
+    __repr__ = brief
 
     @property
     def rows(self) -> int:

@@ -17,6 +17,7 @@ from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,8 @@ class Extended:
     """
 
     model: Model
+
+    __repr__ = brief
 
     def acting(self, part: Part) -> Array:
         """Torque that acts along a part of a log, N m, (m, n)."""

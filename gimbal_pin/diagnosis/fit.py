@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 PASSES = 4
 LUCK = 0.5
@@ -59,6 +60,8 @@ class Fit:
     scale: Array
     information: Array
     block: Array
+
+    __repr__ = brief
 
     @property
     def dispersion(self) -> Array:

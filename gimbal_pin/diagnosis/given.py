@@ -18,6 +18,7 @@ from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
 from gimbal_pin.estimation.rows import over_phi
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.rig import Rig
 
@@ -51,6 +52,10 @@ class Seen(NamedTuple):
     basis: Array
     value: Array
     covariance: Array
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     @property
     def change(self) -> Array:
@@ -205,6 +210,8 @@ class Given:
     words: Array
     gyration: float
     moment: float
+
+    __repr__ = brief
 
     @property
     def sentence(self) -> str:

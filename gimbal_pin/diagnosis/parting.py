@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Motion
+from gimbal_pin.rig.brief import brief
 
 NAMED = 2 * APART
 """Standard deviations between two causes from which one is named: half of them is Vuong's z to be expected."""
@@ -95,6 +96,8 @@ class NextExperiment:
     motion: Motion | None
     partings: tuple[Parting, ...]
     finished: bool = True
+
+    __repr__ = brief
 
     @property
     def seconds(self) -> float:

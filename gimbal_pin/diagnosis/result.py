@@ -19,6 +19,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit import Fault
 from gimbal_pin.log.log import Motion
+from gimbal_pin.rig.brief import brief
 
 MEASURED = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
@@ -104,6 +105,8 @@ class Finding:
     rivals: tuple[Rival, ...]
     sentence: str
     next_experiment: str | None
+
+    __repr__ = brief
 
     @property
     def sized(self) -> tuple[Parameter, ...]:
@@ -230,6 +233,8 @@ class Diagnosis:
     likeness: tuple[Likeness, ...] = ()
     instead: tuple[Cause, ...] = ()
     seed: int | None = None
+
+    __repr__ = brief
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:

@@ -21,6 +21,7 @@ from gimbal_pin.effects.signal import Borne
 from gimbal_pin.estimation.identification import given_beta
 from gimbal_pin.estimation.rows import Flags, columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 SETTLED = 1e-4
@@ -57,6 +58,8 @@ class Problem:
     rigid_full: list[Array]
     luck: float = LUCK
     kept: dict[Effect, tuple[Array, list[Array]]] = field(default_factory=dict, init=False, repr=False)
+
+    __repr__ = brief
 
     @staticmethod
     def of(evidence: Evidence, reduction: Reduction) -> Problem:
@@ -163,6 +166,8 @@ class State:
     alike: State | None = None
     learned: State | None = None
     lacking: dict[Cause, State] = field(default_factory=dict, init=False, repr=False)
+
+    __repr__ = brief
 
     @cached_property
     def stand(self) -> Stand:

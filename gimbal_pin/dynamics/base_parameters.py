@@ -9,6 +9,7 @@ from typing import Any
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import Reduction, reduce, written
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 
@@ -29,6 +30,8 @@ class Base:
     terms: tuple[Mapping[str, float], ...]
     unidentifiable: tuple[str, ...]
     moving: Mapping[BaseMotion, tuple[Mapping[str, float], ...]]
+
+    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

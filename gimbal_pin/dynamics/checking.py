@@ -12,6 +12,7 @@ from gimbal_pin.dynamics.base_parameters import base
 from gimbal_pin.dynamics.reduction import samples
 from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.config import load_config
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs, find, payload_path
 from gimbal_pin.rig.rig import Rig
@@ -73,6 +74,8 @@ class Checked:
     columns: tuple[str, ...]
     optional: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""

@@ -19,6 +19,7 @@ from gimbal_pin.effects.plain import cause_from, term_from
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.records import placed, record
 from gimbal_pin.rig.rig import Rig
 
@@ -48,6 +49,8 @@ class Estimated:
     theta: Array
     covariance: Array
 
+    __repr__ = brief
+
     @property
     def std(self) -> Array:
         """Standard deviations (k)."""
@@ -72,7 +75,9 @@ class Model:
     drive: tuple[Signal, ...] = ()
     changes: tuple[RigEffect, ...] = ()
 
-    def __repr__(self) -> str:
+    __repr__ = brief
+
+    def __str__(self) -> str:
         """One line: whose it is, where its parameters come from, and what it has beside bodies and plain friction."""
         plain = {kind.name for kind in ALWAYS}
         causes = (*(term.effect for term in self.terms), *self.drive, *self.changes)

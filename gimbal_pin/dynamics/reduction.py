@@ -10,6 +10,7 @@ import numpy as np
 from gimbal_pin.dynamics.regressor import columns, regressor
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import BaseMotion, Platform
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 SAMPLES = 200
@@ -34,6 +35,8 @@ class Reduction:
     zero: tuple[int, ...]
     mixing: Array
     base: BaseMotion = "fixed"
+
+    __repr__ = brief
 
     @property
     def terms(self) -> tuple[dict[str, float], ...]:

@@ -16,6 +16,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cos, sin
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 Turns = NDArray[np.complex128]
 Held = Any
@@ -54,6 +55,10 @@ class Sample(NamedTuple):
     turns: Array | Turns | None = None
     weight: float | Array = 0.0
     losses: Any = None
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     def around(self, k: float) -> tuple[float | Array, float | Array]:
         """``cos kq, sin kq``: of a whole k a product of `turns`, a tenth of the work of a cosine and a sine."""

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gimbal_pin.log.log import PAUSE, Array
+from gimbal_pin.rig.brief import brief
 
 STEP = 0.02
 """Time over which losses are averaged, s: of what warms over seconds nothing is lost."""
@@ -27,6 +28,10 @@ class Losses(NamedTuple):
     power: Array
     t: Array
     step: float = STEP
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     @staticmethod
     def along(t: Array, tau: Array, at: Array) -> Losses:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.rig.brief import brief
 
 
 class Seen(NamedTuple):
@@ -39,6 +40,10 @@ class Seen(NamedTuple):
     upright: bool = False
     middle: float = 0.0
     rms: float = 0.0
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
 
 def ladder(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:

@@ -30,6 +30,7 @@ from gimbal_pin.estimation.identification import (
 from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.rows import Block, Filtering, Rows, camera_body, over_phi, regression
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import PHI, Rig
 
 BARE = "none"
@@ -53,6 +54,8 @@ class Camera:
     value: Array
     covariance: Array
     urdf: Array
+
+    __repr__ = brief
 
     @property
     def std(self) -> Array:
@@ -85,12 +88,14 @@ class Several:
     cameras: Mapping[str, Camera]
     reference: str
 
+    __repr__ = brief
+
     @property
     def first(self) -> Identified:
         """The gimbal with the reference, or with the first payload where that has no log."""
         return self.identified.get(self.reference, next(iter(self.identified.values())))
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         """A few lines per camera: what was estimated, and how well it predicts."""
         return "\n".join([*(repr(one) for one in self.identified.values()), self.sentence])
 

@@ -22,6 +22,7 @@ from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
@@ -89,12 +90,14 @@ class Excitation:
     unchecked: tuple[str, ...] = ()
     seed: int | None = None
 
+    __repr__ = brief
+
     @property
     def seconds(self) -> float:
         """Length of the motion, s."""
         return float(self.motion.t[-1])
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         """One line: condition number and length; `text.excitation` has what it uses of the limits."""
         return f"excitation of {self.rig}: condition number {self.condition_number:.1f} in {self.length}"
 

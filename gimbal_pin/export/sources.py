@@ -29,6 +29,7 @@ from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between, unable
+from gimbal_pin.rig.brief import brief
 
 C_SOURCES = (
     "gimbal_controller.h",
@@ -69,6 +70,8 @@ class Exported:
     difference: float
     pointer: Pointer
     tuning: bytes
+
+    __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""

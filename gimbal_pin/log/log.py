@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.rig.arrays import Array
+from gimbal_pin.rig.brief import brief
 
 if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig
@@ -160,6 +161,8 @@ class Motion:
     v: Array
     a: Array
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
         object.__setattr__(self, "t", frozen(self.t, (None,), "t"))
@@ -190,6 +193,8 @@ class Imu:
     gyro: Array | None = None
     accel: Array | None = None
     quat: Array | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
@@ -241,6 +246,8 @@ class Log:
     events: tuple[str, ...] = ()
     seed: int | None = None
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         """Freeze the arrays, check the joints' names, shapes, values, and that time increases."""
         joints = (self.joints,) if isinstance(self.joints, str) else tuple(self.joints or ())
@@ -267,7 +274,7 @@ class Log:
         """Number of samples."""
         return len(self.t)
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         """One line: name, joints, length and channels."""
         held = [name for name in ("q", "v", "tau", "q_ref", "temperature") if getattr(self, name) is not None]
         held += [f"IMU of {link}" for link in self.imus]

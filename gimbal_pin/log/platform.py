@@ -10,6 +10,7 @@ import numpy as np
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Imu, frozen
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import GRAVITY
 
 BaseMotion = Literal["fixed", "tilted", "rotating"]
@@ -50,6 +51,8 @@ class Platform:
     dw: Array
     quat: Array | None = None
     seed: int | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""

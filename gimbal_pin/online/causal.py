@@ -13,6 +13,7 @@ from gimbal_pin.dynamics.reduction import samples
 from gimbal_pin.estimation.rows import MEMORY, TAPER, Channels, Filtering, Rows, mask, settling, standstill
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.brief import brief
 
 FIRST = 64
 """Samples whose intervals tell the sampling interval."""
@@ -55,6 +56,10 @@ class Grid(NamedTuple):
     dt: float = 0.0
     start: float = 0.0
     passed: int = 0
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     def with_logs(self, logs: Sequence[Log]) -> Grid:
         """Return the grid with more samples."""
@@ -130,6 +135,10 @@ class Blockwise(NamedTuple):
     matrix: Array
     rest: Array
 
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
+
     @staticmethod
     def of(sections: Array, count: int, last: bool = False) -> Blockwise:
         """Return it for blocks of `count` samples, of whose output all or the last is wanted."""
@@ -155,6 +164,10 @@ class Row(NamedTuple):
     t: float
     values: Array
     v: Array
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +199,8 @@ class Design:
     gains: tuple[float, float]
     present: Array
     alignment: float
+
+    __repr__ = brief
 
     @property
     def filtering(self) -> Filtering:
@@ -281,6 +296,8 @@ class Running:
     jumping: Array | None
     lowpass: Array
     passed: int = 0
+
+    __repr__ = brief
 
 
 def initial_state(design: Design, frame: Frame) -> Running:

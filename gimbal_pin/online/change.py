@@ -13,6 +13,7 @@ from scipy.special import chdtri, fdtri
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.online.recursive import LAGS, Known, tapered
+from gimbal_pin.rig.brief import brief
 
 WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
@@ -79,6 +80,10 @@ class Watch(NamedTuple):
     spread: Array
     noise: Array
     directions: Array
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     @staticmethod
     def of(known: Known, directions: Array, doubt: Array) -> Watch:

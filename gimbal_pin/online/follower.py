@@ -57,6 +57,7 @@ from gimbal_pin.online.learning import (
     values,
 )
 from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 EVERY = 1.0
@@ -96,6 +97,10 @@ class Memory(NamedTuple):
     rates: bool = False
     row: Row | None = None
 
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
+
     @property
     def events(self) -> tuple[Event, ...]:
         """What happened: payloads changed, parameters known."""
@@ -122,6 +127,8 @@ class Online:
     everything: bool = False
     fading: float = inf
     prior: Prior | None = None
+
+    __repr__ = brief
 
     @staticmethod
     def of(
@@ -346,6 +353,8 @@ class Progress:
     hidden: tuple[str, ...]
     torque_error: Mapping[str, float]
     events: tuple[Event, ...]
+
+    __repr__ = brief
 
     @property
     def telling(self) -> list[int]:

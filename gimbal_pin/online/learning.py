@@ -13,6 +13,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.online.causal import Row
 from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, scores_without_transient
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
+from gimbal_pin.rig.brief import brief
 
 WINDOW = LOOK + 5
 """Newest rows that are not learned for good yet while nothing seems to have changed."""
@@ -70,6 +71,8 @@ class Task:
     step: float
     transition: float
 
+    __repr__ = brief
+
     def faded(self, rows: Array) -> Array | None:
         """Weight that each row leaves those before it, (m, n): only motion makes forget."""
         return None if self.fading == inf else np.exp(-self.step / self.fading * rows[:, :, -1])
@@ -110,6 +113,8 @@ class Learned:
     since: float = -inf
     ready: bool = False
     events: tuple[Event, ...] = ()
+
+    __repr__ = brief
 
     @property
     def doubtful(self) -> int:

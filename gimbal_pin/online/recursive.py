@@ -11,6 +11,7 @@ from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.estimators.least_squares import reweighted
 from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 LAGS = 8
 """Rows over which residuals may be correlated: four periods of the cutoff."""
@@ -54,6 +55,8 @@ class Moments:
     products: Array
     tail: Array
     rows: int = 0
+
+    __repr__ = brief
 
     @staticmethod
     def empty(n: int, width: int) -> Moments:
@@ -119,6 +122,8 @@ class Known:
 
     estimate: Estimate
     gamma: Array
+
+    __repr__ = brief
 
     @cached_property
     def spread(self) -> Array:

@@ -16,6 +16,7 @@ from scipy.signal import welch
 from gimbal_pin.control.laws.base import Carried, Pid
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.rig.brief import brief
 
 RESOLUTION = 0.5
 """Width of a frequency bin, Hz."""
@@ -50,6 +51,8 @@ class Spectrum:
     force: Array
     rate_noise: float
     force_noise: float
+
+    __repr__ = brief
 
     @staticmethod
     def of(imu: Imu, dt: float, name: str = "platform") -> Spectrum:
@@ -199,6 +202,8 @@ class Forecast:
     dt: float
     leads: tuple[float, ...]
     learns: bool = True
+
+    __repr__ = brief
 
     @property
     def foresees(self) -> bool:

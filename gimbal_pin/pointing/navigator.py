@@ -17,6 +17,7 @@ from gimbal_pin.pointing.forecast import Forecast, Past
 from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.result import SLOW
 from gimbal_pin.pointing.sight import Sight, View
+from gimbal_pin.rig.brief import brief
 
 exp3, log3 = pin.exp3, pin.log3
 SPAN = 1 / (2 * pi * SLOW)
@@ -193,6 +194,8 @@ class Navigator:
     accelerates: bool = True
     oracle: bool = False
     fusion: Fusion | None = None
+
+    __repr__ = brief
 
     @cached_property
     def towards(self) -> Array:

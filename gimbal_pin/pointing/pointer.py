@@ -16,6 +16,7 @@ from gimbal_pin.pointing.guard import Guard, Watch
 from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.navigator import Fix, Known, Navigator
 from gimbal_pin.pointing.sight import lost_turn
+from gimbal_pin.rig.brief import brief
 
 NOTHING: frozenset[str] = frozenset()
 LIMITED = 50
@@ -85,6 +86,8 @@ class Pointer:
     law: Law
     guard: Guard | None = None
     fallback: JointPid | None = None
+
+    __repr__ = brief
 
     @property
     def dt(self) -> float:

@@ -15,6 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS
 from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, frozen
+from gimbal_pin.rig.brief import brief
 
 SLOW = 0.2
 """Corner between jitter and drift, Hz (CONTROL, "Profile S")."""
@@ -100,6 +101,8 @@ class Pointing:
     events: tuple[str, ...] = ()
     swings: tuple[Swing, ...] = ()
 
+    __repr__ = brief
+
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
         samples, n = len(self.t), len(self.joints)
@@ -143,6 +146,8 @@ class Row:
 
     controller: str
     runs: tuple[Pointing, ...]
+
+    __repr__ = brief
 
     @property
     def jitter_rms(self) -> float:
@@ -281,6 +286,8 @@ class Contest:
     payload: str | None
     rows: tuple[Row, ...]
     beside: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     @cached_property
     def jitter(self) -> Mapping[str, float]:

@@ -35,6 +35,7 @@ from gimbal_pin.pointing.run import Course, Ground, compete
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.pointing.sweep import Sweep, drawn, sweep
 from gimbal_pin.pointing.targets import Target, step_targets, stepped, targets
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 
@@ -177,6 +178,8 @@ class Verified:
     loops: Mapping[str, tuple[Margins, ...]] = field(default_factory=dict)
     missed: tuple[str, ...] = ()
     failed: bool = False
+
+    __repr__ = brief
 
     @property
     def contests(self) -> tuple[Contest, ...]:

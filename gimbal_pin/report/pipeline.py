@@ -35,6 +35,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.report import pages, view
 from gimbal_pin.report.summary import Summary, summary
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
@@ -96,6 +97,8 @@ class Auto:
     notes: tuple[str, ...] = ()
     beside: Identified | None = None
     seed: int | None = None
+
+    __repr__ = brief
 
     @property
     def tuning(self) -> Tuning:

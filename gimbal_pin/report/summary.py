@@ -25,6 +25,7 @@ from gimbal_pin.report.format import (
 )
 from gimbal_pin.report.html import Card, Section, bullets, cards, join, notice, paragraph
 from gimbal_pin.report.tables import BASELINE, FAIR, GOOD, TOGETHER, grade
+from gimbal_pin.rig.brief import brief
 
 if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
@@ -57,6 +58,8 @@ class Summary:
     doubts: tuple[str, ...]
     details: tuple[str, ...]
     numbers: tuple[Card, ...]
+
+    __repr__ = brief
 
     @property
     def section(self) -> Section:

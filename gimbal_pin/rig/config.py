@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gimbal_pin.errors import RigError
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import LARGEST, bounded, record, stated
 
@@ -102,6 +103,8 @@ class Config:
     limits: Mapping[str, Any] = field(default_factory=dict)
     imus: tuple[str, ...] = ()
     noise: Noise = Noise()
+
+    __repr__ = brief
 
 
 def load_config(path: Path) -> Config:

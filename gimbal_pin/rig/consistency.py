@@ -18,6 +18,7 @@ import numpy as np
 
 from gimbal_pin.errors import DataError
 from gimbal_pin.rig.arrays import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.inertia import pseudo_inertia, strictly
 
 WEIGHTS = tuple(10.0 ** (0.5 * k) for k in range(2, -17, -1))
@@ -50,6 +51,8 @@ class Consistent:
 
     phi: Array
     distance: float
+
+    __repr__ = brief
 
 
 class Body(NamedTuple):

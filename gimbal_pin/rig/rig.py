@@ -15,6 +15,7 @@ from lxml import etree
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig import mending, urdf
 from gimbal_pin.rig.arrays import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.config import Config, Limits, Motor, overlaid
 from gimbal_pin.rig.files import YAML, find, payload_path
 from gimbal_pin.rig.files import bundled as bundled
@@ -71,6 +72,8 @@ class Rig:
     path: Path
     notes: tuple[str, ...] = ()
 
+    __repr__ = brief
+
     @staticmethod
     def load(
         rig: str | Path, payload: str | Path | None = None, mend: bool = False, fixed: Mapping[str, float] | None = None
@@ -112,7 +115,7 @@ class Rig:
         mimicking = [f"a joint that mimics another is held where the other's zero has it: {mending.listed(mimics)}"]
         return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics)))
 
-    def __repr__(self) -> str:
+    def __str__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
         return f"Rig(name={self.name!r}, payload={self.payload!r}, joints={self.joints})"
 

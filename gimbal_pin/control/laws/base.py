@@ -12,6 +12,7 @@ import numpy as np
 
 from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 
 class Carried(NamedTuple):
@@ -129,6 +130,8 @@ class Outer:
     limits: tuple[float, ...]
     braking: tuple[float, ...] = ()
 
+    __repr__ = brief
+
     @cached_property
     def rows(self) -> tuple[tuple[float, float, float, float, float], ...]:
         """Per joint kp, ki, kd, the error at which the parabola begins, and a."""
@@ -192,6 +195,8 @@ class JointPid:
     limits: tuple[float, ...]
     dt: float
     braking: tuple[float, ...] = ()
+
+    __repr__ = brief
 
     @cached_property
     def outer(self) -> Outer:

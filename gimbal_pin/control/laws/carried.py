@@ -18,6 +18,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Sample
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 rnea = pin.rnea
 PAID = 0.01
@@ -69,6 +70,8 @@ class CarriedTorque:
     robust: Robust | None = None
     observers: tuple[Observer, ...] = ()
     trusted: tuple[bool, ...] = ()
+
+    __repr__ = brief
 
     @cached_property
     def outer(self) -> Outer:

@@ -17,6 +17,7 @@ from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.effects import Sample, Signal, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,8 @@ class Robust:
     P: Array = field(repr=False)
     bounds: Bounds
     gain: float
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         """Refuse a bound that Lyapunov redesign cannot answer."""
@@ -125,6 +128,8 @@ class ComputedTorque:
     still: float = 1e-3
     braking: tuple[float, ...] = ()
     robust: Robust | None = None
+
+    __repr__ = brief
 
     @cached_property
     def outer(self) -> Outer:

@@ -15,6 +15,7 @@ from gimbal_pin.effects import Sample
 from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import MOTIONS, Platform
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 POSES = 40
@@ -48,6 +49,8 @@ class Bounds:
     cross_model: float
     cross_pid: float
     source: str
+
+    __repr__ = brief
 
 
 def poses(rig: Rig, count: int = POSES) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.estimators.colour import coloured
 from gimbal_pin.estimation.rows import Block, Rows, rows_behind
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import spread
 
 LEAF = 8192
@@ -54,6 +55,8 @@ class Estimate:
     method: str
     phi: Array | None = None
     uncertainty: str = "coloured residuals"
+
+    __repr__ = brief
 
     @property
     def std(self) -> Array:

@@ -23,6 +23,7 @@ from gimbal_pin.estimation.identification.misfit import Misfit
 from gimbal_pin.estimation.rows import Block, Filtering, camera_body, excerpt, over_phi
 from gimbal_pin.log.calibration import Mounting
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import Consistent
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.rig import Rig
@@ -58,6 +59,8 @@ class Accuracy:
     torque_rmse: Mapping[str, float]
     fit_percent: Mapping[str, float]
     used: Mapping[str, float]
+
+    __repr__ = brief
 
     def __str__(self) -> str:
         """One line: every joint's error and fit."""
@@ -194,7 +197,9 @@ class Identified:
     missed: Mapping[str, Misfit] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
 
-    def __repr__(self) -> str:
+    __repr__ = brief
+
+    def __str__(self) -> str:
         """A few lines: what was estimated, from what, and how well it predicts; `text.identified` has the table."""
         rig = self.model.rig
         mounted = f" with {rig.payload}" if rig.payload else ""

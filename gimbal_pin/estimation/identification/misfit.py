@@ -19,6 +19,7 @@ from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.estimators.least_squares import RANK, effective_rows, factor, joint_weights, solve, triangle
 from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 ANGLES, RATES, SIGNED = 24, 12, 6
 """Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
@@ -47,6 +48,10 @@ class Misfit(NamedTuple):
     size: float
     noise: float
     variance: Array
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
 
 def misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:

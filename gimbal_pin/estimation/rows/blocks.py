@@ -30,6 +30,7 @@ from gimbal_pin.estimation.rows.channels import (
 )
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 STANDSTILL = 2.0
@@ -131,6 +132,10 @@ class Block(NamedTuple):
     v: Array
     share: Array
 
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -153,6 +158,8 @@ class Rows:
     logs: tuple[Log, ...]
     filtering: Filtering
     masked: bool = True
+
+    __repr__ = brief
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.missing_samples import filled, holes, inside
 from gimbal_pin.log.platform import BaseMotion, Platform
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 FINE = 200.0
@@ -121,6 +122,10 @@ class Channels(NamedTuple):
     platform: Platform | None = None
     lost: Flags | None = None
 
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
+
     def every(self, rows: slice) -> Channels:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
@@ -196,6 +201,10 @@ class Logged(NamedTuple):
     sections: Array
     step: int
     cutoff: float
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     @staticmethod
     def of(stretch: Stretch, filtering: Filtering, grid: Array, step: int) -> Logged:
