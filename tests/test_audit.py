@@ -21,6 +21,7 @@ from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
 from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.regressor import weight
 from gimbal_pin.estimation.audit import CHECKS, CORRUPTIONS, Fault, audit
 from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, taken
 from gimbal_pin.estimation.audit.clock import ticks
@@ -387,6 +388,25 @@ def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed
             assert check(rig, corrupted(log, "controller-formula", delay=delay), FILTER) is not None
 
 
+@pytest.mark.parametrize("name", ["turret", "thesis", "handheld", "drone", "ptu"])
+@pytest.mark.parametrize("speed", [1.0, 0.1])
+def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_none(name: str, speed: float) -> None:
+    """A hand moves the joint; beside it a plant, slow or fast, hardly any friction, a spring and cogging."""
+    rig, check, rng = Rig.load(name), CHECKS["controller-formula"], np.random.default_rng(3)
+    smooth = nominal(replace(rig, friction=0.01 * rig.friction))
+    motion = fourier(rig, 4, 20.0 * speed, 2e-3 * speed)
+    t, q, v, a = motion.t / speed, motion.q, motion.v * speed, motion.a * speed**2
+    noise = 1e-4 * rng.standard_normal(q.shape)
+    weighed = weight(rig, q)
+    size = np.maximum(np.sqrt(np.mean(weighed**2, axis=0)), 0.01)
+    hand = Log("hand", rig.joints, t, q, v, weighed + size * (0.2 * q + noise))
+    found = check(rig, hand, FILTER)
+    assert found is not None and found.fault.makes_physics_unreliable
+    assert "formula of the angle" in found.fault.sentence and figures(found.fault)["left"] < 1e-3
+    tau = smooth.inverse(q, v, a) + size * (2.0 * q + np.sin(12 * q) + noise)
+    assert check(rig, replace(hand, tau=tau), FILTER) is None
+
+
 # ---- small laws ----
 
 
@@ -485,6 +505,13 @@ def test_the_speed_loops_current_is_its_formula_with_its_gain_and_delay() -> Non
     told = figures(next(fault for fault in found.faults if fault.cause == "controller-formula"))
     assert found.reliable and told["left"] < 0.001
     assert told["gain"] == pytest.approx(0.025 * 0.087, rel=0.03) and told["delay"] == pytest.approx(0.002, abs=1e-4)
+
+
+def test_gravity_compensation_is_the_controllers_formula_of_the_angle() -> None:
+    rig, log = real("dfki_simple_pendulum", "pendulum.urdf", "gravity_compensation.csv.gz", PENDULUM)
+    found = audit(rig, log)
+    assert not found.usable and "controller-formula" in unreliable(found.faults)
+    assert "neither friction nor inertia" in found.faults[0].sentence
 
 
 @pytest.mark.parametrize("part", "abc")

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.dynamics.regressor import columns, regressor
+from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, Indices
@@ -25,6 +25,14 @@ Stribeck friction and a spring, a bias and cogging) one joint is left less than 
 the plant leaves it 1.3 times as much, the most of all. Of two public logs of a speed loop the formula leaves 0.0003 and
 0.003, and the plant 1700 and 3 times as much: the second's drive adds a map of the angle.
 """
+INERT = 100.0
+"""A function of the angles leaves so many times less power than the URDF's inertia asks for: a tenth of it would show.
+
+Of twenty public logs and the bench logs above, with springs and cogging, what the inertia asks for is at most 6 times
+what is left; of one whose controller cancels gravity, 1900 times.
+"""
+SEEN = 10.0
+"""And the inertia's torque has so many times the power of the acceleration's noise, which would hide it."""
 BAND = 0.1
 """Low-pass on all channels, as a share of the sampling rate: a loop acts below it, most of the noise is above."""
 LATEST = 6
@@ -53,7 +61,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     bodies with a free constant, slope and spring, and with friction that takes power, leave several times as much.
     What passive plants give is in both, and leaves their ratio at one: so is a map m of the angle, where a joint turns
     round, which cogging asks for and drives feed forward. The samples are counted, as controllers do.
-    A base that moves excites the plant whatever the reference does: such a log is not judged.
+    A base that moves excites the plant whatever the reference does: such a log is not judged. Where this formula is not
+    found, that of the angles alone is looked for (`of_angles`).
     """
     if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or base_motion(rig, log) != "fixed":
         return None
@@ -69,15 +78,68 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     found = [formula(log.t, q[:, j], v[:, j], tau[:, j], kept, maps[j]) for j in range(rig.n)]
     like = [j for j, one in enumerate(found) if one.gain > 0 and one.left < LEFT * power[j]]
     if not like:
-        return None
+        return of_angles(rig, log, filtering)
     a = signals.differentiate(v, log.dt)
     A = regressor(rig, q[kept], v[kept], a[kept], places=columns(rig)[1])
     rigid = {j: np.hstack([A[:, j, A[:, j].any(axis=0)], maps[j]]) for j in like}
     plant = {j: passive(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j]) for j in like}
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
-        return None
+        return of_angles(rig, log, filtering)
     return Examined(fault_of(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt), log)
+
+
+def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+    """``τ(t) = a + c t + k q(t - d) + G(q(t - d))``, G the bodies' weight: a controller that cancels gravity.
+
+    A plant's torque moves its inertia, too. Somebody else's hand did, where these terms leave next to nothing of the
+    torque beside what the URDF's inertia asks for at the measured accelerations: of this the part that they explain, as
+    in a sine, is taken away.
+    """
+    assert log.tau is not None
+    band = min(filtering.cutoff * log.dt, BAND)
+    sections, edge = signals.lowpass(band, 1.0), int(signals.settling(band)) + LATEST
+    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST, int(0.25 / band)))
+    if len(kept) < LEAST:
+        return None
+    q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
+    v = signals.differentiate(q, log.dt)
+    a = signals.differentiate(v, log.dt)[kept]
+    noise = signals.noise_std(log.q) * signals.noise_gain(sections, 1.0, 2) / log.dt**2
+    asked = rnea(rig, q[kept], v[kept], a) - weight(rig, q[kept])
+    hidden = rnea(rig.weightless, q[kept], 0.0 * a, np.tile(noise, (len(kept), 1)))
+    still = np.zeros_like(a)
+    left, inert = np.full((2, LATEST + 1, rig.n), np.inf)
+    for delay in range(LATEST + 1):
+        late = q[kept - delay]
+        G = regressor(rig, late, still, still, places=columns(rig)[1])
+        for j in range(rig.n):
+            own = G[:, j, G[:, j].any(axis=0)]
+            free = orthogonal(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))
+            rest = np.stack([tau[kept, j], asked[:, j]], axis=1)
+            left[delay, j], inert[delay, j] = np.mean((rest - free @ (free.T @ rest)) ** 2, axis=0)
+    best = np.argmin(left, axis=0)
+    left, inert = left[best, range(rig.n)], inert[best, range(rig.n)]
+    powers = np.maximum(np.var(tau[kept], axis=0), 1e-300)
+    judged = (inert > SEEN * np.mean(hidden**2, axis=0)) & (left < LEFT * powers)
+    ratio = np.where(judged, inert / np.maximum(left, 1e-300), 0.0)
+    worst = int(np.argmax(ratio))
+    if ratio[worst] < INERT:
+        return None
+    power = float(powers[worst])
+    figures = (
+        Parameter("delay", float(best[worst]) * log.dt, "s"),
+        Parameter("left", float(left[worst]) / power, "1"),
+        Parameter("left_by_a_plant", float(inert[worst]) / power, "1"),
+    )
+    sentence = (
+        f"{rig.joints[worst]}: the torque is the controller's formula of the angle, which leaves "
+        f"{digits(100 * float(left[worst]) / power, 1)} % of its power, where the URDF's inertia alone asks for "
+        f"{digits(100 * float(inert[worst]) / power, 2)} %: something else moved the joint, and the log shows neither "
+        f"friction nor inertia"
+    )
+    mend = "let the motor move the joint (gimbal-pin excite), with no hand on it, and record again"
+    return Examined(Fault(NAME, rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend), log)
 
 
 def corrupt(log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01) -> Log:
@@ -116,10 +178,15 @@ def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
     from scipy.optimize import nnls
 
     free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid])
-    left, size, _ = np.linalg.svd(free / np.maximum(np.linalg.norm(free, axis=0), 1e-300), full_matrices=False)
-    left = left[:, size > 1e-9 * size[0]]
+    left = orthogonal(free)
     friction, rest = (x - left @ (left.T @ x) for x in (np.column_stack([np.sign(v), v]), tau))
     return float(nnls(friction, rest)[1] ** 2 / len(t))
+
+
+def orthogonal(A: Array) -> Array:
+    """Return orthonormal columns that span those of A, (m, r)."""
+    basis, size, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(basis[:, size > 1e-9 * size[0]])
 
 
 def fault_of(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
