@@ -188,6 +188,62 @@ def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
     assert not tau.any()
 
 
+def resting(twin: Twin, rng: np.random.Generator, k: int) -> Measurement:
+    """A sample of a gimbal that looks where it shall, on a base that stands."""
+    links = 3 * len(twin.pointer.navigator.sight.moved)
+    q, gyro, w, more = (1e-4 * rng.standard_normal(size) for size in (twin.library.n, 3, 3, links))
+    return Measurement(1e-3 * k, q, gyro, w, np.array([0.0, 0.0, 9.81]) + 1e-3 * rng.standard_normal(3), more)
+
+
+@compiled_here
+@pytest.mark.parametrize("huge", [1e6, 1e20, 3e38])
+@pytest.mark.parametrize("channels", [("q",), ("q", "gyro"), ("f",), ("q", "gyro", "w", "f", "links")], ids="+".join)
+def test_huge_finite_readings_are_refused_and_the_torque_comes_back(
+    plain: Twin, channels: tuple[str, ...], huge: float
+) -> None:
+    for holder in (plain.compiled, plain.pointer):
+        rng, looking = np.random.default_rng(0), plain.pointer.navigator.sight.attitude(np.zeros(plain.library.n))
+        memory = holder.start(resting(plain, rng, 0), looking, np.eye(3))
+        torques = []
+        for k in range(1, 600):
+            seen = resting(plain, rng, k)
+            for name in channels if 100 <= k < 200 else ():
+                getattr(seen, name)[:] = huge
+            tau, memory = holder.torque(seen, memory)
+            torques.append(tau)
+        before, after = np.mean(torques[50:99], axis=0), np.mean(torques[-50:], axis=0)
+        assert np.abs(after - before).max() < 0.05 * plain.library.limit.min() and after.any()
+
+
+@compiled_here
+def test_a_law_without_numbers_begins_anew(plain: Twin) -> None:
+    for holder in (plain.compiled, plain.pointer):
+        rng = np.random.default_rng(0)
+        memory = holder.start(resting(plain, rng, 0), np.full((3, 3), nan), np.eye(3))
+        torques = []
+        for k in range(1, 60):
+            tau, memory = holder.torque(resting(plain, rng, k), memory)
+            torques.append(tau)
+        assert not np.any(torques[:19]) and np.all(np.any(torques[22:], axis=1))
+        assert np.abs(torques[-1]).max() < plain.library.limit.min()
+    assert any("begins anew" in event for event in memory.events)
+
+
+@compiled_here
+@pytest.mark.parametrize("huge", [1e6, 1e20, 3e38])
+def test_a_reference_is_followed_again_after_huge_readings(plain: Twin, huge: float) -> None:
+    n, law = plain.library.n, plain.law
+    still, memory = np.zeros(n), law.start()
+    reference = Reference(still, still, still)
+    before, memory = law.torque(0.0, still, still, reference, memory)
+    for q, v in ((huge, 0.0), (0.0, huge), (-huge, huge)):
+        for k in range(100):
+            tau, memory = law.torque(1e-3 * k, np.full(n, q), np.full(n, v), reference, memory)
+            assert not tau.any()
+        tau, memory = law.torque(0.1, still, still, reference, memory)
+        np.testing.assert_allclose(tau, before, atol=1e-6)
+
+
 # --- The verb ------------------------------------------------------------------------------------------------------
 
 

@@ -173,7 +173,7 @@ def state_bytes(n: int, links: int, due: int) -> int:
     """
     sensors = 10 + n + 3 * max(links, 1)
     guarded, gyros = 2 * sensors + 15 + 4 * n, links + 1
-    after = 15 + 2 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 3
+    after = 15 + 2 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
 
@@ -261,6 +261,8 @@ def parameters(
             "moved": guard.MOVED,
             "longest": guard.GAP,
             "fastest": guard.FASTEST,
+            "farthest": guard.FARTHEST,
+            "strongest": guard.STRONGEST,
             "smoothing": guard.SMOOTHING,
             "steep": STEEP,
             "damping": DAMPING,

@@ -34,6 +34,12 @@ GAP = 0.2
 """A longer step of the clock is the clock's own, s."""
 FASTEST = 100.0
 """No gyro of a gimbal reads more, rad/s."""
+FARTHEST = 1e5
+"""No encoder of a gimbal reads more, rad: single precision steps by 8 mrad there, with which no camera is held."""
+STRONGEST = 2000.0
+"""No accelerometer reads more, m/s²: those of the widest range end at 200 g."""
+MOST_OF = {"q": FARTHEST, "f": STRONGEST}
+"""Largest readings of the channels that are no gyros."""
 SMOOTHING = 0.003
 """Time constant of the encoders' rates, which stand in for a lost gyro, s."""
 MOST = 50
@@ -130,7 +136,8 @@ class Guard:
         """
         gyro, w, f, links = seen.gyro, seen.w, seen.f, seen.links
         slow = gyro.dot(gyro) + w.dot(w) + links.dot(links) < FASTEST**2
-        if not (slow and moved.dot(moved) < MOVED**2 and isfinite(seen.q.dot(seen.q) + f.dot(f))):
+        near = seen.q.dot(seen.q) < FARTHEST**2 and f.dot(f) < STRONGEST**2
+        if not (slow and near and moved.dot(moved) < MOVED**2):
             return False
         return not self.noisy or not (
             gyro.item(0) == before.gyro.item(0)
@@ -187,10 +194,8 @@ class Guard:
 
     def plausible(self, name: str, seen: Measurement) -> bool:
         """Whether a reading is one at all."""
-        values = getattr(seen, name).tolist()
-        if not isfinite(sum(values)):
-            return False
-        return name in ("q", "f") or all(-FASTEST < value < FASTEST for value in values)
+        most = MOST_OF.get(name, FASTEST)
+        return all(-most < value < most for value in getattr(seen, name).tolist())
 
     def judged(self, t: float, name: str, failing: int, healthy: int | None, watch: Watch) -> tuple[int | None, Watch]:
         """Return for how long a lost channel has been good, None if it is not lost, and the memory."""

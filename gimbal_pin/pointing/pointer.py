@@ -12,7 +12,7 @@ import numpy as np
 
 from gimbal_pin.control.laws.base import JointPid, Law, Memory
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.guard import Guard, Watch
+from gimbal_pin.pointing.guard import HELD, Guard, Watch
 from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.navigator import Fix, Known, Navigator
 from gimbal_pin.pointing.sight import lost_turn
@@ -34,6 +34,7 @@ class Held(NamedTuple):
         limited: Samples in a row at the torque limit, the joint's that has been there longest.
         steep: Whether the camera is near a singular pose.
         watch: The guard's memory; None without one.
+        unanswered: Samples in a row for which the law gave no number.
         noted: What happened besides what guard and forecast say, in sentences.
     """
 
@@ -44,6 +45,7 @@ class Held(NamedTuple):
     limited: int = 0
     steep: bool = False
     watch: Watch | None = None
+    unanswered: int = 0
     noted: tuple[str, ...] = ()
 
     @property
@@ -126,7 +128,7 @@ class Pointer:
         if {"q", "gyro"} <= lost:
             tau = np.zeros_like(tau)
         steep, limited = memory.steep, memory.limited
-        after = Held(known, own, back is not None, tau, limited, steep, watch, memory.noted)
+        after = Held(known, own, back is not None, tau, limited, steep, watch, noted=memory.noted)
         return self.checked(seen.t, tau, fix, memory, after)
 
     def checked(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
@@ -144,7 +146,11 @@ class Pointer:
         if not finite:
             events.append(f"{t:.3f} s: the law gave no number, no torque")
             tau = np.zeros_like(tau)
-            after = after._replace(law=self.law.start(), fallback=False, tau=tau)
+            after = after._replace(
+                law=self.law.start(), fallback=False, tau=tau, unanswered=before.unanswered + 1, noted=tuple(events)
+            )
+            if after.unanswered >= HELD and after.watch is not None and not {"q", "gyro"} & after.watch.doubtful:
+                return tau, self.restarted(after, after.watch)
         if fix.steep and not before.steep:
             why = lost_turn(self.navigator.sight, fix.q)
             events.append(f"{t:.3f} s: near a singular pose, inverse kinematics damped: {why}")
@@ -153,6 +159,16 @@ class Pointer:
             joint = self.navigator.sight.rig.joints[at_limit.index(True)]
             events.append(f"{t:.3f} s: {joint} at its torque limit for {LIMITED * self.dt:g} s")
         return tau, after._replace(limited=limited, steep=fix.steep, noted=tuple(events[:LIMITED]))
+
+    def restarted(self, held: Held, watch: Watch) -> Held:
+        """Begin anew at the last sample, holding what the camera sees: the attitude that was known is no number."""
+        wanted, last = self.navigator.wanted, watch.good
+        base = wanted @ self.navigator.sight.attitude(last.q).T
+        begun = self.start(last._replace(t=last.t + self.dt), wanted, base)  # of the sample to come, as a start is
+        own = begun.watch
+        assert own is not None
+        noted = (*held.noted, f"{last.t:.3f} s: everything begins anew, the camera is held where it looks")
+        return begun._replace(watch=own._replace(clock=watch.clock, events=watch.events), noted=noted[-LIMITED:])
 
     @cached_property
     def limits(self) -> list[float]:

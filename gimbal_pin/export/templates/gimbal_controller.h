@@ -81,6 +81,8 @@ struct gimbal_limits {
     float moved;         /* rad that a joint moves by its gyros while its encoder stands: then that is frozen */
     float longest;       /* a longer step of the clock is the clock's own fault, s */
     float fastest;       /* no gyro reads more, rad/s */
+    float farthest;      /* no encoder reads more, rad, and no joint's rate is more, rad/s */
+    float strongest;     /* no accelerometer reads more, m/s^2 */
     float smoothing;     /* time constant of rates from encoders, which stand in for a lost gyro, s */
     float steep;         /* largest entry of the camera's inverse Jacobian that is believed */
     float damping;       /* of the inverse beyond that */
@@ -130,7 +132,7 @@ struct gimbal_tracking {
     float integral[GIMBAL_JOINTS];     /* of the error, rad s */
     float acceleration[GIMBAL_JOINTS]; /* of the reference at the sample before, rad/s^2 */
     bool begun;                        /* whether there was a sample before */
-    uint32_t refused;                  /* samples whose torque was no number: none was given, and the law began anew */
+    uint32_t refused;                  /* samples whose readings or torque were refused: none was given, and the law began anew */
 };
 
 void gimbal_tracking_start(struct gimbal_tracking *state);
@@ -217,6 +219,8 @@ struct gimbal_holding {
     bool steep;                             /* whether the camera is near a singular pose */
     uint32_t limited;                       /* samples in a row at a torque limit */
     uint32_t refused;                       /* samples whose torque was no number: none was given */
+    uint32_t unanswered;                    /* the same, in a row; after so many as are bridged everything begins anew */
+    uint32_t distrusted;                    /* channels of which a reading was ever refused: bit k is channel k */
     uint32_t lost;                          /* channels that are given up: bit k is channel k */
 };
 

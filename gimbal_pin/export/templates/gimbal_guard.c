@@ -27,9 +27,11 @@ static float *values(struct gimbal_sensors *seen, enum gimbal_channel channel, i
 
 static bool plausible(const struct gimbal_limits *limits, const float x[], int count, enum gimbal_channel channel)
 {
-    const bool gyro = channel != GIMBAL_ENCODERS && channel != GIMBAL_BASE_FORCE;
+    const float most = channel == GIMBAL_ENCODERS     ? limits->farthest
+                       : channel == GIMBAL_BASE_FORCE ? limits->strongest
+                                                      : limits->fastest;
     for (int i = 0; i < count; ++i) {
-        if (!isfinite(x[i]) || (gyro && !(fabsf(x[i]) < limits->fastest))) {
+        if (!(fabsf(x[i]) < most)) { /* nor is what is no number */
             return false;
         }
     }
@@ -115,8 +117,9 @@ static bool sound(const struct gimbal_limits *limits, const struct gimbal_sensor
                           square(seen->link_gyro[0], 3 * (GIMBAL_GYROS - 1));
     const bool slow = turning < limits->fastest * limits->fastest;
     const bool moves = square(moved, GIMBAL_JOINTS) < limits->moved * limits->moved;
-    const bool numbers = isfinite(square(seen->q, GIMBAL_JOINTS) + square(seen->base_force, 3));
-    return slow && moves && numbers && !(limits->noisy && repeats(seen, before));
+    const bool near = square(seen->q, GIMBAL_JOINTS) < limits->farthest * limits->farthest;
+    const bool weak = square(seen->base_force, 3) < limits->strongest * limits->strongest;
+    return slow && moves && near && weak && !(limits->noisy && repeats(seen, before));
 }
 
 /* Whether three readings in a row of a channel are all as before: one sensor of several is enough. */

@@ -514,6 +514,7 @@ static void refuse(const struct gimbal_parameters *p, struct gimbal_holding *sta
         numbers = numbers && gimbal_finite(fix->aim.ahead[0].a, GIMBAL_JOINTS);
     }
     if (numbers) {
+        state->unanswered = 0u;
         return;
     }
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
@@ -522,6 +523,21 @@ static void refuse(const struct gimbal_parameters *p, struct gimbal_holding *sta
     begin_law(&state->memory);
     state->fallback = false;
     state->refused += 1u;
+    state->unanswered += 1u;
+}
+
+/* Begin anew at the last sample, holding what the camera sees: the attitude that was known is no number any more. */
+static void restart(const struct gimbal_parameters *p, struct gimbal_holding *state)
+{
+    struct gimbal_attitudes known;
+    struct gimbal_sensors last = state->guard.good;
+    const struct gimbal_holding before = *state;
+    gimbal_attitudes_now(last.q, &known);
+    last.time_us += p->dt_us; /* of the sample to come, as a start is */
+    gimbal_holding_start(p, state, &last, &known);
+    state->time_us = before.time_us;
+    state->refused = before.refused;
+    state->distrusted = before.distrusted;
 }
 
 static void report(const struct gimbal_parameters *p, struct gimbal_holding *state, bool steep, const float tau[])
@@ -537,6 +553,9 @@ static void report(const struct gimbal_parameters *p, struct gimbal_holding *sta
     for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
         if (gimbal_guard_lost(&state->guard, (enum gimbal_channel)channel)) {
             state->lost |= 1u << channel;
+        }
+        if (gimbal_guard_doubtful(&state->guard, (enum gimbal_channel)channel)) {
+            state->distrusted |= 1u << channel;
         }
     }
 }
@@ -597,6 +616,8 @@ void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holdi
     state->steep = false;
     state->limited = 0u;
     state->refused = 0u;
+    state->unanswered = 0u;
+    state->distrusted = 0u;
     state->lost = 0u;
 }
 
@@ -620,4 +641,9 @@ void gimbal_holding_step(const struct gimbal_parameters *p, struct gimbal_holdin
     }
     refuse(p, state, &fix, tau);
     report(p, state, fix.steep, tau);
+    if (state->unanswered >= (uint32_t)p->limits.held &&
+        !gimbal_guard_doubtful(&state->guard, GIMBAL_ENCODERS) &&
+        !gimbal_guard_doubtful(&state->guard, GIMBAL_CAMERA_GYRO)) {
+        restart(p, state);
+    }
 }

@@ -247,9 +247,12 @@ void gimbal_tracking_step(const struct gimbal_parameters *p, struct gimbal_track
         follow(p, state, t, q, v, reference, &error, wanted);
         integrate(p, p->tracking, &error, wanted, state->integral);
     }
-    const bool numbers = gimbal_finite(wanted, GIMBAL_JOINTS) && gimbal_finite(error.angle, GIMBAL_JOINTS) &&
+    bool numbers = gimbal_finite(wanted, GIMBAL_JOINTS) && gimbal_finite(error.angle, GIMBAL_JOINTS) &&
                          gimbal_finite(error.rate, GIMBAL_JOINTS) && gimbal_finite(state->integral, GIMBAL_JOINTS) &&
                          gimbal_finite(reference->a, GIMBAL_JOINTS);
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        numbers = numbers && fabsf(q[j]) < p->limits.farthest && fabsf(v[j]) < p->limits.farthest;
+    }
     if (!numbers) {
         const uint32_t refused = state->refused + 1u;
         gimbal_tracking_start(state);
