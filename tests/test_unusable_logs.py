@@ -25,7 +25,7 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, trials
+from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, impossible, reordered, trials
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.rows import Filtering, Regression, Rows, regression
@@ -327,6 +327,42 @@ def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kin
     tau += 0.03 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
     log = delayed(Log(kind, rig.joints, t, q + noise(q, 1e-5), v + noise(v, 1e-3), tau), 0.06)
     assert not misplaced(rig, log, Filtering())
+
+
+def permuted(log: Log, order: list[int]) -> Log:
+    """Each joint has the angle, rate and torque of another."""
+    return replace(log, **{name: np.asarray(getattr(log, name))[:, order] for name in ("q", "v", "tau")})
+
+
+@pytest.mark.parametrize(("name", "order"), [("turret", [1, 0]), ("thesis", [1, 0, 2])])
+def test_joints_that_have_changed_places_are_told_with_the_map_that_puts_them_right(
+    run: Run, name: str, order: list[int], tmp_path: Path
+) -> None:
+    """A model of the rig as it is not would be a leaning base, or bodies that nobody has weighed."""
+    rig = Rig.load(name)
+    write_log(permuted(recorded(rig, 3), order), tmp_path / "x.csv")
+    code, _, err = run("identify", name, tmp_path / "x.csv")
+    assert code == 2 and err.count("\n") == 1 and f"{rig.joints[0]}, {rig.joints[1]} have changed places" in err
+    maps = re.findall(r"--map (\S+)", err)
+    assert len(maps) == 6 and run("identify", name, tmp_path / "x.csv", *(f"--map={one}" for one in maps))[0] == 0
+    assert run("diagnose", name, tmp_path / "x.csv", "--json", tmp_path / "x.json")[0] == 0
+    said = json.loads((tmp_path / "x.json").read_text())
+    assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == ["logs-disagree"]
+    assert "have changed places" in said["findings"][0]["sentence"] and said["residual"] == {}
+
+
+def test_joints_that_could_change_places_are_not_said_to_have(tmp_path: Path) -> None:
+    """Two equal sliders one beside the other: their logs fit the rig either way, and badly where their axis rubs."""
+    slider = """<link name="{0}"><inertial><mass value="1"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0"
+      iyz="0"/></inertial></link><joint name="{0}_axis" type="prismatic"><parent link="base"/><child link="{0}"/>
+      <axis xyz="1 0 0"/><limit lower="-2" upper="2" effort="50" velocity="5"/></joint>"""
+    text = f'<robot name="twins"><link name="base"/>{slider.format("left")}{slider.format("right")}</robot>'
+    (tmp_path / "twins.urdf").write_text(text)
+    rig = Rig.load(tmp_path / "twins.urdf")
+    log = recorded(rig, 5)
+    rough = np.asarray(log.tau) + 2 * np.std(log.tau, axis=0) * np.sin(40 * log.q)
+    blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (replace(log, tau=rough),), Filtering()))
+    assert impossible(blocks, weighted(blocks)) and not list(reordered(blocks))
 
 
 @pytest.mark.parametrize("more", [[], ["--cutoff", "0.2"], ["--follow", "--idle", "0"]])

@@ -149,7 +149,9 @@ def searched(
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
     base = greatest_base_motion(rig, train)
-    check_assignment_of_logs(rig, train, base, Filtering())
+    exchanged = check_assignment_of_logs(rig, train, base, Filtering())
+    if exchanged is not None:
+        return spoilt(rig, logs, with_fault(audits, exchanged), filtering)
     held = judged(rig, test, filtering, origins, {one.log.name: one.log for one in audits}) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
