@@ -229,3 +229,45 @@ def test_a_joint_that_is_not_explained_with_some_camera_is_said_first() -> None:
     lines = text.several(found).splitlines()
     assert all(line.startswith(one) for line, one in zip(lines, said)) and not any("pan is not" in x for x in lines)
     assert found.to_dict()["warnings"][0] in lines[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
+def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str, seed: int) -> None:
+    """Friction that has grown, or a model off by a hundred of its deviations: said, and the deviations hold it."""
+    name, grown = "turret", 1.3 if off == "friction" else 1.0
+    reference, rig = Rig.load(name, "mirrorless"), Rig.load(name, "zoom-lens")
+    now = replace(rig, friction=grown * rig.friction)
+    known = identify(reference, [log_of(reference, 10 * seed)], filtering=ALIGNED, holdout="none").model
+    before = known.estimated
+    assert before is not None
+    if off == "parameters":
+        away = 100 * before.std * np.random.default_rng(seed).standard_normal(len(before.std))
+        known = replace(known, estimated=replace(before, theta=before.theta + away))
+    found = identify_new(rig, [log_of(now, 10 * seed + 1, 10.0)], known, filtering=ALIGNED)
+    one, camera = found.first, found.cameras["zoom-lens"]
+    true = np.concatenate([given_beta(rig, one.reduction), now.friction.ravel()])
+    z = np.concatenate(
+        [(one.estimate.theta - true) / one.estimate.std, (camera.value - own_of(found).shown(stated(rig))) / camera.std]
+    )
+    assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.4
+    assert any("not as --known has it" in said for said in found.warnings[:1]) == (off != "nothing")
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_camera_is_no_surer_than_the_one_that_it_is_measured_against(whole: bool) -> None:
+    """The first camera is millimetres off its URDF: its error is in all that stand on it, and in their deviations."""
+    reference, rig = Rig.load("turret", "mirrorless"), Rig.load("turret", "zoom-lens")
+    logs = [log_of(PayloadShift(0.004, -0.003, 0.002).apply(reference), 1)], [log_of(rig, 2)]
+    if whole:
+        pairs = dict(zip(("mirrorless", "zoom-lens"), (reference, rig))), dict(zip(("mirrorless", "zoom-lens"), logs))
+        found = identify_several(*pairs, filtering=ALIGNED)
+    else:
+        found = identify_new(rig, logs[1], identify(reference, logs[0], filtering=ALIGNED).model, filtering=ALIGNED)
+    camera = found.cameras["zoom-lens"]
+    assert np.abs((camera.value - own_of(found).shown(stated(rig))) / camera.std).max() < 4
+    assert any("with mirrorless is not as the URDFs say" in said for said in found.warnings)
+    right = identify_new(
+        rig, logs[1], identify(reference, [log_of(reference, 1)], filtering=ALIGNED).model, filtering=ALIGNED
+    )
+    assert not any("URDFs say" in said for said in right.warnings)

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Estimated, Model, friction_effects
+from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce, scan, stacked, units
 from gimbal_pin.dynamics.regressor import SCAN
+from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import payload
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported
+from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
 from gimbal_pin.estimation.identification import (
@@ -28,9 +30,11 @@ from gimbal_pin.estimation.identification import (
     split,
 )
 from gimbal_pin.estimation.identification.misfit import with_misfit
+from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
 from gimbal_pin.estimation.rows import Block, Filtering, Rows, camera_body, over_phi, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import PHI, Rig
 
 BARE = "none"
@@ -131,7 +135,12 @@ class Several:
 
 
 def parted(
-    rig: Rig, logs: Sequence[Log], holdout: str | None, filters: Filtering, reduction: Reduction
+    rig: Rig,
+    logs: Sequence[Log],
+    effects: Sequence[Effect],
+    holdout: str | None,
+    filters: Filtering,
+    reduction: Reduction,
 ) -> tuple[Rows, Sequence[Block] | None, str]:
     """Return training rows, held-out blocks, and how they were parted: every log at two thirds."""
     if holdout not in (None, "none", "last-third"):
@@ -139,7 +148,7 @@ def parted(
     for log in logs:
         check_log(log, filters)
     train, test, how = split(logs, holdout or "last-third", filters)
-    rows = Rows(rig, reduction, friction_effects(rig.joints), train, filters)
+    rows = Rows(rig, reduction, tuple(effects), train, filters)
     return rows, regression(replace(rows, logs=test)) if test else None, how
 
 
@@ -170,11 +179,46 @@ def camera_map(size: int, place: int, width: int, total: int) -> Array:
     return out
 
 
-def camera(own: Carried, reference: Rig, mounted: Rig, theta: Array, covariance: Array, pick: Array) -> Camera:
+def camera(own: Carried, reference: Rig, mounted: Rig, estimate: Estimate, pick: Array) -> Camera:
     """Return the mounted camera: the reference's stated parameters and the change."""
     base, urdf = own.shown(stated(reference)), own.shown(stated(mounted))
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
-    return Camera(own.reduction.base_names, units(leading), base + pick @ theta, pick @ covariance @ pick.T, urdf)
+    value, covariance = base + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
+    return Camera(own.reduction.base_names, units(leading), value, covariance, urdf)
+
+
+def hedged(
+    mounted: Camera, own: Carried, reference: str, given: Array, mixing: Array, known: tuple[Array, Array]
+) -> tuple[Camera, tuple[str, ...]]:
+    """Return a camera with deviations that hold what its reference may differ from its URDF by, and say so.
+
+    Torques show the reference together with the body that carries it. Where that sum is significantly not as the URDFs
+    say, any share of the difference may be the reference's, and is then missing in the camera.
+
+    Args:
+        mounted: The camera.
+        own: What shows of it.
+        reference: The payload whose URDF its parameters stand on.
+        given: The URDFs' bodies with the reference, (10 n,).
+        mixing: K: base parameters per entry of phi, (b, 10 n).
+        known: Parameters of the gimbal with the reference, and their covariance.
+    """
+    if reference == BARE or not mounted.covariance.any():
+        return mounted, ()
+    width = len(mixing)
+    phi = likeliest(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
+    apart = own.shown((phi - given)[10 * own.body : 10 * own.body + 10])
+    size = mounted.std
+    correlation = mounted.covariance / np.outer(size, size)
+    if float(apart / size @ np.linalg.lstsq(correlation, apart / size, rcond=1e-9)[0]) < limit(len(apart)) * len(apart):
+        return mounted, ()
+    worst = int(np.argmax(np.abs(apart) / size))
+    what = f"{mounted.names[worst]} by {digits(abs(apart[worst]) / size[worst], 2)} deviations"
+    said = (
+        f"the gimbal with {reference} is not as the URDFs say ({what}): how much of that is {reference}'s own is not "
+        f"known, and this camera's deviations hold it; add a log of '@{BARE}'"
+    )
+    return replace(mounted, covariance=mounted.covariance + np.outer(apart, apart)), (said,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +261,7 @@ def stated(rig: Rig) -> Array:
 def identify_several(
     rigs: Mapping[str, Rig],
     logs: Mapping[str, Sequence[Log]],
+    effects: Sequence[Effect] = (),
     *,
     estimator: Estimator = weighted,
     holdout: str | None = None,
@@ -227,6 +272,7 @@ def identify_several(
     Args:
         rigs: Payload → the gimbal with it.
         logs: Payload → its logs; each is split at two thirds of its time.
+        effects: Effects on top of Coulomb and viscous friction, the gimbal's.
         estimator: Blocks → `Estimate`.
         holdout: "last-third" or "none"; None: the last third.
         filtering: Cutoff and alignment.
@@ -242,7 +288,8 @@ def identify_several(
     order = (reference, *(name for name in rigs if name != reference))
     reduction = reduce(rigs[reference])
     own = Carried.of(rigs[reference], reduction)
-    parts = {name: parted(rigs[name], logs[name], holdout, filters, reduction) for name in order}
+    everything = (*friction_effects(rigs[reference].joints), *effects)
+    parts = {name: parted(rigs[name], logs[name], everything, holdout, filters, reduction) for name in order}
     blocks = {name: regression(rows) for name, (rows, _, _) in parts.items()}
     for name, (rows, _, _) in parts.items():
         check_enough(rows, blocks[name])
@@ -253,19 +300,20 @@ def identify_several(
     check_seen(first.logs[0].name, names, joint, estimate)
     width, total, size = len(first.names), len(estimate.theta), own.columns.shape[1]
     pick = {name: camera_map(size, k, width, total) for k, name in enumerate(order)}
-    identified = {}
+    cameras, identified = {}, {}
     for k, (name, (rows, tested, how)) in enumerate(parts.items()):
         mine = slice(first.rig.n * k, first.rig.n * (k + 1))
         one = replace(with_camera(own, estimate, pick[name], width), residual_std=estimate.residual_std[mine])
+        mounted = camera(own, rigs[reference], rigs[name], estimate, pick[name])
+        known = (estimate.theta, estimate.covariance)
+        cameras[name], vague = hedged(mounted, own, reference, rigs[reference].phi, rows.mixing, known)
         identified[name] = replace(
             assembled(rows, blocks[name], one, tested, how),
             missed=dict(zip(rows.rig.joints, missed[mine])),
-            faults=faults(rigs[name], logs[name]),
+            faults=(*vague, *faults(rigs[name], logs[name])),
         )
     for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part, weighted(part))
-    known = (estimate.theta, estimate.covariance)
-    cameras = {name: camera(own, rigs[reference], rigs[name], *known, pick[name]) for name in order}
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
 
 
@@ -296,47 +344,60 @@ def identify_new(
     holdout: str | None = None,
     filtering: Filtering | None = None,
 ) -> Several:
-    """Estimate a new camera on a known gimbal: those of its parameters that show, everything else as it is known.
+    """Estimate a new camera on a known gimbal, which the log corrects as far as it was uncertain; see `known_gimbal`.
 
-    ``gamma = argmin ‖tau - A theta - A_c gamma‖``; the covariance holds what is not known of theta.
+    Where the log contradicts what was known, that is the first warning, and the known deviations are widened.
 
     Args:
         rig: The gimbal with the new camera.
         logs: Some 10 s of motion.
-        known: A model that `identify` wrote, of the gimbal with another camera.
+        known: A model that `identify` or `diagnose` wrote, of the gimbal with another camera; its causes are kept.
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`; None: "none", for there is little to hold out.
         filtering: Cutoff and alignment.
 
     Raises:
-        UsageError: The known model was not identified, or holds effects on top of friction.
-        DataError: The logs are too short, or do not show the camera.
+        UsageError: The known model was not identified, or is of another rig.
+        DataError: The logs are too short, do not show the camera, or are of another gimbal.
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
     """
     logs = [log.ordered(rig) for log in logs]
+    rig, before = standing(rig, known), estimated(known)
     filters, reduction = filtering or Filtering(), reduce(rig)
-    rows, tested, how = parted(rig, logs, holdout or "none", filters, reduction)
-    if rows.names != estimated(known).names:
+    effects = [term.effect for term in known.terms if term not in rotors(known.rig)]
+    rows, tested, how = parted(rig, logs, effects, holdout or "none", filters, reduction)
+    width = len(reduction.independent)
+    if before.names[:width] != reduction.base_names or len(before.names) != len(rows.names):
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
     own = Carried.of(rig, reduction)
-    theta, spread = estimated(known).theta, estimated(known).covariance
     blocks = regression(rows)
-    mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ theta) for block in blocks]
-    found = estimator(mine)
+    check_enough(rows, blocks)
+    mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [part._replace(b=block.b) for part, block in zip(mine, blocks)]
-    check_seen(rows.logs[0].name, own.reduction.base_names, heard, found)
-    G = -sensitivity(mine, blocks, found.residual_std)
-    both = np.concatenate([theta, found.theta])
-    covariance = np.block([[spread, spread @ G.T], [G @ spread, found.covariance + G @ spread @ G.T]])
-    joint = replace(found, theta=both, covariance=covariance)
-    pick = camera_map(own.columns.shape[1], 1, len(theta), len(both))
-    identified = assembled(rows, blocks, with_camera(own, joint, pick, len(theta)), tested, how)
+    check_seen(rows.logs[0].name, own.reduction.base_names, heard, weighted(mine))
+    alone, missed = with_misfit(blocks, estimator(blocks))
+    reach = np.vstack([own.columns, np.zeros((len(rows.names) - width, own.columns.shape[1]))])
+    found = update(before, alone, reach, rows.logs[0].name)
+    joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)
+    pick = camera_map(own.columns.shape[1], 1, len(rows.names), len(joint.theta))
+    identified = assembled(rows, blocks, with_camera(own, joint, pick, len(rows.names)), tested, how)
     check_assignment(blocks, identified.estimate)
-    identified = replace(identified, faults=faults(rig, logs))
-    name = rig.payload or "camera"
-    one = camera(own, known.rig, rig, joint.theta, joint.covariance, pick)
-    return Several({name: identified}, {name: one}, known.rig.payload or BARE)
+    name, mounted = rig.payload or "camera", known.rig.payload or BARE
+    given = rig.phi.copy()
+    given[10 * own.body : 10 * own.body + 10] += stated(known.rig) - stated(rig)
+    one = camera(own, known.rig, rig, joint, pick)
+    one, vague = hedged(one, own, mounted, given, rows.mixing, (before.theta, before.covariance))
+    said = (*contradiction(found, before), *vague, *faults(rig, logs))
+    identified = replace(identified, missed=dict(zip(rig.joints, missed)), faults=said)
+    return Several({name: identified}, {name: one}, mounted)
+
+
+def standing(rig: Rig, known: Model) -> Rig:
+    """Return the rig as the known gimbal stands: its encoders' offsets and its base; the bodies are as given."""
+    for change in known.changes:
+        rig = change.apply(rig).with_phi(rig.phi)
+    return rig
 
 
 def estimated(known: Model) -> Estimated:
@@ -344,11 +405,3 @@ def estimated(known: Model) -> Estimated:
     if known.estimated is None:
         raise UsageError("--known", "holds no uncertainty", "give a model that 'gimbal-pin identify -o' wrote")
     return known.estimated
-
-
-def sensitivity(mine: Sequence[Block], blocks: Sequence[Block], residual_std: Array) -> Array:
-    """``(A_cᵀWA_c)⁻¹ A_cᵀWA``: how the camera's parameters follow the known ones, (r, k), W from the residuals."""
-    weight = 1.0 / np.maximum(residual_std, 1e-300) ** 2
-    own = sum(np.einsum("tjk,j,tjl->kl", a.A, weight, a.A) for a in mine)
-    both = sum(np.einsum("tjk,j,tjl->kl", a.A, weight, b.A) for a, b in zip(mine, blocks))
-    return np.asarray(np.linalg.lstsq(np.asarray(own), np.asarray(both), rcond=1e-12)[0])
