@@ -42,8 +42,7 @@ def fitted(rig: Rig, log: Log, *causes: Cause) -> State:
 
 
 def difference(rig: Rig, log: Log) -> Difference:
-    state = fitted(rig, log)
-    return Difference.of_fit(rig, state.problem.reduction, state.fit)
+    return Difference.of_state(fitted(rig, log))
 
 
 def test_a_far_shift_is_found_where_a_direction_hardly_shows() -> None:

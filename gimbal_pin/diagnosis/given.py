@@ -10,12 +10,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from gimbal_pin.diagnosis.engine.criterion import FORM
-from gimbal_pin.diagnosis.fit import Fit
+from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
+from gimbal_pin.estimation.identification.misfit import discrepancy, misfit, moved
 from gimbal_pin.estimation.rows import over_phi
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
@@ -104,14 +105,16 @@ class Difference:
     weighting: Array
 
     @staticmethod
-    def of_fit(rig: Rig, reduction: Reduction, fit: Fit) -> Difference:
-        """``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹``: what a fit to whitened rows says."""
+    def of_state(state: State) -> Difference:
+        """``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹ + Σ_joints R Rᵀ``, R what the fit misses there: see `misfit.moved`."""
+        rig, reduction, fit = state.problem.evidence.rig, state.problem.reduction, state.fit
         width = len(reduction.independent)
         scores = fit.by_block(fit.stack * fit.residual[:, None])
         blocks = len(scores)
         spread = fit.information @ (scores.T @ scores) @ fit.information * blocks / max(blocks - 1, 1)
         change = fit.theta[:width] - given_beta(rig, reduction)
-        return Difference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
+        found = Difference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
+        return found.widened(np.hstack([missed(state, j)[:width] for j in range(rig.n)]))
 
     @staticmethod
     def of_identified(rig: Rig, found: Identified) -> Difference:
@@ -165,6 +168,18 @@ class Difference:
         W, more = self.whitener, root @ root.T
         noise = self.weighting * len(self.change) / np.trace(W @ self.weighting @ W.T)
         return replace(self, covariance=self.covariance + more, weighting=noise + more)
+
+
+def missed(state: State, joint: int) -> Array:
+    """Return by how much what a fit misses at a joint may move its coefficients, (k, f): see `misfit.moved`."""
+    evidence, fit, rows = state.problem.evidence, state.fit, state.fit.rows(joint)
+    parts = [part.channels for part in evidence.parts]
+    q, v = (np.concatenate([getattr(part, name)[:, joint] for part in parts]) for name in "qv")
+    ends = np.cumsum([len(part.q) for part in parts])[:-1]
+    X, A = evidence.whiten(np.split(discrepancy(q, v), ends), joint), fit.stack[rows]
+    X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `misfit` knows columns of about unit size, which cosines are
+    one = misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used()[joint]) * len(X))
+    return moved(fit.information, A, X, one)
 
 
 def outside(span: Array, columns: Array) -> Array:

@@ -37,7 +37,7 @@ def compared(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) 
         causes: The causes to look for.
     """
     rig = state.problem.evidence.rig
-    apart = Difference.of_fit(rig, state.problem.reduction, state.fit)
+    apart = Difference.of_state(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
     heavier = inertias(apart, state.problem.inertia, hidden)
     found = replace(found, given=given(apart), notes=(*found.notes, *heavier))

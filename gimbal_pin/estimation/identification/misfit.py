@@ -122,6 +122,20 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
 
 
+def moved(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
+    """``G AᵀX √S``, (k, f): by how much the parameters of ``θ = G Aᵀb`` are off for what a model misses at one joint.
+
+    Times its transpose it is what that adds to their covariance.
+
+    Args:
+        gain: G, (k, k).
+        A: Columns at the joint, (m, k).
+        X: δ's there, (m, f).
+        missed: What the model misses there.
+    """
+    return np.asarray(gain @ (A.T @ X * np.sqrt(missed.variance)))
+
+
 def with_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
