@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,21 +12,26 @@ import pytest
 from markupsafe import escape
 
 from gimbal_pin.diagnosis import Diagnosis, diagnose
-from gimbal_pin.diagnosis.findings import together
+from gimbal_pin.diagnosis.engine.selection import Rival
+from gimbal_pin.diagnosis.findings import nearest, together
 from gimbal_pin.diagnosis.gain import BANDWIDTH, HOW, SIZE, heat
 from gimbal_pin.diagnosis.likeness import cosine, span
 from gimbal_pin.diagnosis.result import TOGETHER, Residual
+from gimbal_pin.diagnosis.result import Rival as Told
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.effects.backlash import Backlash
+from gimbal_pin.effects.cogging import Cogging
+from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Log
-from gimbal_pin.report import text
+from gimbal_pin.report import tables, text
 from gimbal_pin.report.format import joints_of
 from gimbal_pin.report.sections import diagnosis as sections
 from gimbal_pin.report.sections.diagnosis import measures, ranked
-from gimbal_pin.report.summary import missed, to_do, verdict
+from gimbal_pin.report.summary import about_gain, missed, to_do, verdict
+from gimbal_pin.report.table import plain
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 from tests.command_line import Run
@@ -135,8 +141,55 @@ def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
     assert [label.split()[0] for label in labels] == ["Correlation", "Held-out", "Errors"]
     (table,) = [t for t in page.iter("table") if "in the place of cogging" in t.getparent().get("aria-label")]
     shown = [row.findtext("th") for row in table.find("tbody")]
+    assert "cogging" not in shown and len(set(shown)) == len(shown)
     assert shown == [rival.cause for rival in found.findings[0].rivals[:6]] and shown
     assert "cogging feed-forward by angle" in page.text_content()
+
+
+def test_rivals_are_the_nearest_of_each_other_name_in_order(found: Diagnosis) -> None:
+    """Neither the cause itself at another joint, nor one name twice, nor one that is further off above a nearer one."""
+    assert found.state is not None
+    blocks = np.random.default_rng(0).standard_normal(40)
+    each = ((Delay("pan", 0.01), 3.0), (Cogging("pan", (9.0,)), 2.0), (Backlash("tilt", 1e-3, 1e-3), 1.0))
+    each = (*each, (Delay("tilt", 0.02), 0.5))
+    rivals = [Rival(cause, found.state, 10.0 * k, blocks + size) for k, (cause, size) in enumerate(each)]
+    told = nearest(Cogging("tilt", (9.0,)), rivals)
+    assert [one.cause for one in told] == ["delay", "backlash"]
+    assert told[0].delta == 15.0 and told[0].z < told[1].z
+    assert all(one.cause != rival.cause for one in found.findings for rival in one.rivals)
+
+
+def test_a_rival_that_is_further_off_and_not_ruled_out_says_why(found: Diagnosis) -> None:
+    (finding,) = found.findings
+    rivals = (Told("delay", 9.0, 1.2), Told("torque-ripple", 90.0, 6.1), Told("stribeck", 99.0, 7.3))
+    table = tables.rivals(replace(finding, alike=("cogging", "delay", "stribeck"), rivals=rivals))
+    assert [plain(row[-1]) for row in table.rows] == ["no", "yes", "no, too like it in form"]
+
+
+def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:
+    (finding,) = found.findings
+    lost = replace(finding, gain={**finding.gain, "rollout_rmse_after": float("nan")})
+    extended = {**found.extended, "rollout_rmse": dict.fromkeys(found.residual, float("nan"))}
+    still = replace(found, findings=(lost,), extended=extended, tracking={})
+    page = lxml.html.fromstring(f"<div>{sections.diagnosis(still).html}</div>").text_content()
+    assert not re.search(r"\bnan\b", page) and "not stable" not in page and "cannot be simulated" in page
+    assert "tracking error" not in page  # none was simulated
+
+
+def test_what_is_left_is_praised_nowhere_and_what_speaks_against_a_finding_is_said(found: Diagnosis) -> None:
+    """The state is that of the part that was fitted: the held-out error beside it may be another."""
+    assert 'class="good"' not in str(tables.residual(found).__html__())
+    against = replace(found, findings=tuple(replace(one, status="unconfirmed") for one in found.findings))
+    for page in (sections.diagnosis(against).html, text.diagnosis(against, {})):
+        assert "the error grew with cogging at tilt" in page
+    assert "the error grew" not in text.diagnosis(found, {})
+
+
+def test_a_gain_that_is_none_is_no_fall(found: Diagnosis) -> None:
+    assert found.held is not None
+    said = about_gain(found, found.held.band)
+    assert "tilt's torque error falls from" in said and f"up to {found.held.band:g} Hz" in said
+    assert "lowers no joint's" in about_gain(replace(found, extended=found.baseline), 12.0)
 
 
 def test_the_bars_hold_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
@@ -169,8 +222,8 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
         replace(found, verdict="unknown", findings=(), residual=left)
     )
     assert missed(None) == missed(replace(found, verdict="nothing", findings=())) == ""
-    said = verdict(99.0, {"tilt": 3.0}, missed(found))
-    assert "cogging at tilt" in said and "explains" not in said and "on every axis" in said
+    said = verdict(99.0, missed(found))
+    assert "cogging at tilt" in said and "explains" not in said
     assert to_do(found, None) == ("Against cogging at tilt: cogging feed-forward by angle.",)
     either = replace(either, rivals=(), next_experiment="turn slowly")
     assert to_do(replace(found, findings=(either,)), None)[0].endswith("cogging or cable-spring at tilt: turn slowly.")

@@ -34,7 +34,7 @@ from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.diagnosis import WRONG
 from gimbal_pin.report.sections.model import broken, parameters, rounded, worst
-from gimbal_pin.report.summary import SIMULATED, cautions, ratios, summary, verdict
+from gimbal_pin.report.summary import SIMULATED, cautions, outdone, summary, verdict
 from gimbal_pin.report.table import Table, join
 from gimbal_pin.report.view import record
 from gimbal_pin.rig.rig import Rig
@@ -167,7 +167,7 @@ def test_an_interval_is_written_to_its_second_digit(value: float, half: float) -
 def test_what_has_no_value_is_a_dash_and_what_has_no_bound_is_infinite() -> None:
     assert numbers.figures(nan) == numbers.figures(None) == numbers.DASH
     assert numbers.figures(-np.inf) == "−∞" and numbers.interval(1.0, np.inf)[1] == "± ∞"
-    assert numbers.percent(99.97) == "> 99.9" and numbers.percent(100.0) == "100.0" and numbers.percent(99.94) == "99.9"
+    assert [numbers.percent(x) for x in (99.97, 100.0, 99.94, nan)] == ["> 99.9 %", "100.0 %", "99.9 %", numbers.DASH]
     assert numbers.between([nan, 2.0, 1.0]) == "1.0 to 2.0" and numbers.between([3.0, 3.001]) == "3.0"
     assert numbers.listed("abc") == "a, b and c"
 
@@ -393,17 +393,20 @@ def swapped(result: Tracking, joint: str) -> Tracking:
     return replace(result, experiments=experiments)
 
 
-def test_the_verdict_names_the_axis_on_which_the_model_does_not_help(walk: Walk) -> None:
-    better = ratios(walk.result)
-    assert set(better) == set(walk.rig.joints) and min(better.values()) > 1
-    assert "on every axis" in verdict(99.0, better)
-    worse = ratios(swapped(walk.result, "tilt"))
-    assert worse["tilt"] == pytest.approx(1 / better["tilt"])
-    said = verdict(99.0, worse)
-    assert "on tilt, PID tracks at least as well" in said and "pan" not in said
-    assert "unexplained" in verdict(50.0, better) and "tracks" not in verdict(50.0, better)
-    barred = verdict(99.0, better, "", barred=True)
-    assert "not to be run" in barred and "tracks" not in barred
+def test_the_axis_on_which_the_model_does_not_help_is_named(walk: Walk) -> None:
+    assert outdone(walk.result) == [] and outdone(swapped(walk.result, "tilt")) == ["tilt"]
+    assert "On tilt, PID follows at least as closely." in cautions(None, swapped(walk.result, "tilt"))
+    assert "unexplained" in verdict(50.0) and "unexplained" in verdict(nan) and "unexplained" not in verdict(99.0)
+    assert "not to be run" in verdict(99.0, "", barred=True)
+
+
+def test_no_multiplier_is_shown_of_a_plant_that_the_controller_knows(walk: Walk, page: str) -> None:
+    """How many times closer than PID says nothing of the gimbal: the plant is the model."""
+    words = parsed(page.partition("<iframe")[0] + page.rpartition("</iframe>")[2]).text_content()
+    assert not re.search(r"times as (closely|much)|closer than|Tracks closer|\d ×", words)
+    assert SIMULATED.format("the identified model") in words and "simulated, not run on the gimbal" in words
+    sent = summary(walk.rig, walk.found, None, None, walk.logs)
+    assert SIMULATED.format("the identified model") not in sent.doubts
 
 
 def test_no_controller_is_praised_that_is_not_to_be_run(walk: Walk) -> None:
@@ -415,7 +418,7 @@ def test_no_controller_is_praised_that_is_not_to_be_run(walk: Walk) -> None:
     )
     said = shown.text_content()
     assert doubted.doubts[0] in said and "not to be run" in shown.xpath("//p[contains(@class, 'headline')]")[0].text
-    assert "times as closely" not in said and "times as closely" in safe.text_content()
+    assert "not to be run" not in safe.text_content() and "is safer" not in said
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.02, 0.08), (0.11, 0.9), (0.5, 30.0), (1e-6, 1e3), (2.1, 2.9)])
@@ -463,7 +466,7 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
     calm = swapped(walk.result, "pan")
-    assert cautions(None, calm) == []
+    assert cautions(None, walk.result) == [] and len(cautions(None, calm)) == 1
     stuck = replace(
         calm,
         experiments=tuple(
@@ -471,15 +474,33 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
             for e in calm.experiments
         ),
     )
-    (said,) = cautions(None, stuck)
+    (_, said) = cautions(None, stuck)
     assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
     text = parsed(str(summary(walk.rig, walk.found, None, stuck).section.html)).text_content()
-    assert "on every axis" not in text and said in text
+    assert said in text
     vague = walk.found.model.estimated
     assert vague is not None
     unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
-    assert any("is safer" in reason for reason in cautions(tune(unsure, dt=0.002), None))
-    assert any("not to be run" in reason for reason in cautions(tune(unsure, dt=0.002), None))
+    tuning = tune(unsure, dt=0.002)
+    assert any("not to be run" in said for said in cautions(tuning, None))
+    assert not any("is safer" in said for said in cautions(tuning, None))  # by the same model no PID is, either
+    assert any("is safer" in said for said in cautions(replace(tuning, doubts=()), None))
+
+
+def test_the_absolute_path_of_a_log_is_nowhere(walk: Walk) -> None:
+    name = "/home/someone/logs/bench.csv"
+    page = str(data(walk.rig, [replace(walk.logs[0], name=name, events=("something happened",))]).html)
+    assert "someone" not in page and "bench.csv: something happened" in page
+
+
+def test_an_error_is_said_with_the_band_that_it_is_of(walk: Walk) -> None:
+    head = summary(walk.rig, walk.found, logs=walk.logs)
+    notes = {card.label: card.note for card in head.numbers}
+    assert "to 8 Hz" in notes["Fit of the torque"] and "to 8 Hz" in notes["Torque error"]
+    none = replace(walk.found.held_out, fit_percent=dict.fromkeys(walk.rig.joints, nan))
+    silent = summary(walk.rig, replace(walk.found, held_out=none), logs=walk.logs)
+    words = parsed(str(silent.section.html)).text_content()
+    assert "– %" not in words and "there is no fit where there is no torque" in words
 
 
 def test_sliding_joints_are_shown_in_millimetres() -> None:
@@ -546,7 +567,7 @@ def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
     for plant in ("the identified model", "another rig"):
         kept = {} if plant == "the identified model" else {"plant": plant}
         section = summary(walk.rig, walk.found, None, walk.result, walk.logs, **kept).section
-        assert f"Simulated on {plant}, with steps on all axes together" in parsed(str(section.html)).text_content()
+        assert SIMULATED.format(plant) in parsed(str(section.html)).text_content()
 
 
 def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) -> None:
@@ -556,7 +577,8 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     steps = walk.found, None, walk.found.model, walk.tunings, walk.result, walk.logs[0], files
     found = Auto(*steps, "the identified model", head, why="no IMU")
     brief, everything = (text.auto(found, verbose).splitlines() for verbose in (False, True))
-    assert brief[:4] == [f"found: {head.found}", f"to do: {head.to_do[0]}", f"take care: {SIMULATED}", ""]
+    assert brief[:4] == [f"found: {head.found}", f"to do: {head.to_do[0]}", f"take care: {head.doubts[0]}", ""]
+    assert head.doubts == (SIMULATED.format("the identified model"),)
     assert [line.split()[0] for line in brief[4:7]] == ["Joint", *walk.rig.joints] and len(brief) <= 25
     assert len(everything) > 60 and set(brief) <= set(everything) and "out/report.html" in everything[-1]
     assert max(map(len, brief[4:7])) <= 120

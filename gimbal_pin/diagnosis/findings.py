@@ -79,7 +79,7 @@ def finding(
         selection_frequency=frequency(rivals, rng),
         explained_share=min(1.0, float((before**2 - after**2) / max(baseline["torque_rmse"][at] ** 2, 1e-300))),
         visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
-        rivals=tuple(Told(one.cause.name, one.worse / 2, one.z) for one in rivals),
+        rivals=nearest(cause, rivals),
         sentence=f"{said}; held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)",
         next_experiment=cause.experiment if len(alike) > 1 else None,
     )
@@ -92,6 +92,13 @@ def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Rival]) -> tupl
     if cause.of_joint:
         names += cause.blurred(evidence.seen[evidence.rig.joint_index(cause.place)])
     return tuple(dict.fromkeys(names))
+
+
+def nearest(cause: Cause, rivals: Sequence[Rival]) -> tuple[Told, ...]:
+    """Return the nearest rival of each name but the cause's own, the one that is least worse first."""
+    every = sorted((Told(one.cause.name, one.worse / 2, one.z) for one in rivals), key=lambda one: -one.z)
+    best = {one.cause: one for one in every if one.cause != cause.name}
+    return tuple(sorted(best.values(), key=lambda one: one.z))
 
 
 def frequency(rivals: Sequence[Rival], rng: np.random.Generator) -> float:

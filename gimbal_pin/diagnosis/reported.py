@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.diagnosis.counterfactual import Ridden, joined
-from gimbal_pin.diagnosis.engine.criterion import added, criterion, fitted, matters, rows
+from gimbal_pin.diagnosis.engine.criterion import criterion, fitted, matters, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.engine.selection import better, promising, together
@@ -105,9 +105,14 @@ def immaterial(found: Explained) -> tuple[Slight, ...]:
         new = fitted(search.problem, together(state.causes, cause), state)
         clear = criterion(state) - criterion(new) > search.threshold
         if clear and not matters(new, state) and not better(new, state, search):
-            size = np.sqrt(np.sum(added(new, new.causes[-1]) ** 2, axis=0) / np.maximum(torque, 1e-300))
+            size = np.sqrt(np.maximum(unexplained(state) - unexplained(new), 0.0) / np.maximum(torque, 1e-300))
             small.append(Slight(cause.name, cause.place if cause.of_joint else None, float(size.max())))
     return tuple(small)
+
+
+def unexplained(state: State) -> Array:
+    """Return the power of what is left of each joint's torque, whitened, (n,)."""
+    return np.asarray(np.sum((state.fit.residual.reshape(-1, len(state.fit.scale)) / state.fit.scale) ** 2, axis=0))
 
 
 def level(state: State) -> Array:

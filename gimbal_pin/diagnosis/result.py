@@ -156,7 +156,7 @@ class Slight:
     Attributes:
         cause: Its name.
         joint: Where it sits, or None.
-        share: Its projected size over the joint's torque rms.
+        share: What of the joint's torque it explains, rms over rms.
     """
 
     cause: str
@@ -251,6 +251,14 @@ class Diagnosis:
         """The verdict without what that model has."""
         statuses = [finding.status for finding in self.lacking]
         return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
+
+    @property
+    def unconfirmed(self) -> str:
+        """Which findings the held-out part speaks against, in a sentence; nothing where it does against none."""
+        against = [f"{one.cause} at {one.joint or 'the rig'}" for one in self.findings if one.status == "unconfirmed"]
+        return f"not confirmed: where no choice has seen the log, the error grew with {', '.join(against)}" * bool(
+            against
+        )
 
     @property
     def noisy(self) -> dict[str, float]:

@@ -88,11 +88,11 @@ def torque_text(value: float, largest: float = 0.0) -> str:
 
 
 def percent(value: float) -> str:
-    """Return per cent to one decimal; what is not quite 100 does not read 100."""
+    """Return per cent to one decimal, with the sign; what is not quite 100 does not read 100."""
     if isnan(value):
         return DASH
     text = signed(value, 1)
-    return "> 99.9" if value < 100 and text == "100.0" else text
+    return f"{'> 99.9' if value < 100 and text == '100.0' else text} %"
 
 
 def unit(text: str) -> str:

@@ -44,6 +44,8 @@ COGGING, TEETH = 0.01, 12
 """Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
 EXTENDED_PLANT = "the extended model"
+BARRED = "its controller is not to be run"
+"""Why no camera is held by a controller whose model is open."""
 DRAWN_PLANT = "a rig that the model's covariance leaves possible"
 HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "tuned", "switch", "oracle"), 4.5
 """Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
@@ -172,15 +174,15 @@ def auto(
     tunings, late = tuned(model, asked), asked.samples
     laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
     tracking = track(plant or model, laws, rng=generator, delay=late)
-    law = next(iter(tunings.values())).controller
+    first = next(iter(tunings.values()))
+    law = first.controller
     animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
-    held, why = carried(rig, logs[0], model, law, plant, late)
+    held, why = (None, BARRED) if first.doubts else carried(rig, logs[0], model, law, plant, late)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
     causes = refittable_effects(model)
     beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
     steps = identified, wrong, model, tunings, tracking, animated
-    first = next(iter(tunings.values()))
     head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed)
     found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside, seed=seed)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,12 +12,12 @@ from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log.limited import SPOKEN
 from gimbal_pin.report.format import (
+    DASH,
     SURE,
     between,
     controller_name,
     figures,
     file_name,
-    joints_of,
     listed,
     percent,
     rows_named,
@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig
 
 EXPORT = "Put the controller on the gimbal: 'gimbal-pin export controller.yaml --c DIR' writes it as C99."
-SIMULATED = "Steps and camera were simulated: on the gimbal no controller has run yet."
+SIMULATED = "The controllers were simulated, their steps on {}, and not run on the gimbal."
+"""What holds of every figure of a controller; within it the plant."""
 
 
 @dataclass(frozen=True)
@@ -84,27 +85,22 @@ def summary(
 
     `plant`: what the steps were simulated on, within a sentence; `undiagnosed`: why there is no diagnosis.
     """
-    ratio = {} if result is None else ratios(result)
     barred, spoilt = tuning is not None and bool(tuning.doubts), wrong is not None and wrong.verdict == "data"
-    fair = not barred and (result is None or at_limit(result, BASELINE)[1] < SPOKEN)
-    held, extended = found.held_out or found.train, wrong if wrong is not None and wrong.lacking else None
+    held, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
     joint, fit = min(held.fit_percent.items(), key=lambda pair: pair[1])
     worst, rmse = max(held.torque_rmse.items(), key=lambda pair: pair[1])
     where = "held out" if found.held_out else "training data"
     details, numbers = [about_fit(rig, found, logs)], []
-    numbers.append(Card("Fit of the torque", f"{percent(fit)} %", f"worst joint: {joint}, {where}", grade(fit)))
+    numbers.append(Card("Fit of the torque", percent(fit), f"{band}, worst joint: {joint}, {where}", grade(fit)))
     tone, missing = "poor" if spoilt else grade(fit), missed(wrong)
     tone = "fair" if missing and not spoilt else tone
-    if extended is not None:
-        before, after = extended.baseline["torque_rmse"], extended.extended["torque_rmse"]
-        most = min(before, key=lambda name: after[name] / max(before[name], 1e-300))
-        change = f"from {torque_text(before[most])} to {torque_text(after[most])}"
-        details.append(f"With what the diagnosis found, {most}'s held-out torque error falls {change}.")
-        joint, fit = min(extended.extended["fit_percent"].items(), key=lambda pair: pair[1])
-        note = f"fit, worst joint: {joint}, held out"
-        numbers.append(Card("With what was found", f"{percent(fit)} %", note, grade(fit)))
+    if wrong is not None and wrong.lacking and wrong.held is not None:
+        details.append(about_gain(wrong, wrong.held.band))
+        joint, fit = min(wrong.extended["fit_percent"].items(), key=lambda pair: pair[1])
+        note = f"fit to {wrong.held.band:g} Hz, worst joint: {joint}, held out"
+        numbers.append(Card("With what was found", percent(fit), note, grade(fit)))
     details.append(about_parameters(found))
-    numbers.append(Card("Torque error", torque_text(rmse), f"rms, largest: {worst}, {held.how}"))
+    numbers.append(Card("Torque error", torque_text(rmse), f"rms {band}, largest: {worst}, {held.how}"))
     deviation = 100 * float(np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300)))
     numbers.append(Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %"))
     if tuning is not None:
@@ -116,26 +112,19 @@ def summary(
         crossover = between(one.crossover_hz for one in margins)
         numbers.append(Card("Bandwidth", hertz, f"crossover {crossover} Hz"))
         numbers.append(Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {disk}, worst joint"))
-    if result is not None and ratio:
-        details += [] if barred else [about_tracking(rig, result, ratio, plant)]
-        joint, times = min(ratio.items(), key=lambda pair: pair[1])
-        note = f"than {controller_name(BASELINE)}: rms error, all axes together, least on {joint}"
-        praise = "poor" if times <= 1 else "good" if fair else ""  # nothing is praised for beating no fair rival
-        numbers.append(Card("Tracks closer", f"{figures(times, 2)} ×", note, praise))
-    said = verdict(fit, ratio if fair and not spoilt else {}, missing, barred)
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
-    doubts = (*cautions(tuning, result), *unexplained(wrong), *unknown)
-    return Summary(said, tone, to_do(wrong, tuning), doubts, tuple(details), tuple(numbers))
+    simulated = [] if result is None else [SIMULATED.format(plant)]
+    doubts = (*cautions(tuning, result), *unexplained(wrong), *unknown, *simulated)
+    return Summary(verdict(fit, missing, barred), tone, to_do(wrong, tuning), doubts, tuple(details), tuple(numbers))
 
 
-def ratios(result: Tracking) -> Mapping[str, float]:
-    """Return joint → rms error under the baseline over that under the last controller, all axes moving together."""
-    by_controller = {one.controller: one.joints for one in result.experiments if one.name == TOGETHER}
-    ours = [name for name in by_controller if name != BASELINE]
-    if BASELINE not in by_controller or not ours:
-        return {}
-    theirs, best = by_controller[BASELINE], by_controller[ours[-1]]
-    return {joint: theirs[joint].rms_error / max(best[joint].rms_error, 1e-300) for joint in theirs}
+def outdone(result: Tracking) -> list[str]:
+    """Return the joints that the baseline follows at least as closely as the last controller, all axes moving."""
+    together = {one.controller: one.joints for one in result.experiments if one.name == TOGETHER}
+    if BASELINE not in together:
+        return []
+    theirs, ours = together.pop(BASELINE), list(together.values())[-1:]
+    return [joint for best in ours for joint in theirs if theirs[joint].rms_error <= best[joint].rms_error]
 
 
 def missed(wrong: Diagnosis | None) -> str:
@@ -163,21 +152,15 @@ def named(finding: Finding) -> str:
     return f"{either} at {finding.joint or 'the rig as a whole'}"
 
 
-def verdict(fit: float, ratio: Mapping[str, float], missing: str = "", barred: bool = False) -> str:
+def verdict(fit: float, missing: str = "", barred: bool = False) -> str:
     """Return the headline; `missing`: what a diagnosis found wrong, see `missed`; `barred`: no controller to be run."""
-    if fit < FAIR:
+    if not fit >= FAIR:  # nor is there any where no torque was held out
         vague = "The model leaves much of the measured torque unexplained: what is simulated with it may not hold"
         return f"{missing or vague}."
     first = missing or f"The model explains {'' if fit >= GOOD else 'most of '}the measured torque"
     if barred:
         return f"{first}; the controller is not to be run, for the log leaves open what it stands on."
-    if not ratio:
-        return f"{first}."
-    worse = [joint for joint, times in ratio.items() if times <= 1]
-    other, law = controller_name(BASELINE), f"the controller built on {'what is known' if missing else 'it'}"
-    if not worse:
-        return f"{first}; {law} tracks better than {other} on every axis."
-    return f"{first}; on {listed(worse)}, {other} tracks at least as well as {law}."
+    return f"{first}."
 
 
 def to_do(wrong: Diagnosis | None, tuning: Tuning | None) -> tuple[str, ...]:
@@ -203,14 +186,19 @@ def unexplained(wrong: Diagnosis | None) -> list[str]:
         return []
     rest = structured(wrong)
     found = [f"More than noise is left at {listed(rest)}, and no known cause explains it."] if rest else []
-    return [*found, *([f"{wrong.hidden[:1].upper()}{wrong.hidden[1:]}."] if wrong.hidden else [])]
+    return [*found, *(f"{said[:1].upper()}{said[1:]}." for said in (wrong.unconfirmed, wrong.hidden) if said)]
 
 
 def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:
     """Return what speaks against taking the headline at its word."""
-    found = [*tuning.doubts, *(why for why in tuning.reasons if "is safer" in why)] if tuning is not None else []
+    found = []
+    if tuning is not None:  # where the controller is not to be run, a PID for the same model is no safer
+        safer = [f"{why[:1].upper()}{why[1:]}." for why in tuning.reasons if "is safer" in why]
+        found = [f"{doubt}." for doubt in tuning.doubts] or safer
     if result is None:
         return found
+    if worse := outdone(result):
+        found.append(f"On {listed(worse)}, {controller_name(BASELINE)} follows at least as closely.")
     for name in dict.fromkeys(one.controller for one in result.experiments):
         joint, share = at_limit(result, name)
         if share >= SPOKEN:
@@ -240,10 +228,22 @@ def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
     judged = "the data it was fitted to" if held is None else f"{rows_named(held.how)}, which the fit did not see"
     error = torque_text(max((held or found.train).torque_rmse.values()))
     fit = between((held or found.train).fit_percent.values(), 3)
+    close = f"a fit of {fit} %" if fit != DASH else "there is no fit where there is no torque"
     return (
         f"{name} was identified from {source}. On {judged}, the model predicts the motor torque, filtered at "
-        f"{found.filtering.cutoff:g} Hz, to {error} rms or better: a fit of {fit} %."
+        f"{found.filtering.cutoff:g} Hz, to {error} rms or better: {close}."
     )
+
+
+def about_gain(wrong: Diagnosis, band: float) -> str:
+    """Say by how much what was found lowers the held-out torque error of the joint where that helps most."""
+    before, after = wrong.baseline["torque_rmse"], wrong.extended["torque_rmse"]
+    most = min(before, key=lambda name: after[name] / max(before[name], 1e-300))
+    where = f"on the part that no choice has seen, up to {band:g} Hz"
+    if not after[most] < before[most]:
+        return f"What the diagnosis found lowers no joint's torque error {where}."
+    change = f"from {torque_text(before[most])} to {torque_text(after[most])}"
+    return f"With what the diagnosis found, {most}'s torque error falls {change} {where}."
 
 
 def about_parameters(found: Identified) -> str:
@@ -251,20 +251,5 @@ def about_parameters(found: Identified) -> str:
     blind, count = int(np.sum(np.abs(found.estimate.theta) <= SURE * found.estimate.std)), len(found.names)
     if not blind:
         return f"All {count} parameters are told from zero."
-    are = "is" if blind == 1 else "are"
-    return f"{count - blind} of {count} parameters are told from zero; {blind} {are} too small for this log to show."
-
-
-def about_tracking(rig: Rig, result: Tracking, ratio: Mapping[str, float], plant: str) -> str:
-    """Say how steps on all axes together are followed in simulation."""
-    together = {one.controller: one for one in result.experiments if one.name == TOGETHER}
-    ours = [name for name in together if name != BASELINE][-1]
-
-    def worst(name: str) -> str:
-        errors = [(joint.scale * together[name].joints[joint.name].rms_error, joint) for joint in joints_of(rig)]
-        error, joint = max(errors, key=lambda pair: pair[0])
-        return joint.text(error / joint.scale, digits=2)
-
-    times = f"{between(ratio.values())} times as closely as {controller_name(BASELINE)}"
-    errors = f"rms error of the worst axis {worst(ours)} against {worst(BASELINE)}"
-    return f"Simulated on {plant}, with steps on all axes together, it follows {times} ({errors})."
+    seen, hidden = (f"{some} {'is' if some == 1 else 'are'}" for some in (count - blind, blind))
+    return f"Of {count} parameters {seen} told from zero; {hidden} too small for this log to show."

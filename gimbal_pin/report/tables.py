@@ -99,47 +99,54 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints_of(found.model.rig)):
         rmse, fit = held.torque_rmse[joint.name], held.fit_percent[joint.name]
-        row: list[Content] = [joint.label, figures(scale * rmse), toned(f"{percent(fit)} %", grade(fit))]
+        row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
         row.append(f"{100 * held.used[joint.name]:.0f} %")
         if held is not train:
-            row += [figures(scale * train.torque_rmse[joint.name]), f"{percent(train.fit_percent[joint.name])} %"]
+            row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
         if evaluated is not None:
             torque = float(evaluated.torque_rms[j])
             share = rmse / torque if torque else nan  # nothing drove this joint
             largest = float(np.abs(evaluated.stacked("error")[:, j]).max())
-            row += [figures(torque), f"{figures(100 * share, 2)} %", figures(scale * largest)]
+            part = DASH if isnan(share) else f"{figures(100 * share, 2)} %"
+            row += [figures(torque), part, figures(scale * largest)]
         rows.append(row)
     return Table(head, rows, label="Torque error")
 
 
 def grade(fit: float) -> str:
-    """Return the tone of a fit, per cent."""
-    return "good" if fit >= GOOD else "fair" if fit >= FAIR else "poor"
+    """Return the tone of a fit, per cent; none where there is none."""
+    return "" if isnan(fit) else "good" if fit >= GOOD else "fair" if fit >= FAIR else "poor"
 
 
 # -- diagnosis ---------------------------------------------------------------------------------------------------------
 
 
 def residual(found: Diagnosis) -> Table:
-    """What is left of each joint's torque before and after the findings, held out, and what would have been found."""
+    """What is left of each joint's torque where it was fitted, held out, and what a cause must make to be found.
+
+    The last is less than the noise that is left: over a whole log noise averages out, and a cause's form does not.
+    """
     most = max([*found.baseline["torque_rmse"].values(), *found.extended["torque_rmse"].values()], default=0.0)
     joints = {} if found.held is None else {joint.name: joint.label for joint in joints_of(found.held.rig)}
     rows: list[list[Content | None]] = []
     for joint, left in found.residual.items():
-        tone = "" if joint in found.noisy else "good" if left.state == "noise" else "fair"
+        tone = "" if left.state == "noise" else "fair"
         errors = (part["torque_rmse"][joint] for part in (found.baseline, found.extended))
         limit = found.detection_limit.get(joint)
         row: list[Content | None] = [joints.get(joint, joint), toned(left.sentence, tone)]
         rows.append([*row, *(torque_text(x, most) for x in errors), torque_text(limit, most) if limit else None])
-    head = ["Joint", "What is left is", "Error before", "Error after", "Would have been found"]
+    head = ["Joint", "Left where fitted", "Held-out error before", "After", "A cause shows from"]
     return Table(head, rows, texts=2, label="Torque error before and after")
 
 
 def rivals(finding: Finding) -> Table:
     """The causes that were fitted in a finding's place."""
+    from gimbal_pin.diagnosis.engine.selection import APART
+
     rows: list[list[Content]] = []
     for rival in finding.rivals[:MOST]:
-        out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
+        no = "no" if rival.z <= APART else "no, too like it in form"
+        out = toned(no, "fair") if rival.cause in finding.alike else toned("yes", "good")
         rows.append([rival.cause, figures(rival.delta), bar(rival.z / RULED_OUT, f"{rival.z:.1f}"), out])
     head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Ruled out by this log"]
     return Table(head, rows, label=f"Causes that were fitted in the place of {finding.cause}")
@@ -251,11 +258,13 @@ def overview(found: Auto, most: int) -> Table:
 
     Beside the extended model's stands the error of the rigid one in the diagnosis's band: the two compare.
     """
-    held, wrong = found.identified.held_out or found.identified.train, found.diagnosis
-    models = [vars(held)] if wrong is None or not wrong.lacking else [wrong.baseline, wrong.extended]
+    own, wrong = found.identified, found.diagnosis
+    band, models = own.filtering.cutoff, [vars(own.held_out or own.train)]
+    if wrong is not None and wrong.lacking and wrong.held is not None:
+        band, models = wrong.held.band, [dict(wrong.baseline), dict(wrong.extended)]
     together = {one.controller: one.joints for one in found.tracking.experiments if one.name == TOGETHER}
     biggest = max(models[0]["torque_rmse"].values())
-    head = ["Joint", "Torque error", "Fit", *["Extended model", "Fit"] * (len(models) - 1), "Bandwidth"]
+    head = ["Joint", f"Torque error to {band:g} Hz", "Fit", *["Extended model", "Fit"] * (len(models) - 1), "Bandwidth"]
     head += ["Phase margin", *(f"Steps, {controller_name(name)}" for name in together)]
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints_of(found.model.rig)[:most]):
@@ -263,7 +272,7 @@ def overview(found: Auto, most: int) -> Table:
         for part in models:
             row += [
                 torque_text(part["torque_rmse"][joint.name], biggest),
-                f"{percent(part['fit_percent'][joint.name])} %",
+                percent(part["fit_percent"][joint.name]),
             ]
         row += [
             f"{figures(found.tuning.bandwidth_hz[j])} Hz",

@@ -271,6 +271,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if found.residual:
         lines += ["", str(tables.residual(found)), *([f"({found.hidden})"] if found.hidden else [])]
         lines += [ALONE] if len(found.findings) > 1 else []
+    lines += [found.unconfirmed] if found.unconfirmed else []
     lines += tracking_gain(found)
     lines += [] if found.given is None else [f"given model{caveats(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
@@ -492,11 +493,9 @@ def budget(found: Verified) -> list[str]:
 
 def auto(found: Auto, verbose: bool = False) -> str:
     """What `auto` found in at most 25 lines, and where its files lie; with `verbose` every step's own text."""
-    from gimbal_pin.report.summary import SIMULATED
-
     head = found.summary
     todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
-    lines = [f"found: {head.found}", f"to do: {todo}", f"take care: {doubts or SIMULATED}", ""]
+    lines = [f"found: {head.found}", f"to do: {todo}", f"take care: {doubts}", ""]
     lines.append(str(tables.overview(found, MANY)))
     if found.held is None:
         lines.append(f"no camera held on a platform: {found.why}")

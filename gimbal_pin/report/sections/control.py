@@ -53,6 +53,7 @@ def tracking(result: Tracking, rig: Rig, plant: str = "") -> Section:
     joints = joints_of(rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
     note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
+    note = f"{note} All of it is simulated, not run on the gimbal."
     parts: list[object] = [paragraph(f"Minimum-jerk steps of {steps}.{note}")]
     together = [one for one in result.experiments if one.name == TOGETHER]
     alone = [one for one in result.experiments if one.name != TOGETHER]

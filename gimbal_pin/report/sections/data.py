@@ -86,7 +86,7 @@ def data(rig: Rig, logs: Sequence[Log]) -> Section:
     head = ["Log", "Payload", "Length, s", "Rate, Hz", "Samples", "Joint rates"]
     rows: list[list[Content]] = [
         [
-            log.name,
+            file_name(log.name),
             log.payload or DASH,
             *(figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt)),
             f"{len(log):,}".replace(",", " "),
@@ -101,7 +101,7 @@ def data(rig: Rig, logs: Sequence[Log]) -> Section:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
         parts.append(plots.picture(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
-    events = [f"{log.name}: {event}" for log in logs for event in log.events]
+    events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", join([*parts, *([bullets(events)] if events else [])]), "What the model was learnt from.")
 
 

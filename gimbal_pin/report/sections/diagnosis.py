@@ -20,7 +20,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import Joint, figures, joints_of, listed, torque_unit, units
+from gimbal_pin.report.format import DASH, Joint, figures, joints_of, listed, torque_unit, units
 from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.table import Content, join
 
@@ -72,7 +72,8 @@ def diagnosis(found: Diagnosis) -> Section:
     notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
     parts += [folded("Notes", bullets(notes))] if notes else []
-    return Section(WRONG, join(parts), "On the part of the log that no choice has seen.")
+    band = "" if found.held is None else f", up to {found.held.band:g} Hz"
+    return Section(WRONG, join(parts), f"Held-out errors are of the part of the log that no choice has seen{band}.")
 
 
 def verdict(found: Diagnosis) -> str:
@@ -80,7 +81,8 @@ def verdict(found: Diagnosis) -> str:
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
-    return f"{VERDICTS[found.beside]}{more}{moved}"
+    against = f" {found.unconfirmed[:1].upper()}{found.unconfirmed[1:]}." if found.unconfirmed else ""
+    return f"{VERDICTS[found.beside]}{more}{moved}{against}"
 
 
 def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list[object]:
@@ -94,7 +96,7 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list
     cause = CAUSES.get(finding.cause)
     lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
     before, after = (finding.gain[f"rollout_rmse_{when}"] for when in ("before", "after"))
-    if before > 0:
+    if before > 0 and isfinite(after):
         said = f"{digits(after / before, 2)} times what it was without it"
         lines.append(f"Simulated from the same torque, the angle is off by {said}.")
     parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
@@ -140,8 +142,8 @@ def cells(known: Likeness, colour: str) -> plots.Figure:
 
 
 def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Markup:
-    """Return the residual's four faces, one column per joint."""
-    order = ranked(found, joints)[:MOST]
+    """Return the residual's four faces, one column per joint, in the rig's order."""
+    order = sorted(ranked(found, joints)[:MOST])
     shown = [joints[j] for j in order]
     alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
     caption = (
@@ -220,11 +222,13 @@ class Measure(NamedTuple):
 
     Attributes:
         title: What it is.
+        none: What it means where there is no figure.
         before: Joint → figure, in the unit of the axis.
         after: The same with all findings.
     """
 
     title: str
+    none: str
     before: Mapping[str, float]
     after: Mapping[str, float]
 
@@ -239,10 +243,11 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
     )
     alt = f"Errors before and after, {', '.join(m.title for m in several)}: {text}"
     caption = (
-        "Before (grey) and after (colour), each joint to its own scale: torque predicted on the held-out part; angle "
-        "after 0.2 s of simulation from the held-out torque; and a simulated controller's tracking error without and "
-        f"with the causes compensated ({HOW})."
+        "Before (grey) and after (colour), each joint to its own scale: torque predicted on the held-out part; "
+        "position after 0.2 s of simulation from the held-out torque"
     )
+    told = f"; and a simulated controller's tracking error without and with the causes compensated ({HOW})."
+    caption += told if found.tracking else "."
     caption += "".join(f" {line}." for line in no_closer(found.tracking))
     return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
 
@@ -260,8 +265,9 @@ def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:
         )
     )
     angle = units(joints)
-    out = [Measure(f"torque error, {unit} rms", *torque), Measure(f"rollout error, {angle} rms", *rolled)]
-    return [*out, Measure(f"tracking error, {angle} rms", *followed)] if found.tracking else out
+    out = [Measure(f"torque error, {unit} rms", DASH, *torque)]
+    out.append(Measure(f"rollout error, {angle} rms", "cannot be simulated", *rolled))
+    return [*out, Measure(f"tracking error, {angle} rms", "not stable", *followed)] if found.tracking else out
 
 
 def bars(several: Sequence[Measure], joints: Sequence[Joint]) -> plots.Figure:
@@ -283,7 +289,7 @@ def pairs(axes: plots.Axes, measure: Measure, joints: Sequence[Joint]) -> None:
         for value, colour, side in zip(both, (plots.PLAIN, joint.colour), (-0.5, 0.5)):
             share, at = value / top if isfinite(value) else 0.0, i + side * THICK
             axes.barh(at, share, 0.9 * THICK, color=colour)
-            label = figures(value, 2) if isfinite(value) else "not stable"
+            label = figures(value, 2) if isfinite(value) else measure.none
             axes.text(share + 0.02, at, label, va="center", fontsize=8.5)
     axes.set(xlim=(0, 1.25), ylim=(len(joints) - 0.4, -0.6), xticks=[])
     axes.grid(False)
