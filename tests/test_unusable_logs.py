@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.diagnosis.limit_cycle import swing, swung
 from gimbal_pin.dynamics.model import friction_effects, nominal
@@ -24,7 +25,7 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.saturation import Saturation
-from gimbal_pin.errors import LogError
+from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, impossible, reordered, trials
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
@@ -363,6 +364,40 @@ def test_joints_that_could_change_places_are_not_said_to_have(tmp_path: Path) ->
     rough = np.asarray(log.tau) + 2 * np.std(log.tau, axis=0) * np.sin(40 * log.q)
     blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (replace(log, tau=rough),), Filtering()))
     assert impossible(blocks, weighted(blocks)) and not list(reordered(blocks))
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_a_joint_that_its_reference_holds_still_is_no_error(run: Run, verb: str, tmp_path: Path) -> None:
+    """The others are answered for; a joint that was asked to move, and did not, shows nothing of itself."""
+    rig = Rig.load("turret")
+    log = held(recorded(rig, 1), slice(1, None))
+    inside, out = nominal(rig), tmp_path / "said.json"
+    q, v = log.q * [1, 0] + log.q[0] * [0, 1], np.asarray(log.v) * [1, 0]
+    tau = inside.inverse(q, v, np.gradient(v, log.t, axis=0))
+    still = replace(log, tau=tau + noise(tau, 1e-3), q_ref=q)
+    write_log(still, tmp_path / "held.csv")
+    code, _, err = run(verb, "turret", tmp_path / "held.csv", "--alignment=0", "--json", out)
+    said = json.loads(out.read_text())
+    assert code == 0 and "at rest, as their references ask, and not excited" in err and "tilt" in err
+    joints = said["train"]["fit_percent"] if verb == "identify" else said["residual"]
+    assert list(joints) == ["pan"]
+    write_log(replace(still, q_ref=recorded(rig, 1).q), tmp_path / "stuck.csv")
+    assert run(verb, "turret", tmp_path / "stuck.csv", "--alignment=0")[0] == 3
+
+
+def test_a_joint_that_wobbles_where_it_should_rest_is_not_excited() -> None:
+    """Its torque has nothing to do with its motion, which is no fault of the torque's column."""
+    rig = Rig.load("turret")
+    log = recorded(rig, 1)
+    q, v, tau = (np.array(x) for x in (log.q, log.v, log.tau))
+    q[:, 1], v[:, 1] = q[0, 1] + 0.02 * np.sin(log.t), 0.02 * np.cos(log.t)
+    tau[:, 1] = noise(tau[:, 1], 0.5)
+    wobbling = replace(log, q=q, v=v, tau=tau)
+    few = {"cogging": Cogging}
+    with pytest.raises(DataError, match="nothing to do with the motion of: tilt"):
+        diagnose(rig, [wobbling], few, rng=np.random.default_rng(0))
+    said = diagnose(rig, [replace(wobbling, q_ref=q[:1].repeat(len(q), axis=0))], few, rng=np.random.default_rng(0))
+    assert any("tilt: not excited" in note for note in said.notes)
 
 
 @pytest.mark.parametrize("more", [[], ["--cutoff", "0.2"], ["--follow", "--idle", "0"]])

@@ -65,7 +65,7 @@ def diagnose(
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report import pages
 
-    loaded, read = load_logs(rig, payload, logs, map)
+    loaded, read = load_logs(rig, payload, logs, map, moving=True)
     band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
     found = run(
         loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=replace(band, alignment=alignment)

@@ -125,7 +125,7 @@ def identify(
         write(several.first, output, urdf, several.identified)
         present(text.several(several), several.to_dict(), json)
         return
-    loaded, read = load_logs(rig, payload, logs, map)
+    loaded, read = load_logs(rig, payload, logs, map, moving=True)
     affordable(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
     causes = () if extended is None else refittable_effects(read_model(extended, loaded))
     found = identified(loaded, read, fit, bias, refit, trusted, causes)

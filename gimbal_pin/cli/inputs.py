@@ -48,13 +48,17 @@ def read_logs(
     return loaded, [log_in(x, loaded, mapping, split_payload(log)[1], need_tau) for x, log in zip(tables, logs)]
 
 
-def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str]) -> tuple[Rig, list[Log]]:
-    """Load the rig with the logs' payload, and the logs.
+def load_logs(
+    rig: str, payload: str | None, logs: Sequence[str], mapping: Sequence[str], moving: bool = False
+) -> tuple[Rig, list[Log]]:
+    """Load the rig with the logs' payload, and the logs; `moving`: joints that they hold still are fixed in it.
 
     Raises:
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
     from gimbal_pin.log.io import split_payload
+    from gimbal_pin.log.io.columns import held_still
+    from gimbal_pin.rig.rig import Rig
 
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
@@ -66,8 +70,14 @@ def load_logs(rig: str, payload: str | None, logs: Sequence[str], mapping: Seque
             what,
             "one payload at a time: give each payload's logs apart; only 'identify' takes several together",
         )
-    loaded, read = read_logs(rig, payload or (tags[0] if tags else None), logs, mapping)
+    mounted = payload or (tags[0] if tags else None)
+    loaded, read = read_logs(rig, mounted, logs, mapping)
     noted([event for log in read for event in log.events])
+    if moving and (still := held_still(read)):
+        held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
+        noted([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
+        loaded = Rig.load(rig, mounted, fixed={**loaded.config.fixed, **still})
+        read = [log.ordered(loaded) for log in read]
     return loaded, read
 
 

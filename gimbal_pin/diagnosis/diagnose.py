@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,14 +30,13 @@ from gimbal_pin.estimation.identification import check_log, greatest_base_motion
 from gimbal_pin.estimation.rows import Filtering, excerpt
 from gimbal_pin.estimation.torque_time import misplaced, mistimed, told
 from gimbal_pin.log.calibration import rectified
+from gimbal_pin.log.io.columns import MOVED, asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
 LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""
-MOVED = 0.02
-"""Least travel of a joint that can be judged, rad."""
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 
@@ -167,14 +166,13 @@ def searched(
     if whole:
         evidence, held = alternate(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
-    check_driven(found)
+    resting = check_driven(found, asked_to_rest(train))
     apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, with_fault(audits, apart), filtering)
     held = retimed(held, found.alignment)
     said = reported(found, held, audits, hold(logs[0], filtering), rng)
-    if held is not evidence:
-        said = replace(said, notes=(*said.notes, *unjudged(held)))
+    said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     moving = ridden(found.final, held, train, test, filtering)
     said = said if moving is None else with_motion(said, moving)
     return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
@@ -209,8 +207,10 @@ def check_moved(evidence: Evidence, name: str) -> None:
         raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
 
 
-def check_driven(found: Explained) -> None:
+def check_driven(found: Explained, resting: Collection[int]) -> tuple[str, ...]:
     """Raise `DataError` if a joint's torque is noise that has nothing to do with its motion.
+
+    Of a joint whose reference asks for rest that is no wonder, and said.
 
     ``F = (explained / parameters) / (left / rows)`` of a fit to that joint alone: noise gives one, any rig hundreds.
     Where a function of the state predicts what is left, it is not noise, but unknown.
@@ -224,6 +224,8 @@ def check_driven(found: Explained) -> None:
         explained = (float(torque @ torque) - float(left @ left)) / max(columns.shape[1], 1)
         if explained < DRIVEN * rest and not found.structured[j]:
             dumb.append(joint)
-    if dumb:
+    idle = tuple(evidence.rig.joints[j] for j in resting if evidence.rig.joints[j] in dumb)
+    if len(dumb) > len(idle):
         what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
-        raise DataError("the logs", what, mend, tuple(dumb))
+        raise DataError("the logs", what, mend, tuple(joint for joint in dumb if joint not in idle))
+    return tuple(f"{joint}: not excited, as its reference asks for rest: nothing is said of it" for joint in idle)

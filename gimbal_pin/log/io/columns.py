@@ -24,6 +24,9 @@ LOST = 0.1
 """Share of the rows that may be left out: of a column of another rate every second value or more is missing, of what a
 recorder loses, or repeats before it begins, far less."""
 
+MOVED = 0.02
+"""Least travel of a joint that can be judged, rad or m."""
+
 
 @dataclass(frozen=True)
 class Group:
@@ -87,6 +90,26 @@ def unrecorded(rig: Rig, tables: Iterable[Table], mapping: Entries) -> dict[str,
     absent = {joint: float(min(max(0.0, low), high)) for joint, low, high in zip(rig.joints, *rig.stops)
               if not columns[joint] & known}  # fmt: skip
     return absent if len(absent) < rig.n else {}
+
+
+def held_still(logs: Sequence[Log]) -> dict[str, float]:
+    """Return each joint that rests in all logs because its reference asks for that → its angle, rad, or place, m.
+
+    Empty where all rest: then nothing moves. A joint at rest without a reference may be one that should have moved.
+    """
+    still = [j for j in asked_to_rest(logs) if all(np.ptp(log.q[:, j]) < MOVED for log in logs)]
+    if not still or len(still) == len(logs[0].joints):
+        return {}
+    at = np.median(np.concatenate([log.q for log in logs]), axis=0)
+    return {logs[0].joints[j]: float(at[j]) for j in still}
+
+
+def asked_to_rest(logs: Sequence[Log]) -> list[int]:
+    """Return the joints whose references ask for no motion that could be judged, in any log."""
+    if not logs or any(log.q_ref is None for log in logs):
+        return []
+    travel = np.ptp(np.concatenate([np.asarray(log.q_ref) for log in logs]), axis=0)
+    return np.flatnonzero(travel < MOVED).tolist()
 
 
 def mapped(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> dict[str, Source]:
