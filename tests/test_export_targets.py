@@ -349,6 +349,51 @@ def test_a_hostile_frame_changes_nothing(sized: Twin) -> None:
     device.socket.close()
 
 
+def sent(datagrams: list[bytes]) -> list[Log]:
+    """Return what is heard of a gimbal of two joints that answers a HELLO with these."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gimbal:
+        gimbal.bind(("127.0.0.1", 0))
+
+        def answer() -> None:
+            _, host = gimbal.recvfrom(65536)
+            for datagram in datagrams:
+                gimbal.sendto(datagram, host)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        heard = list(follow(f"udp://127.0.0.1:{gimbal.getsockname()[1]}", bundled("turret"), idle=0.5))
+        thread.join()
+    return heard
+
+
+def sample(k: int) -> bytes:
+    """The frame of a sample at k hundredths of a second."""
+    return framed(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k, 0, *(0.01 * k * np.arange(1, 7)))))
+
+
+def test_a_gimbal_that_begins_anew_is_heard_and_said() -> None:
+    """Its stamps start at 0 again: the samples are a trajectory of their own. One that is overtaken is left out."""
+    first, second = [*range(200, 250), 260, 255], range(30)
+    heard = sent([sample(k) for k in (*first, *second)])
+    t, q = np.concatenate([log.t for log in heard]), np.concatenate([log.q[:, 0] for log in heard])
+    kept = [*first[:-1], *second]
+    np.testing.assert_allclose(q, 0.01 * np.array(kept), atol=1e-6)
+    np.testing.assert_allclose(t[:51], 0.01 * np.array(kept[:51]), atol=1e-6)
+    np.testing.assert_allclose(np.diff(t[50:]), [1.0, *[0.01] * 29], atol=1e-6)
+    said = [event for log in heard for event in log.events if "began anew" in event]
+    assert len(said) == 1 and said[0].startswith("3.6 s: udp://127.0.0.1:")
+
+
+def test_a_datagram_that_is_no_frame_swallows_no_other() -> None:
+    heard = sent([part for k in range(20) for part in (b"\5garbage", sample(k))])
+    assert np.concatenate([log.q[:, 0] for log in heard]) == pytest.approx(0.01 * np.arange(20), abs=1e-6)
+
+
+def test_a_pipe_without_an_end_of_a_line_is_refused(run: Run) -> None:
+    with Path("/dev/zero").open("rb") as zeros:
+        refused(run("identify", "turret", f"/dev/fd/{zeros.fileno()}", "--follow"), 2, "is binary")
+
+
 @pytest.mark.parametrize("address", ["udp://127.0.0.1", "udp://:1", "udp://h:99999", "serial:/dev/null", "udp:x@1"])
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(UsageError, match="udp://HOST:PORT"), opened(address):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import gzip
+import os
 import re
+import resource
 import sqlite3
 import struct
 import sys
 import time
+import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas
 import pyarrow
@@ -244,18 +248,30 @@ def test_a_damaged_file_is_refused_by_a_process_of_its_own(writer: str, whole: F
     soon(lambda: io.read_log(tmp_path / "log", TURRET))
 
 
-def test_what_unfolds_without_measure_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    most = 2**20
-    for module in ("gimbal_pin.rig.reading", "gimbal_pin.log.io.csv", "gimbal_pin.log.io.npy"):
-        monkeypatch.setattr(f"{module}.largest", lambda: most)
-    monkeypatch.setattr(isolated, "MEMORY", 3 * 2**27)
-    zeros = np.zeros(most)
-    (tmp_path / "bomb.csv.gz").write_bytes(gzip.compress(bytes(4 * most)))
-    np.savez_compressed(tmp_path / "bomb.npz", t=zeros)
-    scipy.io.savemat(tmp_path / "bomb.mat", {"t": np.zeros(2**27, np.int8)}, do_compression=True)
-    for name, word in (("bomb.csv.gz", "unfolds"), ("bomb.npz", "unfolds"), ("bomb.mat", "MemoryError|allocate")):
-        with pytest.raises(LogError, match=word):
-            io.read_log(tmp_path / name, TURRET)
+def test_what_unfolds_without_measure_is_refused(tmp_path: Path) -> None:
+    """Kilobytes that stand for gigabytes are refused before these are in memory; so is what has no end."""
+    size, zeros = 2**30, np.zeros(2**27 + 1, np.int8)
+    (tmp_path / "bomb.csv.gz").write_bytes(65 * gzip.compress(bytes(2**24)))
+    archive = zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+    with archive, archive.open("q.npy", "w") as entry:
+        np.save(entry, zeros)
+    with h5py.File(tmp_path / "bomb.h5", "w") as made:
+        made.create_dataset("t", (2**40,), "f8", chunks=(2**20,), compression="gzip")
+    parquet.write_table(pyarrow.table({"t": zeros}), tmp_path / "bomb.parquet")
+    for name in ("bomb.csv.gz", "bomb.npz", "bomb.h5", "bomb.parquet"):
+        assert (tmp_path / name).stat().st_size < 6e6
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        with pytest.raises(LogError, match=r"holds more than|cannot be read"):
+            (table := io.formats.open_table(tmp_path / name)).read(table.columns)
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3 * size / 1024
+
+
+@pytest.mark.parametrize("name", ["x.mat", "x.h5", "x.bag", "x.ulg", "x.csv", "x.parquet", "x.npz"])
+def test_a_pipe_that_nobody_fills_is_refused_at_once(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)
+    soon(lambda: io.read_log(tmp_path / name, TURRET))
+    (tmp_path / f"end{name}").symlink_to("/dev/zero")
+    soon(lambda: io.read_log(tmp_path / f"end{name}", TURRET))
 
 
 def test_objects_and_shapes_that_are_not_there_are_refused(tmp_path: Path) -> None:

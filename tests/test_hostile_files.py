@@ -146,6 +146,14 @@ def test_a_pipe_that_somebody_fills_is_read_to_its_end() -> None:
     os.close(end)
 
 
+def test_an_element_of_a_hundred_thousand_attributes_is_refused_at_once(tmp_path: Path) -> None:
+    """Readers take a time that grows with their square, of the robot, of a link, of a mass."""
+    text, many = (data_folder() / "turret.urdf").read_text(), " ".join(f'a{k}="1"' for k in range(100_000))
+    for tag in ("<robot ", "<link ", "<mass "):
+        (tmp_path / "rig.urdf").write_text(text.replace(tag, f"{tag}{many} ", 1))
+        assert "attributes" in str(soon(lambda: Rig.load(tmp_path / "rig.urdf"), RigError))
+
+
 # --- URDF -----------------------------------------------------------------------------------------------------------
 
 BODY = (

@@ -6,7 +6,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from gimbal_pin.errors import GimbalPinError, UsageError
 NODES = 400_000
 """Most values in a YAML file, aliases counted by what they stand for: twelve payloads' models of a rig of 20 joints,
 each with the covariance of 176 parameters. They are read in 5 s."""
+LARGEST = 2**30
+"""Most bytes of a log, unpacked: 0.7 GB are an hour of three joints at 1 kHz as text of 17 digits."""
 TEXT = 16 * 2**20
 """Largest YAML or URDF, bytes: twice what so many numbers of 20 digits take."""
 DEPTH = 32
@@ -48,25 +50,31 @@ def readable(path: str | Path, kind: type[GimbalPinError]) -> Iterator[None]:
         raise kind(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
 
 
-def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int | None = None) -> bytes:
-    """Return a file's content; an error of `kind` says why it cannot be read.
-
-    `most`: bytes; None: `largest`, as a log's text, its lines and its numbers are held at once.
-    """
-    most = largest() if most is None else most
+def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int = LARGEST) -> bytes:
+    """Return what a regular file or a pipe holds, up to `most` bytes; an error of `kind` says why it cannot be read."""
     with readable(path, kind), open(path, "rb", opener=opened) as file:
         state = os.fstat(file.fileno())
-        regular = stat.S_ISREG(state.st_mode)
-        whole = not regular or state.st_size <= most
-        content = file.read(-1 if regular else most + 1) if whole else b""
-    if not whole or len(content) > most:
-        raise kind(str(path), f"is larger than {most / 1e6:.0f} MB", "give a smaller file")
+        if not (stat.S_ISREG(state.st_mode) or stat.S_ISFIFO(state.st_mode)):
+            raise kind(str(path), "is neither a file nor a pipe", "give the path of a file")
+        whole = stat.S_ISFIFO(state.st_mode) or state.st_size <= most
+        content = file.read(-1 if stat.S_ISREG(state.st_mode) else most + 1) if whole else b""
+    check_size(path, len(content) if whole else state.st_size, kind, most)
     return content
 
 
-def largest() -> int:
-    """Return the most bytes that a file may have, packed or not: a quarter of the machine's memory."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
+def check_size(path: str | Path, size: int, kind: type[GimbalPinError], most: int = LARGEST) -> None:
+    """Raise an error of `kind` for more bytes, of a file or of what it unfolds to, than are read."""
+    if size > most:
+        raise kind(str(path), f"holds more than {most / 1e6:.0f} MB, unpacked", "give a smaller file, or a part of it")
+
+
+def beginning(path: str | Path, size: int) -> bytes:
+    """Return the first bytes of a regular file; none of anything else: from a pipe they would be gone."""
+    with suppress(OSError):
+        if os.path.isfile(path):
+            with open(path, "rb") as file:
+                return file.read(size)
+    return b""
 
 
 def opened(path: str, flags: int) -> int:

@@ -25,6 +25,8 @@ from gimbal_pin.rig.urdf_checks import (
 if TYPE_CHECKING:
     import yourdfpy
 
+ATTRIBUTES = 256
+"""Most attributes of one element: MJCF's largest has 30, and readers take a time that grows with their square."""
 DRAKE = "http://drake.mit.edu"
 """Namespace of the tag for a rotor's inertia, of which plain URDF has none."""
 Body = tuple[float, np.ndarray, np.ndarray]
@@ -47,6 +49,9 @@ def parse_xml(text: str, place: str) -> etree._Element:
         root = etree.fromstring(text.encode(), parser)
     except etree.XMLSyntaxError as error:
         raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
+    if (crowded := next((one for one in root.iter() if len(one.attrib) > ATTRIBUTES), None)) is not None:
+        where, what = f"{place}:{crowded.sourceline}", f"<{crowded.tag}> has more than {ATTRIBUTES} attributes"
+        raise RigError(where, what, "take out what describes no rig")
     if root.getroottree().docinfo.doctype:
         raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
     return root

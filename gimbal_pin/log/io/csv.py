@@ -19,7 +19,7 @@ import numpy as np
 from gimbal_pin.errors import LogError, visible
 from gimbal_pin.log.io.files import replacing, told
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import largest, read_bytes
+from gimbal_pin.rig.reading import check_size, read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
@@ -160,14 +160,13 @@ def open_csv(path: Path) -> CsvTable:
 
 
 def unzipped(data: bytes, name: str) -> bytes:
-    """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `largest` bytes."""
-    parts, room = list[bytes](), largest()
+    """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `LARGEST` bytes."""
+    parts, size = list[bytes](), 0
     try:
         with gzip.open(io.BytesIO(data)) as file:
             while part := file.read(BLOCK):
                 parts.append(part)
-                if (room := room - len(part)) < 0:
-                    raise LogError(name, f"unfolds to more than {largest() / 1e6:.0f} MB", "give a smaller file")
+                check_size(name, size := size + len(part), LogError)
     except (OSError, EOFError, zlib.error) as error:
         raise LogError(name, f"is a damaged gzip file ({error})", "pack it again") from error
     return b"".join(parts)

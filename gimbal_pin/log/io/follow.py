@@ -15,7 +15,7 @@ from typing import BinaryIO
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io import split_payload, to_log
 from gimbal_pin.log.io.columns import Group, links_of, log_groups, mapped, read_groups
-from gimbal_pin.log.io.csv import BLOCK, COMMENT, CsvTable, as_utf8, headed
+from gimbal_pin.log.io.csv import BLOCK, COMMENT, LINE, CsvTable, as_utf8, headed
 from gimbal_pin.log.io.formats import FORMATS, TEXT
 from gimbal_pin.log.io.link import is_link, lines
 from gimbal_pin.log.io.mapping import ROW, Entries, Source
@@ -53,7 +53,8 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
             raise UsageError(name, f"is mapped by the '{ROW}', which a growing log is not read by", "write its times")
         data, error = usable(table, groups, sources)
         if data is not None:
-            yield to_log(data, table.name, rig, links, payload)
+            said = [line.decode()[1:].strip() for line in COMMENT.findall(table.body)] if is_link(path) else []
+            yield to_log(data, table.name, rig, links, payload, said)
         if error is not None:
             raise error
 
@@ -102,12 +103,18 @@ def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
 
 
 def whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
-    """Yield whole lines, several together, from byte strings that were cut anywhere."""
+    """Yield whole lines, several together, from byte strings that were cut anywhere.
+
+    A line that is longer than any row is handed on without its end, to be refused: some files have no end of a line.
+    """
     rest = b""
     for part in parts:
         lines, end, rest = (rest + part).rpartition(b"\n")
         if end:
             yield lines + end
+        elif len(rest) > LINE:
+            yield rest
+            rest = b""
 
 
 def chunks(path: Path, idle: float) -> Iterator[bytes]:

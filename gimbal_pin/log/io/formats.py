@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io import bag, candump, csv, mat, npy, parquet, ulog
 from gimbal_pin.log.io.tables import JoinedTable, Table, time_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.reading import beginning
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,7 @@ def open_file(path: Path) -> Table:
     """Return what one file holds, or a bag's folder."""
     if (path / "metadata.yaml").is_file():
         return bag.open_bag(path)
-    head = b""
-    if path.is_file():
-        with suppress(OSError), path.open("rb") as file:  # its reader says why it cannot be read
-            head = file.read(16)
+    head = beginning(path, 16)  # of what cannot be read its reader says why
     begun = next((form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None)
     return (begun or format_of(path)).open(path)
 

@@ -13,10 +13,10 @@ import numpy as np
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.log.io.tables import Stream, Table, table_of
 from gimbal_pin.rig.bounded import Stopped, run
-from gimbal_pin.rig.reading import largest, readable
+from gimbal_pin.rig.reading import LARGEST, check_size, readable
 
-MEMORY = 4 * 2**30
-"""Address space of the reading, bytes, beside twice the file's size: columns are held twice at most."""
+MEMORY = 2**30 + 2 * LARGEST
+"""Address space of the reading, bytes: that of the libraries, and columns are held twice at most."""
 SECONDS = 20.0
 """Processor time of the reading, s, of the smallest file."""
 RATE = 5e5
@@ -43,10 +43,13 @@ def open_isolated(path: Path, reader: str, kind: str, module: str, extra: str, *
         mend = f"install it (pip install 'gimbal_pin[{extra}]'), or write CSV"
         raise UsageError(str(path), f"is {kind}, which needs the package {module}", mend)
     with readable(path, LogError):
-        size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
-    if size > largest() and not streamed:
-        raise LogError(str(path), f"is larger than {largest() / 1e6:.0f} MB", "give a smaller file")
-    bounds: dict[str, Any] = {"memory": MEMORY + 2 * size, "seconds": SECONDS + size / RATE}
+        parts = list(path.iterdir()) if path.is_dir() else [path]
+        size = sum(file.stat().st_size for file in parts)
+    if not all(file.is_file() or file.is_dir() for file in parts):
+        raise LogError(str(path), f"is {kind} that is no file", "give the path of a file: it is not read from a pipe")
+    if not streamed:
+        check_size(path, size, LogError)
+    bounds: dict[str, Any] = {"memory": MEMORY + size * streamed, "seconds": SECONDS + size / RATE}
     with TemporaryDirectory() as folder:
         try:
             found = run(__name__, reader, str(path.resolve()), folder, **bounds)
@@ -69,6 +72,8 @@ def main(reader: str, path: str, folder: str) -> dict[str, Any]:
     """
     try:
         streams, notes = import_module(f"gimbal_pin.log.io.{reader}").streams(Path(path))
+        values = [column for _, columns in streams for column in columns.values()]
+        check_size(path, 8 * sum(map(len, values)), LogError)
     except GimbalPinError as error:
         return {"wrong": [error.what, error.mend]}
     for k, (_, columns) in enumerate(streams):

@@ -34,6 +34,9 @@ PAUSE = 0.05
 """Longest wait for bytes at a time, s: Ctrl-C is heard after that."""
 GREETING = 1.0
 """Time between two HELLOs, s."""
+OVERTAKEN = 1.0
+"""Longest that a datagram is overtaken by later ones, s: a stamp from before that is of a gimbal that began anew, whose
+samples follow after as long a gap."""
 
 
 class Frame(NamedTuple):
@@ -145,7 +148,7 @@ def opened(address: str) -> Iterator[Channel]:
 def received(udp: socket.socket) -> bytes:
     """Return a datagram; nothing where none came, or where nobody listens yet."""
     try:
-        return udp.recv(LONGEST)
+        return udp.recv(LONGEST) + b"\0"  # no frame goes on in another datagram: what is none ends here
     except TimeoutError:
         return b""
     except ConnectionRefusedError:
@@ -156,7 +159,8 @@ def received(udp: socket.socket) -> bytes:
 def frames(channel: Channel, idle: float = inf) -> Iterator[Frame | None]:
     """Yield the frames that come, and None every `PAUSE`, until none came for `idle` seconds; greet once a second."""
     rest, count, heard, greeted, paused = b"", 0, time.monotonic(), -inf, -inf
-    while (now := time.monotonic()) - heard <= idle:
+    while True:
+        now, before = time.monotonic(), heard
         if now - greeted >= GREETING:
             send(channel, framed(Frame(HELLO, count, b"")))
             greeted, count = now, count + 1
@@ -166,6 +170,8 @@ def frames(channel: Channel, idle: float = inf) -> Iterator[Frame | None]:
             if part and (frame := unframed(part)) is not None:
                 heard = now
                 yield frame
+        if heard == before and now - heard > idle:  # what came while the last frame was worked on has been read
+            break
         if now - paused >= PAUSE:
             paused = now
             yield None
@@ -183,7 +189,8 @@ def send(channel: Channel, data: bytes) -> None:
 def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[bytes]:
     """Yield the log of a running gimbal as CSV text, several lines at a time.
 
-    Samples that do not come later than those before, from a second sender or a gimbal that begins anew, are left out.
+    Samples that come late are left out. A gimbal that begins anew counts from 0 again: its samples follow those before,
+    after a gap, under a comment that says so.
 
     Args:
         address: ``udp://host:port`` or ``serial:/dev/…@baud``.
@@ -193,7 +200,7 @@ def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[by
     Raises:
         UsageError, LogError: As `opened`; or a sample is one of another number of joints, or none came.
     """
-    n, newest = len(joints), -1
+    n, newest, start, gap = len(joints), -1, 0, round(1e6 * OVERTAKEN)
     text = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
     with opened(address) as channel:
         for frame in frames(channel, idle):
@@ -206,6 +213,10 @@ def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[by
                     what = f"sends samples of {(len(frame.body) - 12) / 12:g} joints"
                     raise LogError(address, what, f"name the rig that runs there: this one has {n}")
                 time_us, _, *values = struct.unpack(f"<QI{3 * n}f", frame.body)
+                if (time_us := time_us + start) < newest - gap:
+                    shift = newest + gap - time_us
+                    start, time_us = start + shift, time_us + shift
+                    text.append(f"# {1e-6 * time_us:.1f} s: {address} began anew, which is a trajectory of its own")
                 if time_us > newest:
                     newest = time_us
                     text.append(",".join([f"{1e-6 * time_us:.6f}", *(f"{x:.9g}" for x in values)]))

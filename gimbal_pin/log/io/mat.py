@@ -8,6 +8,7 @@ from typing import Any
 
 from gimbal_pin.log.io.isolated import open_isolated
 from gimbal_pin.log.io.tables import DEEPEST, Stream, Table, streams_of
+from gimbal_pin.rig.reading import beginning
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -20,11 +21,7 @@ def open_mat(path: Path) -> Table:
 
 def is_hdf5(path: Path) -> bool:
     """Whether a file is HDF5, behind MATLAB's header of 512 bytes or without one."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(520)
-    except OSError:
-        return False
+    head = beginning(path, 520)
     return HDF5 in (head[:8], head[512:])
 
 

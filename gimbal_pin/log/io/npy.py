@@ -15,7 +15,7 @@ import numpy as np
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.io.tables import Stream, Table, streams_of, table_of
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import largest, read_bytes
+from gimbal_pin.rig.reading import check_size, read_bytes
 
 MAGIC = b"\x93NUMPY"
 DAMAGED = (ValueError, TypeError, SyntaxError, TokenError, MemoryError, RecursionError, OverflowError, LookupError)
@@ -35,12 +35,11 @@ def open_npy(path: Path) -> Table:
 
 def open_npz(path: Path) -> Table:
     """Read an archive of named arrays; `LogError` if it is none, or unfolds to more than memory allows."""
-    content, arrays, room = read_bytes(path, LogError), dict[str, Any](), largest()
+    content, arrays, size = read_bytes(path, LogError), dict[str, Any](), 0
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             for entry in archive.infolist():
-                if (room := room - entry.file_size) < 0:
-                    raise LogError(str(path), "unfolds to more than memory allows", "give a smaller file")
+                check_size(path, size := size + entry.file_size, LogError)
                 arrays[entry.filename.removesuffix(".npy")] = array(archive.read(entry), f"{path}: {entry.filename}")
     except (*DAMAGED, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError) as error:
         raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error

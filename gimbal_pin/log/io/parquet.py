@@ -13,7 +13,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.files import replacing, told
 from gimbal_pin.log.io.tables import ArrayTable
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import read_bytes
+from gimbal_pin.rig.reading import check_size, read_bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +54,9 @@ def open_parquet(path: Path) -> ArrayTable:
         file = parquet.ParquetFile(pyarrow.BufferReader(read_bytes(path, LogError)))
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(str(path), f"is not Parquet ({error})", "give it the suffix of its format") from error
+    groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
+    check_size(path, sum(group.total_byte_size for group in groups), LogError)
+    check_size(path, 8 * sum(group.num_rows for group in groups), LogError)
     return ArrayTable(str(path), Columns(str(path), file), row="row")
 
 

@@ -12,7 +12,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.clocks import offset_between
 from gimbal_pin.log.io.recognise import measured_motion, time_unit
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import words
+from gimbal_pin.rig.reading import check_size, words
 
 SHOWN = 24
 """Most names in a list of an error."""
@@ -128,6 +128,7 @@ class ArrayTable:
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the named columns as float64, (N,) each; `LogError` names the first value that is infinite."""
+        check_size(self.name, 8 * sum(len(self.data[column]) for column in columns), LogError)
         read: dict[str, Array] = {column: self.data[column].astype(np.float64, copy=False) for column in columns}
         for column, values in read.items():
             if not values.size:
