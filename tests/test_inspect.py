@@ -62,6 +62,28 @@ NAMES = {
 }
 
 
+@pytest.mark.parametrize(("column", "kind", "unit", "factor"), [
+    ("Iq_{j}_mA", "current", "mA", 1e-3), ("iq {j} [mA]", "current", "mA", 1e-3), ("Iq_{j}_A", "current", "A", 1.0),
+    ("tau_{j}_mA", "current", "mA", 1e-3), ("torque_{j}_mNm", "torque", "mN m", 1e-3),
+    ("tau_{j} [N mm]", "torque", "N mm", 1e-3), ("tau_{j}_Nmm", "torque", "N mm", 1e-3),
+    ("{j}_mN_m", "torque", "mN m", 1e-3), ("tau_{j}_Ncm", "torque", "N cm", 1e-2), ("{j} [N m]", "torque", "N m", 1.0),
+    ("vel_{j}_mrad/s", "rate", "mrad/s", 1e-3), ("rate_{j}_rpm", "rate", "rpm", pi / 30),
+    ("q_{j}_mrad", "position", "mrad", 1e-3), ("angle_{j}_mdeg", "position", "mdeg", 1e-3 * pi / 180),
+])  # fmt: skip
+def test_the_unit_in_a_name_is_read_in_full(column: str, kind: str, unit: str, factor: float) -> None:
+    t = np.arange(0, 10, 0.002)
+    q, v = swing(t)
+    values = {"position": q, "rate": v}.get(kind, np.sin(3 * q) + 0.1 * np.sign(v))
+    data = {"t": t, **{column.format(j=joint): values[:, k] / factor for k, joint in enumerate(TURRET.joints)}}
+    found = recognise("t", data, TURRET)
+    prefix = {"position": "q", "rate": "dq"}.get(kind, "tau")
+    for channel, joint, motor in zip(found.channels[1:], TURRET.joints, TURRET.motors):
+        assert (channel.quantity, channel.unit, channel.joint) == (kind, unit, joint)
+        source = parse_expression(expression(*found.mapping[f"{prefix}_{joint}"][:2]), "")
+        constant = motor.torque_constant if kind == "current" else 1.0
+        assert source.column == channel.column and source.factor == pytest.approx(factor * constant)
+
+
 @pytest.mark.parametrize(("names", "unit", "clock"), [
     *(("joints", "rad", clock) for clock in CLOCKS), *(("numbers", "deg and rpm", clock) for clock in CLOCKS),
     ("the contract", "turns", "t"), ("none", "rad", "t"), ("none", "deg", "t"),

@@ -5,6 +5,7 @@ A rate is what adds up to an angle: over a few hundred intervals ``x(b) - x(a) =
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -48,15 +49,18 @@ RANK = {
 """Words beside a kind's → which of several columns of one joint is taken: the lowest."""
 UNITS: Mapping[str, Mapping[str, str]] = {
     "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
-                 "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad"},
-    "gyro": {"rad": "rad", "deg": "deg", "dps": "deg"},
-    "current": {"ma": "mA", "milliamps": "mA"},
-    "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "rpm": "rpm", "rps": "turns", "turns": "turns"},
+                 "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad", "mdeg": "mdeg"},
+    "gyro": {"rad": "rad", "deg": "deg", "dps": "deg", "mrad": "mrad", "mdps": "mdeg", "mdeg": "mdeg"},
+    "current": {"ma": "mA", "milliamps": "mA", "milliamperes": "mA"},
+    "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "rpm": "rpm", "rps": "turns", "turns": "turns", "rev": "turns",
+             "mrad": "mrad", "mdps": "mdeg", "mdeg": "mdeg"},
+    "torque": {"nm": "N m", "mnm": "mN m", "nmm": "N mm", "ncm": "N cm"},
 }  # fmt: skip
-"""Words in a name that say its unit."""
-FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "rpm": "pi/30", "mA": "1e-3"}
-"""Unit → its radians or amperes, as a mapping writes it."""
-VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "rpm": pi / 30}
+"""Words in a name that say its unit, as `units_in` reads them."""
+FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "mdeg": "1e-3*pi/180", "rpm": "pi/30",
+           "mA": "1e-3", "N m": "", "mN m": "1e-3", "N mm": "1e-3", "N cm": "1e-2"}  # fmt: skip
+"""Unit → its radians, amperes or N m, as a mapping writes it."""
+VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "mdeg": 1e-3 * pi / 180, "rpm": pi / 30}
 TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
 TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
               "micros": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
@@ -225,19 +229,20 @@ def time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
 
 def named(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
     """Return what a name says of a column: by a word of its kind, by its unit, or as the name of one of the joints."""
-    channel, split = Channel(column, values), words(column)
+    channel, split, written = Channel(column, values), words(column), units_in(column)
     kind = next((kind for kind, known in KINDS.items() if known & set(split)), None)
     if {"angular", "velocity"} <= set(split):
         kind = "gyro"
     elif {"linear", "acceleration"} <= set(split):
         kind = "accel"
     elif kind is None:
-        angle, torque = set(split) & UNITS["position"].keys(), "nm" in split or split[-2:] == ("n", "m")
+        angle, torque, current = ({*written} & UNITS[kind].keys() for kind in ("position", "torque", "current"))
         rate = angle and split[-1] in ("s", "sec")
-        current = set(split) & UNITS["current"].keys()
         own = any(words(joint) == split for joint in joints)
         kinds = {"torque": torque, "current": current, "rate": rate, "position": angle or own}
         kind = next((kind for kind, is_so in kinds.items() if is_so), None)
+    elif kind == "torque" and {*written} & UNITS["current"].keys():
+        kind = "current"
     channel.wanted = bool(WANTED & set(split))
     if kind is not None:
         channel.quantity = kind
@@ -246,10 +251,19 @@ def named(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
         channel.reasons.append("never changes")
         channel.quantity = kind or "constant"
     known_units = UNITS.get(kind or "", {})
-    if unit := next((known_units[word] for word in split if word in known_units), ""):
+    if unit := next((known_units[word] for word in written if word in known_units), ""):
         channel.unit = unit
         channel.reasons.append(f"its name says {unit}")
     return channel
+
+
+def units_in(column: str) -> tuple[str, ...]:
+    """Return what may be units in a name, in lower case: its words as they are written, then newtons with their metres.
+
+    ``Iq_yaw_mA`` holds "ma", which is two words of a name in mixed case, and ``tau [N mm]`` "nmm". Those come last.
+    """
+    written = [word.lower() for word in re.findall(r"[^\W\d_]+", column)]
+    return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *words(column))
 
 
 def measured_motion(column: str, values: Array) -> bool:
@@ -346,9 +360,10 @@ def units(ties: Sequence[Tie], channels: Mapping[str, Channel], room: float, wit
             channel.unit = channel.unit or ("rad" if channel.quantity == "rate" else "A")
             channel.factor = FACTORS.get(channel.unit, "")
         elif channel.quantity == "torque":
-            channel.unit = "N m"
+            channel.unit = channel.unit or "N m"
+            channel.factor = FACTORS[channel.unit]
     for channel in channels.values():
-        if channel.quantity in ("rate", "gyro") and channel.unit in ("rad", "deg", "turns"):
+        if channel.quantity in ("rate", "gyro") and channel.unit in ("rad", "deg", "turns", "mrad", "mdeg"):
             channel.unit += "/s"
 
 
@@ -425,8 +440,12 @@ def assigned(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, t
             factor, constant = channel.factor, rig.motors[rig.joint_index(joint)].torque_constant
             if prefix == "tau" and channel.quantity == "current":
                 stated = constant != Motor().torque_constant
-                remark = "a current, A: multiply it by the motor's torque constant, N m per A"
-                remark = f"a current, A, times the rig's torque constant, {constant:g} N m per A" if stated else remark
+                remark = f"a current{', A' * (not factor)}: multiply it by the motor's torque constant, N m per A, too"
+                remark = (
+                    f"a current, {channel.unit}, times the rig's torque constant, {constant:g} N m per A"
+                    if stated
+                    else remark
+                )
                 factor = f"{constant:g}" + f"*{factor}" * bool(factor) if stated else factor
             channel.joint = joint
             found[f"{prefix}_{joint}"] = (column, factor, remark)
