@@ -15,13 +15,13 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.apply import plant_with
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.effects import PayloadShift
+from gimbal_pin.effects import Cogging, PayloadShift
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.estimation.identification import Identified, given_beta, identify
 from gimbal_pin.estimation.payloads import Carried, Several, identify_new, identify_several, stated
 from gimbal_pin.estimation.rows import Filtering
-from gimbal_pin.log.io import write_log
+from gimbal_pin.log.io import read_log, write_log
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
@@ -271,3 +271,47 @@ def test_a_camera_is_no_surer_than_the_one_that_it_is_measured_against(whole: bo
         rig, logs[1], identify(reference, [log_of(reference, 1)], filtering=ALIGNED).model, filtering=ALIGNED
     )
     assert not any("URDFs say" in said for said in right.warnings)
+
+
+def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run, tmp_path: Path) -> None:
+    """By --known of the extended model, and by --extended with both cameras; the teeth are then in the new model."""
+    from gimbal_pin.estimation.model_file import write_extended
+
+    teeth = "cogging:tilt:amplitude=0.1,harmonic=7"
+    for k, (payload, seconds) in enumerate({"mirrorless": 12.0, "cinema": 10.0}.items()):
+        plant = plant_with(nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]).plant
+        write_log(prescribed(plant, k, seconds, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv")
+    first, second = (f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema"))
+    extended, exact = tmp_path / "extended.yaml", ("--alignment", "0")
+    rig = Rig.load("turret", "mirrorless")
+    log = read_log(tmp_path / "mirrorless.csv", rig)
+    write_extended(identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, extended)
+    swapped = result(run, "identify", "turret", second, *exact, "--known", extended, "-o", tmp_path / "new.yaml")
+    both = result(run, "identify", "turret", first, second, *exact, "--extended", extended)
+    for each in (swapped, both):
+        assert min(each["train"]["fit_percent"].values()) > 97 and not any("explained" in x for x in each["warnings"])
+    true = stated(Rig.load("turret", "cinema"))[1]
+    for each in (swapped, both):
+        moment = {one["name"]: one for one in each["payloads"]["cinema"]["camera"]}["camera.mx"]
+        assert abs(moment["value"] - true) < 4 * moment["std"]
+    assert result(run, "identify", "turret", second, *exact, "--known", tmp_path / "new.yaml")["payloads"]
+    refused(run("identify", "turret", second, "--known", extended, "--extended", extended), 2, "as --known")
+
+
+def test_an_inertia_under_zero_is_known_all_the_same(tmp_path: Path) -> None:
+    """The log's noise may leave a sum of inertias under zero: no plant, but known to its deviation."""
+    from gimbal_pin.estimation.model_file import read_known, read_model, write_model
+
+    found, rig = several("turret", ("mirrorless", "cinema")).first, Rig.load("turret", "mirrorless")
+    phi = found.model.rig.phi.copy()
+    phi[9] -= 1.0
+    write_model(replace(found, model=replace(found.model, rig=rig.with_phi(phi))), tmp_path / "model.yaml")
+    with pytest.raises(ModelError, match="not positive"):
+        read_model(tmp_path / "model.yaml", rig)
+    new = Rig.load("turret", "cinema")
+    log = log_of(new, 9, 10.0)
+    here, there = (
+        identify_new(new, [log], known, filtering=ALIGNED).cameras["cinema"].value
+        for known in (found.model, read_known(tmp_path / "model.yaml", rig))
+    )
+    np.testing.assert_allclose(here, there, rtol=1e-6, atol=1e-9)

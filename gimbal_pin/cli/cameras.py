@@ -44,14 +44,17 @@ def cameras(
     logs: Sequence[str],
     mapping: Sequence[str],
     known: str | None,
+    extended: str | None,
     fit: Fit,
     refit: bool = False,
 ) -> Several:
     """Identify one gimbal with the several payloads that the logs are tagged with, or a new one on a known gimbal.
 
+    The causes of an `extended` model stand in the equations.
     With `refit` from all data, once the held-out error is known.
     """
-    from gimbal_pin.estimation.model_file import read_model
+    from gimbal_pin.estimation.identification import refittable_effects
+    from gimbal_pin.estimation.model_file import read_known, read_model
     from gimbal_pin.estimation.payloads import identify_new, identify_several
 
     def judged(run: Callable[..., Several]) -> Several:
@@ -62,11 +65,12 @@ def cameras(
 
     if known is not None:
         loaded, read = load_logs(rig, payload, logs, mapping)
-        return judged(partial(identify_new, loaded, read, read_model(known, load_rig(rig, mounted(known)))))
+        return judged(partial(identify_new, loaded, read, read_known(known, load_rig(rig, mounted(known)))))
     tags = [tag for tag in tags_of(logs) if tag is not None]
     if payload is not None or None in tags_of(logs):
         raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
     each = {tag: [log for log in logs if log.endswith(f"@{tag}")] for tag in tags}
     pairs = {tag: load_logs(rig, None, mine, mapping) for tag, mine in each.items()}
     rigs, read_by = ({tag: pair[k] for tag, pair in pairs.items()} for k in (0, 1))
-    return judged(partial(identify_several, rigs, read_by))  # type: ignore[arg-type]
+    causes = () if extended is None else refittable_effects(read_model(extended, load_rig(rig, mounted(extended))))
+    return judged(partial(identify_several, rigs, read_by, causes))  # type: ignore[arg-type]

@@ -116,12 +116,12 @@ def identify(
         write(learned, output, urdf)
         concluded(learned, json)
         return
-    if extended is not None and (known is not None or len(tags_of(logs)) > 1):
-        raise UsageError("--extended", "takes one payload", "identify each payload's logs alone")
+    if extended is not None and known is not None:
+        raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
     if known is not None or len(tags_of(logs)) > 1:
         if urdf is not None and known is None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
-        several = cameras(rig, payload, logs, map, known, fit, refit)
+        several = cameras(rig, payload, logs, map, known, extended, fit, refit)
         write(several.first, output, urdf, several.identified)
         present(text.several(several), several.to_dict(), json)
         return

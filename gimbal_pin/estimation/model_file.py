@@ -67,15 +67,32 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     Raises:
         ModelError: The file is of another kind, for other joints, or lacks something.
     """
+    own = filed(path, rig)
+    model = model_from(own, rig, str(path))
+    return model if "covariance" not in own else replace(model, estimated=known(own, str(path)))
+
+
+def read_known(path: str | Path, rig: Rig) -> Model:
+    """Read what such a file knows of a gimbal, for `identify_new`: the bodies are the rig's.
+
+    What was estimated from little motion or much noise need not be the inertia of any body: nothing is simulated here.
+
+    Raises:
+        ModelError: As `read_model` does, and where the file states no covariance.
+    """
+    own = filed(path, rig)
+    return replace(model_from({**own, "phi": rig.phi.tolist()}, rig, str(path)), estimated=known(own, str(path)))
+
+
+def filed(path: str | Path, rig: Rig) -> Mapping[str, Any]:
+    """Return what a model's file says of a rig with its payload."""
     data = read_yaml(path, ModelError)
     if not isinstance(data, dict) or data.get("kind") != KIND:
         raise ModelError(str(path), "is not a model", "give a file that 'gimbal-pin identify -o' wrote")
     if data.get("joints") != list(rig.joints):
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
-    own = value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError).get(rig.payload, data)
-    model = model_from(own, rig, str(path))
-    return model if "covariance" not in own else replace(model, estimated=known(own, str(path)))
+    return value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError).get(rig.payload, data)
 
 
 @dataclass(frozen=True)
