@@ -101,7 +101,25 @@ def values(rng: np.random.Generator, rows: Rows) -> None:
         row[column] = repr(float(value))
 
 
-MUTATIONS = (cells, cells, dropped, repeated, ragged, headers, values, values)
+def late(rng: np.random.Generator, rows: Rows) -> None:
+    """Torques come some samples after the motion, or before it: a quarter of a second at 100 samples per second."""
+    by = int(rng.integers(-25, 26))
+    source = [list(row) for row in rows]
+    for column in (k for k, name in enumerate(rows[0]) if name.startswith("tau_")):
+        for k, row in enumerate(rows[1:], 1):
+            row[column] = source[min(max(k - by, 1), len(rows) - 1)][column]
+
+
+def permuted(rng: np.random.Generator, rows: Rows) -> None:
+    """Joints exchange all of their columns, each with the next."""
+    joints = [name[4:] for name in rows[0] if name.startswith("tau_")]
+    following = dict(zip(joints, joints[1:] + joints[:1]))
+    for k, name in enumerate(rows[0]):
+        kind, _, joint = name.rpartition("_")
+        rows[0][k] = f"{kind}_{following[joint]}" if joint in following else name
+
+
+MUTATIONS = (cells, cells, dropped, repeated, ragged, headers, values, values, late, permuted)
 
 
 def damaged(rng: np.random.Generator, data: bytes) -> bytes:
