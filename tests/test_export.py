@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from math import inf, nan
 from pathlib import Path
 
@@ -319,3 +320,16 @@ def test_the_compiled_controller_holds_the_camera_as_pythons(plain: Twin) -> Non
     )
     found = compete(Course(model, ground, "S", 2.6, station), roster, ("tuned", "compiled"), 1)
     assert found.jitter["compiled"] == pytest.approx(found.jitter["tuned"], rel=0.02)
+
+
+@compiled_here
+def test_a_foreign_library_is_refused_before_its_constructor_runs(tmp_path: Path) -> None:
+    touched, code = tmp_path / "touched", tmp_path / "other.c"
+    code.write_text(
+        f'#include <stdio.h>\n__attribute__((constructor)) static void run(void) {{ fopen("{touched}", "w"); }}\n'
+        "const char *gimbal_about(void) { return 0; }\n"
+    )
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", tmp_path / "other.so", code], check=True)
+    with pytest.raises(ModelError, match="holds no controller"):
+        Library.load(tmp_path / "other.so", bundled("turret"))
+    assert not touched.exists()

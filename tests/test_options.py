@@ -7,6 +7,8 @@ import os
 import pickle
 import resource
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -141,3 +143,19 @@ def test_a_signal_that_a_library_swallows_as_it_is_loaded_is_heard_all_the_same(
         raise TypeError("half of a library is there")
     assert stop.value.code == 128 + number
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("call", "word"),
+    [("identify turret - --follow <&-", "standard input: is closed"), ("rigs >&-", "standard output: is closed")],
+)
+def test_a_closed_stream_is_one_line(call: str, word: str) -> None:
+    done = subprocess.run(f"'{sys.executable}' -m gimbal_pin.cli {call}", shell=True, capture_output=True, text=True)
+    refused((done.returncode, done.stdout, done.stderr), 2, word)
+
+
+def test_no_verb_minds_which_window_matplotlib_would_open(tmp_path: Path) -> None:
+    program = "from gimbal_pin.cli import main; main(['rigs']); import matplotlib; print(matplotlib.get_backend())"
+    environment = {**os.environ, "MPLBACKEND": "nonsense"}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "agg"

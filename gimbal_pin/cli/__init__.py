@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
+import os
 import re
 import signal
 import sys
@@ -57,6 +58,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that the arguments name, and leave with CONTRACT's exit code."""
+    os.environ["MPLBACKEND"] = "agg"  # no verb opens a window of Matplotlib's, whatever a notebook or shell asks for
     try:
         with ending_orderly():
             parse(sys.argv[1:] if arguments is None else arguments)()

@@ -26,6 +26,8 @@ def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
 def say(text: str, to: TextIO | None = None) -> None:
     """Print lines at once: what a terminal would obey instead of showing, or cannot show, is written out."""
     stream = sys.stdout if to is None else to
+    if stream is None:
+        raise UsageError("standard output", "is closed", "open it, or send it elsewhere")
     code = getattr(stream, "encoding", None) or "utf-8"
     try:
         print(visible(text).encode(code, "backslashreplace").decode(code), file=stream, flush=True)
@@ -40,7 +42,8 @@ def say(text: str, to: TextIO | None = None) -> None:
 
 def complain(what: str) -> None:
     """Print one short line on standard error."""
-    say(f"gimbal-pin: {message([what], [])}", sys.stderr)
+    if sys.stderr is not None:
+        say(f"gimbal-pin: {message([what], [])}", sys.stderr)
 
 
 def noted(notes: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import struct
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,9 +19,35 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Pointer
+from gimbal_pin.rig.reading import read_bytes
 from gimbal_pin.rig.rig import Rig
 
 MEND = "build it from what 'gimbal-pin export' wrote: cmake -S DIR -B DIR/build && cmake --build DIR/build"
+
+
+NEEDED = {"gimbal_about", "gimbal_default_parameters"} | {
+    f"gimbal_{kind}_{what}" for kind in ("tracking", "holding") for what in ("size", "start", "step")
+}
+"""Symbols of a controller."""
+
+
+def defined(content: bytes) -> set[str]:
+    """Return the names that a shared library of 64 bits, little-endian, defines (ELF: gABI, section SHT_DYNSYM).
+
+    Raises:
+        struct.error, IndexError: It is damaged, or none.
+    """
+    if content[:6] != b"\x7fELF\2\1":
+        raise struct.error("no ELF of 64 bits")
+    (start,), (size, count) = struct.unpack_from("<Q", content, 40), struct.unpack_from("<HH", content, 58)
+    sections = [struct.unpack_from("<4xI16xQQI", content, start + k * size) for k in range(count)]
+    found = set()
+    for kind, at_, length, link in sections:
+        for entry in range(at_, at_ + length, 24) if kind == 11 else ():  # SHT_DYNSYM
+            name, section = struct.unpack_from("<I2xH", content, entry)
+            first = sections[link][1] + name
+            found |= {content[first : content.index(b"\0", first)].decode(errors="replace")} if section else set()
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +72,12 @@ class Library:
             ModelError: It is no library, no exported controller, or one of other joints.
         """
         place = str(path)
-        try:
+        try:  # its symbols first: to load it would run its constructors
+            if not defined(read_bytes(path, ModelError)) >= NEEDED:
+                raise ModelError(place, "holds no controller of gimbal-pin", MEND)
             code = ctypes.CDLL(str(Path(path).resolve()))
-        except OSError:
+        except (OSError, ValueError, struct.error, IndexError):
             raise ModelError(place, "cannot be loaded as a library of this machine", MEND) from None
-        if not hasattr(code, "gimbal_about"):
-            raise ModelError(place, "holds no controller of gimbal-pin", MEND)
         code.gimbal_about.restype = ctypes.c_char_p
         about = json.loads(code.gimbal_about())
         if about["joints"] != list(rig.joints):

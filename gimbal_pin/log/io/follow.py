@@ -139,6 +139,8 @@ def chunks(path: Path, idle: float) -> Iterator[bytes]:
 def opened(path: Path) -> Iterator[BinaryIO]:
     """Open a file, or standard input, which stays open."""
     if str(path) == PIPE:
+        if sys.stdin is None:
+            raise LogError("standard input", "is closed", "pipe a log into it")
         yield sys.stdin.buffer
         return
     if (suffix := path.suffix.lower()) in FORMATS and suffix not in TEXT:
