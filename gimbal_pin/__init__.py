@@ -5,13 +5,13 @@ The names below are what a person at a prompt needs; each is imported when it is
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+import typing
 
-if TYPE_CHECKING:
+if typing.TYPE_CHECKING:
     from gimbal_pin.control.experiment import bench_run as bench_run
     from gimbal_pin.control.tracking import track as track
     from gimbal_pin.control.tuning import tune as tune
+    from gimbal_pin.dynamics.checking import check as check
     from gimbal_pin.dynamics.model import nominal as nominal
     from gimbal_pin.dynamics.simulation import simulate as simulate
     from gimbal_pin.errors import GimbalPinError as GimbalPinError
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gimbal_pin.log.profile import profile_s as profile_s
     from gimbal_pin.online import Online as Online
     from gimbal_pin.report.pipeline import auto as auto
+    from gimbal_pin.report.view import animate as animate
     from gimbal_pin.rig.rig import Rig as Rig
 
 __version__ = "0.1.0"
@@ -34,8 +35,10 @@ HOMES = {
     "Online": "online",
     "Platform": "log.platform",
     "Rig": "rig.rig",
+    "animate": "report.view",
     "auto": "report.pipeline",
     "bench_run": "control.experiment",
+    "check": "dynamics.checking",
     "diagnose": "diagnosis",
     "excite": "excitation",
     "identify": "estimation.identification",
@@ -53,12 +56,14 @@ __all__ = list(HOMES)
 
 
 def __dir__() -> list[str]:
-    """Return the public names, which are not there before their first use."""
-    return sorted([*globals(), *HOMES])
+    """Return the public names, which are not there before their first use, and Python's own."""
+    return sorted([*(name for name in globals() if name.startswith("__")), *HOMES])
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> typing.Any:
     """Import a name on first use (PEP 562): the command line starts without loading everything."""
     if name not in HOMES:
         raise AttributeError(f"module 'gimbal_pin' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"gimbal_pin.{HOMES[name]}"), name)
+    from importlib import import_module
+
+    return getattr(import_module(f"gimbal_pin.{HOMES[name]}"), name)

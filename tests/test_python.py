@@ -158,6 +158,21 @@ def test_what_is_no_seed_is_refused(wrong: Any) -> None:
         gimbal_pin.profile_s(np.linspace(0, 1, 20), wrong)
 
 
+# --- names ----------------------------------------------------------------------------------------------------------
+
+
+def test_dir_lists_the_public_names_alone() -> None:
+    assert {name for name in dir(gimbal_pin) if not name.startswith("__")} == set(gimbal_pin.__all__)
+    assert {"animate", "check"} <= set(gimbal_pin.__all__)
+    assert all(callable(getattr(gimbal_pin, name)) for name in gimbal_pin.__all__)
+
+
+def test_check_and_animate_do_what_the_verbs_do(rig: Rig, log: Log, tmp_path: Path) -> None:
+    assert tuple(gimbal_pin.check(rig).joints) == rig.joints
+    gimbal_pin.animate(rig, log.part(slice(0, 1000)), tmp_path / "seen.html")
+    assert (tmp_path / "seen.html").read_text(encoding="utf-8").startswith("<!")
+
+
 # --- at a prompt ----------------------------------------------------------------------------------------------------
 
 

@@ -352,7 +352,7 @@ def test_a_link_whose_mesh_is_missing_gets_a_bar_and_one_without_visuals_none(tm
 def test_a_second_run_stands_beside_the_first_and_moves_by_its_own_log(lumped: Rig, tmp_path: Path) -> None:
     log = sweep(lumped)
     other = replace(log, q=-log.q)
-    view.save(lumped, log, tmp_path / "both.html", beside=other, ghost=False)
+    view.animate(lumped, log, tmp_path / "both.html", beside=other, ghost=False)
     page = (tmp_path / "both.html").read_text(encoding="utf-8")
     alone = parts(view.record(lumped, other, ghost=False), frame=7)
     second = parts(page, "/meshcat/beside/rig", frame=7)
@@ -372,7 +372,7 @@ def stl(corners: np.ndarray) -> bytes:
 def test_a_rig_that_draws_nothing_gets_a_stand_in_for_every_joint_and_says_so(tmp_path: Path) -> None:
     rig = bare(tmp_path)
     out = tmp_path / "out.html"
-    (event,) = view.save(rig, sweep(rig), out)
+    (event,) = view.animate(rig, sweep(rig), out)
     assert "stand-ins" in event
     page = out.read_text(encoding="utf-8")
     still = groups(page)
@@ -434,7 +434,7 @@ def test_arguments_that_cannot_be_used_are_refused_by_name(lumped: Rig, tmp_path
         ("no/out.html", nothing, "does not exist"),
     ):
         with pytest.raises(UsageError, match=word):
-            view.save(lumped, log, tmp_path / name, **more)
+            view.animate(lumped, log, tmp_path / name, **more)
     with pytest.raises(LogError, match="no joint 'slide'"):
         view.record(lumped, Log("part", lumped.joints[:2], log.t, log.q[:, :2]))
     with pytest.raises(LogError, match="no samples"):
@@ -475,9 +475,9 @@ def test_without_chromium_pictures_say_what_to_install_and_html_works(
     monkeypatch.setattr(chromium.Chromium, "find_browser", classmethod(lambda _, **__: None))
     for name in ("out.png", "out.gif"):
         with pytest.raises(UsageError, match="apt install chromium"):
-            view.save(lumped, sweep(lumped), tmp_path / name)
+            view.animate(lumped, sweep(lumped), tmp_path / name)
     assert not list(tmp_path.iterdir())
-    view.save(lumped, sweep(lumped), tmp_path / "out.html")
+    view.animate(lumped, sweep(lumped), tmp_path / "out.html")
     assert (tmp_path / "out.html").stat().st_size > 5e5
 
 
@@ -505,7 +505,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     log = sweep(rig)
     colour = np.tile((log.t - log.t[0])[:, None] / 2, rig.n)
     out = tmp_path / "out.html"
-    assert view.save(rig, log, out, colour=colour) == ()
+    assert view.animate(rig, log, out, colour=colour) == ()
     url = out.as_uri()
     tip = figure.paths(rig, RIG)[3].strip("/").split("/")
     pose = f"(viewer.scene_tree.find({tip}).object.updateWorldMatrix(true, true),"
@@ -562,10 +562,10 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
     from PIL import Image, ImageSequence
 
     log = sweep(lumped, seconds=0.25)
-    view.save(lumped, log, tmp_path / "still.png", size=(320, 180), at=3.2)
+    view.animate(lumped, log, tmp_path / "still.png", size=(320, 180), at=3.2)
     with Image.open(tmp_path / "still.png") as still:
         assert still.size == (320, 180) and still.format == "PNG"
-    view.save(lumped, log, tmp_path / "film.gif", size=(161, 91))
+    view.animate(lumped, log, tmp_path / "film.gif", size=(161, 91))
     with Image.open(tmp_path / "film.gif") as film:
         assert (film.info["duration"], film.info["loop"], film.size) == (50, 0, (161, 91))
         frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(film)]
@@ -591,7 +591,7 @@ def test_every_format_of_video_is_whole_or_not_there(
     monkeypatch.setattr(output, "pictures", paint)
     log = sweep(lumped, seconds=0.25)
     for name in ("film.webp", "film.mp4"):
-        view.save(lumped, log, tmp_path / name, size=(161, 91), fps=10)
+        view.animate(lumped, log, tmp_path / name, size=(161, 91), fps=10)
     with Image.open(tmp_path / "film.webp") as film:
         red = [np.asarray(frame.convert("RGB"))[:, :, 0].mean() for frame in ImageSequence.Iterator(film)]
         assert film.size == (161, 91) and np.allclose(red, [0, 60, 120, 150], atol=8)
@@ -599,10 +599,10 @@ def test_every_format_of_video_is_whole_or_not_there(
     before = sorted(tmp_path.iterdir())
     monkeypatch.setitem(output.ENCODERS, ".webp", ("-c:v", "no-such-codec"))
     with pytest.raises(UsageError, match="no-such-codec"):
-        view.save(lumped, log, tmp_path / "broken.webp", size=(160, 90))
+        view.animate(lumped, log, tmp_path / "broken.webp", size=(160, 90))
     monkeypatch.setattr(output, "pictures", stop)
     with pytest.raises(KeyboardInterrupt):
-        view.save(lumped, log, tmp_path / "stopped.gif")
+        view.animate(lumped, log, tmp_path / "stopped.gif")
     assert sorted(tmp_path.iterdir()) == before
 
 

@@ -99,7 +99,7 @@ def animate(
         drawn = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
         affordable(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)
         for read, colour, path in zip(every, colours, films(output, {"logs": logs}), strict=True):
-            told = view.save(
+            told = view.animate(
                 loaded,
                 read,
                 path,
@@ -121,7 +121,7 @@ def animate(
 
 
 def warmth(name: Path, rig: Rig, log: Log) -> Array:
-    """Return what the model of a YAML leaves of a log's torques, as `view.save` colours it."""
+    """Return what the model of a YAML leaves of a log's torques, as `view.animate` colours it."""
     from gimbal_pin.diagnosis.gain import heat
     from gimbal_pin.estimation.model_file import read_model
 

@@ -51,7 +51,7 @@ FPS: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 
 """Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""
 
 
-def save(
+def animate(
     rig: Rig,
     log: Log,
     path: str | Path,
