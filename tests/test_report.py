@@ -33,7 +33,7 @@ from gimbal_pin.report.pipeline import FILES, Auto
 from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.diagnosis import WRONG
-from gimbal_pin.report.sections.model import broken, parameters, rounded, worst
+from gimbal_pin.report.sections.model import broken, parameters, rounded, torque, worst
 from gimbal_pin.report.summary import SIMULATED, cautions, outdone, summary, verdict
 from gimbal_pin.report.table import Table, join
 from gimbal_pin.report.view import record
@@ -509,6 +509,29 @@ def test_sliding_joints_are_shown_in_millimetres() -> None:
     assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
     text = str(rig_section(rig).html + data(rig, [bench(rig)]).html)
     assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text
+    slid = walked(rig)
+    evaluated = evaluate(slid.found, slid.logs)
+    several = (parameters(slid.found, evaluated, None), torque(slid.found, evaluated), tracking(slid.result, rig))
+    words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
+    head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
+    for shown in (words, head):
+        assert not re.search(r"\bm?N m\b|/rad", shown)
+    assert "°" not in words and "N s/m" in words and "torque, N" in words
+
+
+def test_a_rig_without_a_camera_hears_nothing_of_one() -> None:
+    """Nor of a payload and its balance; one that states a camera does."""
+    slid = walked(spelled(SLIDER))
+    assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
+    apart = compared(slid.found)
+    assert apart is not None and apart.lines
+    head = summary(slid.rig, slid.found, None, slid.result, slid.logs)
+    results = slid.rig, slid.logs, slid.found, slid.tunings, slid.result
+    shown = pages.full(*results, "", head, why="its joints cannot turn sledge to where it should look")
+    words = parsed(shown).xpath("//main")[0].text_content() + str(
+        parameters(slid.found, evaluate(slid.found, slid.logs), apart).html
+    )
+    assert not re.search(r"camera|Camera|line of sight|balance the|Balance|slide the|payload sits", words)
 
 
 def test_payload_and_motors_are_those_of_the_rig() -> None:

@@ -76,14 +76,17 @@ def between(values: Iterable[float], digits: int = 2) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def torque_unit(largest: float) -> tuple[float, str]:
-    """Return the unit in which a torque reads well, and what N m are multiplied by: small ones are in mN m."""
-    return (1e3, "mN m") if largest < 0.02 else (1.0, "N m")
+def torque_unit(largest: float, force: str = "N m") -> tuple[float, str]:
+    """Return the unit in which a torque reads well, and what it is multiplied by: small ones are in mN m.
+
+    `force`: "N" of joints that slide, see `forces`.
+    """
+    return (1e3, f"m{force}") if largest < 0.02 else (1.0, force)
 
 
-def torque_text(value: float, largest: float = 0.0) -> str:
-    """Return a torque in N m as text with its unit, which is that of the largest beside which it stands."""
-    scale, name = torque_unit(max(abs(value), largest))
+def torque_text(value: float, largest: float = 0.0, force: str = "N m") -> str:
+    """Return a torque as text with its unit, which is that of the largest beside which it stands."""
+    scale, name = torque_unit(max(abs(value), largest), force)
     return f"{figures(scale * value, 2)} {name}"
 
 
@@ -141,6 +144,15 @@ class Joint:
     unit: str
 
     @property
+    def force(self) -> str:
+        """Unit of what drives it: N m, or N of one that slides."""
+        return "N" if self.unit == "mm" else "N m"
+
+    def per_joint(self, unit: str) -> str:
+        """Return the unit of a term at it, stated as of one that turns: ``N m s/rad``, ``N s/m`` of one that slides."""
+        return unit.replace("N m", self.force).replace("rad", "m") if self.unit == "mm" else unit
+
+    @property
     def label(self) -> Markup:
         """Its name behind a dot of its colour."""
         return Markup('<span class="joint"><i style="background:{}"></i>{}</span>').format(self.colour, self.name)
@@ -168,6 +180,11 @@ def joints_of(rig: Rig) -> tuple[Joint, ...]:
 def units(joints: Sequence[Joint]) -> str:
     """Return the unit that joints share, or all of theirs."""
     return " or ".join(dict.fromkeys(joint.unit for joint in joints))
+
+
+def forces(joints: Sequence[Joint]) -> str:
+    """Return the unit that what drives joints shares, or all of theirs."""
+    return " or ".join(dict.fromkeys(joint.force for joint in joints))
 
 
 def joint_colours(joints: Sequence[str]) -> tuple[str, ...]:

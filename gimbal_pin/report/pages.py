@@ -81,7 +81,7 @@ def full(
         lambda: margins(*tunings.values()),
         lambda: tracking(result, rig, plant),
         *([] if held is None else [partial(pointing, held, HELD.format(held_on))]),
-        *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why else []),
+        *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why and rig.aims else []),
         lambda: data(rig, logs),
         lambda: rig_section(rig),
     ]

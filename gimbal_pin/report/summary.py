@@ -18,6 +18,7 @@ from gimbal_pin.report.format import (
     controller_name,
     figures,
     file_name,
+    joints_of,
     listed,
     percent,
     rows_named,
@@ -88,6 +89,7 @@ def summary(
     barred, spoilt = tuning is not None and bool(tuning.doubts), wrong is not None and wrong.verdict == "data"
     held, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
     joint, fit = min(held.fit_percent.items(), key=lambda pair: pair[1])
+    units = {joint.name: joint.force for joint in joints_of(rig)}
     worst, rmse = max(held.torque_rmse.items(), key=lambda pair: pair[1])
     where = "held out" if found.held_out else "training data"
     details, numbers = [about_fit(rig, found, logs)], []
@@ -100,7 +102,9 @@ def summary(
         note = f"fit to {wrong.held.band:g} Hz, worst joint: {joint}, held out"
         numbers.append(Card("With what was found", percent(fit), note, grade(fit)))
     details.append(about_parameters(found))
-    numbers.append(Card("Torque error", torque_text(rmse), f"rms {band}, largest: {worst}, {held.how}"))
+    numbers.append(
+        Card("Torque error", torque_text(rmse, force=units[worst]), f"rms {band}, largest: {worst}, {held.how}")
+    )
     deviation = 100 * float(np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300)))
     numbers.append(Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %"))
     if tuning is not None:
@@ -226,7 +230,8 @@ def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
     source = listed(map(file_name, found.logs)) + (f" ({figures(seconds)} s)" if logs else "")
     held = found.held_out
     judged = "the data it was fitted to" if held is None else f"{rows_named(held.how)}, which the fit did not see"
-    error = torque_text(max((held or found.train).torque_rmse.values()))
+    worst, most = max((held or found.train).torque_rmse.items(), key=lambda pair: pair[1])
+    error = torque_text(most, force=next(joint.force for joint in joints_of(rig) if joint.name == worst))
     fit = between((held or found.train).fit_percent.values(), 3)
     close = f"a fit of {fit} %" if fit != DASH else "there is no fit where there is no torque"
     return (
@@ -242,7 +247,9 @@ def about_gain(wrong: Diagnosis, band: float) -> str:
     where = f"on the part that no choice has seen, up to {band:g} Hz"
     if not after[most] < before[most]:
         return f"What the diagnosis found lowers no joint's torque error {where}."
-    change = f"from {torque_text(before[most])} to {torque_text(after[most])}"
+    assert wrong.held is not None
+    force = next(joint.force for joint in joints_of(wrong.held.rig) if joint.name == most)
+    change = f"from {torque_text(before[most], force=force)} to {torque_text(after[most], force=force)}"
     return f"With what the diagnosis found, {most}'s torque error falls {change} {where}."
 
 

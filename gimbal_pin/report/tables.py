@@ -15,6 +15,7 @@ from gimbal_pin.report.format import (
     angle,
     controller_name,
     figures,
+    forces,
     interval,
     joints_of,
     listed,
@@ -63,14 +64,17 @@ def better(text: str, own: float, every: Sequence[float], least: float = 0.0) ->
 # -- identification ----------------------------------------------------------------------------------------------------
 
 
-def parameters(rows: Sequence[Known], bound: Sequence[float] | None = None, label: str = "Parameters") -> Table:
+def parameters(
+    rows: Sequence[Known], bound: Sequence[float] | None = None, label: str = "Parameters", force: str = "N m"
+) -> Table:
     """Value and 95 % interval of each parameter beside what the URDF states, and the torque that it moves if known.
 
     `bound`: least standard deviations that any unbiased estimate has, of each row; None: not known.
+    `force`: unit of the torque, see `forces`.
     """
     reach, most = any(one.reach for one in rows), max((one.moved for one in rows), default=0.0)
     head = ["Parameter", "Unit", "Value", "± 95 %", "Std of it", "URDF", "Off by, std"]
-    head += ["± at best"] * (bound is not None) + ["Moves, N m rms"] * reach
+    head += ["± at best"] * (bound is not None) + [f"Moves, {force} rms"] * reach
     body: list[list[Content]] = []
     for k, one in enumerate(rows):
         value, half = interval(one.value, one.half)
@@ -92,10 +96,11 @@ def regrouping(name: str) -> Markup:
 def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
     """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
     held, train = found.held_out or found.train, found.train
-    scale, name = torque_unit(max(held.torque_rmse.values()))
+    force = forces(joints_of(found.model.rig))
+    scale, name = torque_unit(max(held.torque_rmse.values()), force)
     head = ["Joint", f"Error, {name} rms", "Fit", "Judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
-    head += ["Torque, N m rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
+    head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints_of(found.model.rig)):
         rmse, fit = held.torque_rmse[joint.name], held.fit_percent[joint.name]
@@ -127,14 +132,16 @@ def residual(found: Diagnosis) -> Table:
     The last is less than the noise that is left: over a whole log noise averages out, and a cause's form does not.
     """
     most = max([*found.baseline["torque_rmse"].values(), *found.extended["torque_rmse"].values()], default=0.0)
-    joints = {} if found.held is None else {joint.name: joint.label for joint in joints_of(found.held.rig)}
+    joints = {} if found.held is None else {joint.name: joint for joint in joints_of(found.held.rig)}
     rows: list[list[Content | None]] = []
     for joint, left in found.residual.items():
         tone = "" if left.state == "noise" else "fair"
         errors = (part["torque_rmse"][joint] for part in (found.baseline, found.extended))
         limit = found.detection_limit.get(joint)
-        row: list[Content | None] = [joints.get(joint, joint), toned(left.sentence, tone)]
-        rows.append([*row, *(torque_text(x, most) for x in errors), torque_text(limit, most) if limit else None])
+        row: list[Content | None] = [joints[joint].label if joints else joint, toned(left.sentence, tone)]
+        force = joints[joint].force if joints else "N m"
+        row += [torque_text(x, most, force) for x in errors]
+        rows.append([*row, torque_text(limit, most, force) if limit else None])
     head = ["Joint", "Left where fitted", "Held-out error before", "After", "A cause shows from"]
     return Table(head, rows, texts=2, label="Torque error before and after")
 
@@ -271,7 +278,7 @@ def overview(found: Auto, most: int) -> Table:
         row: list[Content] = [joint.name]
         for part in models:
             row += [
-                torque_text(part["torque_rmse"][joint.name], biggest),
+                torque_text(part["torque_rmse"][joint.name], biggest, joint.force),
                 percent(part["fit_percent"][joint.name]),
             ]
         row += [

@@ -498,7 +498,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
     lines = [f"found: {head.found}", f"to do: {todo}", f"take care: {doubts}", ""]
     lines.append(str(tables.overview(found, MANY)))
     if found.held is None:
-        lines.append(f"no camera held on a platform: {found.why}")
+        lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]
     else:
         still = {controller_name(row.controller): angle(row.jitter_rms) for row in found.held.contest.rows}
         each = ", ".join(f"{name} {size}" for name, size in still.items())

@@ -74,6 +74,11 @@ class Rig:
 
     __repr__ = brief
 
+    @property
+    def aims(self) -> bool:
+        """Whether anything of it is said to be a camera: else its line of sight is that of the last link by default."""
+        return self.payload is not None or bool(self.config.camera_frame) or self.camera_frame != self.links[-1]
+
     @staticmethod
     def load(
         rig: str | Path, payload: str | Path | None = None, mend: bool = False, fixed: Mapping[str, float] | None = None

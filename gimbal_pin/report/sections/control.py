@@ -96,7 +96,7 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
         if j == 0 or not alike:
             above.set_ylabel(f"position, {joint.unit}")
             middle.set_ylabel(f"error, {joint.unit}")
-            below.set_ylabel("torque, % of limit" if isfinite(limit) else "torque, N m")
+            below.set_ylabel("torque, % of limit" if isfinite(limit) else f"torque, {joint.force}")
         below.set(xlabel="time, s", xlim=(t[0], t[-1]))
         if count < CROWDED:
             plots.named(middle, list(zip(names, shades)))

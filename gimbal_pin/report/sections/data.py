@@ -13,7 +13,18 @@ from markupsafe import Markup
 from gimbal_pin.log.io.inspection import Inspected, summary
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import DASH, PALETTE, Joint, figures, file_name, joint_colours, joints_of, listed, units
+from gimbal_pin.report.format import (
+    DASH,
+    PALETTE,
+    Joint,
+    figures,
+    file_name,
+    forces,
+    joint_colours,
+    joints_of,
+    listed,
+    units,
+)
 from gimbal_pin.report.html import Section, bullets, heading, paragraph
 from gimbal_pin.report.plots import style
 from gimbal_pin.report.table import Content, Table, join
@@ -45,8 +56,10 @@ def rig_section(rig: Rig) -> Section:
         iron = [str(count) if count else DASH for count in (motor.slots, motor.poles)]
         loads = [figures(x) for x in (dry, viscous, carried)]
         motors.append([joint.label, *encoder, *iron, *loads])
-    head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", "Torque limit, N m", "Torque constant, N m/A"]
-    more = ["Joint", "Encoder", "Step", "Slots", "Poles", "Coulomb, N m", "Viscous, N m s/rad", "Carries, kg"]
+    looks = joints_of(rig)
+    force, viscous = (" or ".join(dict.fromkeys(one.per_joint(unit) for one in looks)) for unit in ("N m", "N m s/rad"))
+    head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
+    more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}", "Carries, kg"]
     parts = [
         paragraph(about(rig)),
         Table(head, limits, texts=2, caption="Joints and limits"),
@@ -62,8 +75,8 @@ def about(rig: Rig) -> Markup:
         mass = payload_mass(rig)
         weight = f" ({figures(mass)} kg)" if mass else ""
         parts.append(Markup("Payload <b>{}</b>{}.").format(rig.payload, weight))
-    frames = Markup("Base link <code>{}</code>; line of sight along x of <code>{}</code>.")
-    parts.append(frames.format(rig.base, rig.camera_frame))
+    parts.append(Markup("Base link <code>{}</code>.").format(rig.base))
+    parts += [Markup("Line of sight along x of <code>{}</code>.").format(rig.camera_frame)] if rig.aims else []
     if rig.config.imus:
         parts.append(Markup("IMUs on {}.").format(listed(rig.config.imus)))
     return Markup(" ").join(parts)
@@ -94,7 +107,8 @@ def data(rig: Rig, logs: Sequence[Log]) -> Section:
         ]
         for log in logs
     ]
-    cover = ["Joint", "Travel", "Largest rate", "Torque rms, N m", "Largest torque, N m", "of the limit"]
+    force = forces(joints_of(rig))
+    cover = ["Joint", "Travel", "Largest rate", f"Torque rms, {force}", f"Largest torque, {force}", "of the limit"]
     each = [covered(rig, logs, j, joint) for j, joint in enumerate(joints_of(rig))]
     parts: list[object] = [Table(head, rows, texts=2, caption="Logs"), Table(cover, each, caption="Covered")]
     for log in logs[:DRAWN]:
@@ -132,7 +146,7 @@ def overview(rig: Rig, log: Log) -> plots.Figure:
             plots.curve(torque, log.t, log.tau[:, j], lw=0.8)
     plots.named(angle, [(joint.name, joint.colour) for joint in looks])
     angle.set(ylabel=f"position, {units(looks)}", xlim=(log.t[0], log.t[-1]))
-    torque.set(ylabel="torque, N m", xlabel="time, s")
+    torque.set(ylabel=f"torque, {forces(looks)}", xlabel="time, s")
     figure.align_ylabels()
     return figure
 

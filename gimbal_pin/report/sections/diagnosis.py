@@ -20,7 +20,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import DASH, Joint, figures, joints_of, listed, torque_unit, units
+from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, listed, torque_unit, units
 from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.table import Content, join
 
@@ -65,7 +65,7 @@ def diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
-    if found.given is not None:
+    if found.given is not None and found.held is not None and found.held.rig.aims:
         parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
     hidden = [f"{one.cause} at {one.joint or 'the rig'}" for one in found.untestable]
     small = [f"{one.cause} at {one.joint or 'the rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
@@ -168,7 +168,7 @@ def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: E
     open_ = np.concatenate([part.gate for part in held.parts]) > OPEN
     for column, j in zip(panels.T, order):
         joint = joints[j]
-        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()))
+        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
         column[0].set_title(joint.name, color=joint.colour)
         rows = np.flatnonzero(open_[:, j])
         rows = rows[:: max(1, len(rows) // CLOUD)]
@@ -254,7 +254,7 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
 
 def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:
     """Return the measures in the units in which they are drawn."""
-    scale, unit = torque_unit(max(found.baseline["torque_rmse"].values()))
+    scale, unit = torque_unit(max(found.baseline["torque_rmse"].values()), forces(joints))
     torque = [{name: scale * x for name, x in part["torque_rmse"].items()} for part in (found.baseline, found.extended)]
     turn = {joint.name: joint.scale for joint in joints}
     rolled, followed = (

@@ -22,6 +22,7 @@ from gimbal_pin.report.format import (
     Joint,
     figures,
     file_name,
+    forces,
     joints_of,
     listed,
     rows_named,
@@ -50,6 +51,7 @@ CLOUD = 900
 def parameters(found: Identified, evaluated: Evaluated, apart: Given | None) -> Section:
     """Return base parameters and friction with 95 % intervals, the torque that each moves, and the payload's place."""
     every, width = known(found, evaluated), len(found.reduction.independent)
+    force, aims = forces(joints_of(found.model.rig)), found.model.rig.aims
     bound = None if found.bound is None else found.bound.tolist()
     payload = balance(found, *(() if apart is None else apart.weighs))
     caption = (
@@ -61,14 +63,14 @@ def parameters(found: Identified, evaluated: Evaluated, apart: Given | None) -> 
     bands = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
     parts: list[object] = [
         paragraph(overall(found, every)),
-        plots.picture(partial(whiskers, every), alt, caption),
+        plots.picture(partial(whiskers, every, force), alt, caption),
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
-        tables.parameters(every[:width], bound and bound[:width], "Base parameters"),
-        *([] if apart is None else [paragraph(f"Against the URDF: {line}.") for line in apart.lines]),
-        *([] if payload is None else [heading("Balance"), bullets(payload.sentences)]),
+        tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
+        *([] if apart is None or not aims else [paragraph(f"Against the URDF: {line}.") for line in apart.lines]),
+        *([] if payload is None or not aims else [heading("Balance"), bullets(payload.sentences)]),
         heading("Friction and other effects"),
-        tables.parameters(every[width:], bound and bound[width:], "Friction and other effects"),
+        tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
         plots.picture(partial(curves, found, evaluated), friction, bands),
     ]
     return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
@@ -85,7 +87,7 @@ def overall(found: Identified, every: Sequence[Known]) -> str:
         text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
     if found.physical:
         return f"{text} Bodies exist that have these parameters."
-    change = torque_text(max(found.torque_change.values()))
+    change = torque_text(max(found.torque_change.values()), force=forces(joints_of(found.model.rig)))
     return (
         f"{text} No bodies exist that have exactly these. The nearest that do, {figures(found.consistent.distance, 2)} "
         f"standard deviations away, change the torque by at most {change} rms; they go back into the URDF."
@@ -98,7 +100,7 @@ def short(name: str) -> str:
     return f"{first.replace('-', '−')} + …" if others else first.replace("-", "−")
 
 
-def whiskers(every: Sequence[Known]) -> plots.Figure:
+def whiskers(every: Sequence[Known], force: str) -> plots.Figure:
     """Draw dots with whiskers, in the torque that each parameter moves."""
     names = [short(one.name) for one in every]
     figure, panels = plots.panels(1, 1, 1.0 + 0.2 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))
@@ -111,7 +113,7 @@ def whiskers(every: Sequence[Known]) -> plots.Figure:
         inside = plots.PAPER if one.value < 0 else one.colour
         axes.plot(max(value, left), row, "o", ms=5.5, mec=one.colour, mfc=inside, mew=1.5)
     axes.set_yticks(range(len(every)), names, fontsize=8.5)
-    axes.set(xscale="log", xlim=(left, None), ylim=(len(every) - 0.4, -0.6), xlabel="torque moved, N m rms")
+    axes.set(xscale="log", xlim=(left, None), ylim=(len(every) - 0.4, -0.6), xlabel=f"torque moved, {force} rms")
     axes.tick_params(length=0)
     return figure
 
@@ -144,7 +146,7 @@ def curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
         axes.plot(rate, torque, color=joint.colour)
         plots.zero_line(axes)
         axes.set_title(joint.name, color=joint.colour)
-        axes.set(xlabel=f"rate, {joint.unit}/s", ylabel="torque, N m" if j == 0 else "")
+        axes.set(xlabel=f"rate, {joint.unit}/s", ylabel=f"torque, {forces(joints)}" if j == 0 else "")
     return figure
 
 
@@ -235,7 +237,7 @@ def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
     for j, joint in enumerate(joints):
         room, above, below = panels[3 * j : 3 * j + 3]
         room.remove()  # the legend's place
-        scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()))
+        scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()), joint.force)
         drawn = ((above, part.measured, plots.PLAIN, 4.0), (above, part.predicted, joint.colour, 1.3))
         left = np.where(part.share < JUDGED, np.nan, scale * part.error)
         for axes, values, colour, width in (*drawn, (below, left, joint.colour, 1.0)):
@@ -244,7 +246,7 @@ def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
             shade(axes, part.t, part.share[:, j] < JUDGED)
         plots.zero_line(below)
         plots.named(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
-        above.set(ylabel="torque, N m")
+        above.set(ylabel=f"torque, {joint.force}")
         below.set(ylabel=f"residual,\n{unit}")
     panels[-1].set(xlabel="time, s", xlim=(part.t[0], part.t[-1]))
     figure.align_ylabels()
@@ -262,7 +264,7 @@ def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> plots.Figure:
     """Draw residuals over rates, and their histograms below."""
     figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
     v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
-    scale, unit = torque_unit(float(np.abs(error).max()))
+    scale, unit = torque_unit(float(np.abs(error).max()), forces(joints))
     for j, joint in enumerate(joints):
         rows = np.flatnonzero(share[:, j] > JUDGED)
         whole = scale * error[rows, j] / share[rows, j]
