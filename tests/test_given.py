@@ -18,6 +18,7 @@ from gimbal_pin.diagnosis.given import Difference, Given, compared, given
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects import CAUSES, RigEffect
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia
@@ -148,6 +149,25 @@ def test_what_no_cause_explains_widens_the_payloads_interval(joint: str) -> None
         row = found.to_dict()["camera"]
         np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - SHIFT), 3 * np.array(row["com_std_mm"]))
         assert abs(row["mass"] or 0.0) < 3 * (row["mass_std"] or 1.0) and max(row["com_std_mm"]) < 1.0
+
+
+def test_what_no_body_can_have_is_no_figure() -> None:
+    """A mass under zero; an inertia under zero, under that of the mass at its centre: the log does not show them."""
+    rig = Rig.load("handheld")
+    body, inertia, _ = payload(rig)
+    phi = rig.phi.copy()
+    phi[10 * body : 10 * body + 10] -= 1.05 * inertia.toDynamicParameters()
+    still = recorded(nominal(rig), 1)
+    acceleration = np.gradient(np.gradient(still.q, still.t, axis=0), still.t, axis=0)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(still.q.shape)
+    backwards = replace(still, tau=rnea(rig, still.q, 0 * still.q, -0.05 * acceleration) + noise)
+    for log in (recorded(nominal(rig.with_phi(phi)), 1), backwards):
+        found = said(rig, log)
+        row = found.to_dict()["camera"]
+        assert row["mass"] is None and row["com_mm"] == [None] * 3 and not found.weighs
+        assert "no body's" in found.sentence and "further" not in found.sentence and "lighter" not in found.sentence
+    told = [note for note in diagnosed(rig, backwards, "nominal").notes if "inertia about its axis" in note]
+    assert len(told) == rig.n and all("does not determine" in note and "%" not in note for note in told)
 
 
 def test_units_are_millimetres_and_grams() -> None:

@@ -12,12 +12,13 @@ from scipy.stats import chi2
 from gimbal_pin.diagnosis.engine.criterion import FORM
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide
+from gimbal_pin.dynamics.regressor import inertia_columns
+from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide, turning_axis
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
 from gimbal_pin.estimation.identification.misfit import discrepancy, misfit, moved
-from gimbal_pin.estimation.rows import over_phi
+from gimbal_pin.estimation.rows import columns_of, over_phi
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import spread
@@ -33,6 +34,8 @@ SURE = 0.003
 TOLD = 2.0
 """Standard deviations from which a direction is spoken of, 95 %."""
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
+IMPOSSIBLE = "this points at noise in the motion, or at torque that the model lacks"
+"""Why a fit finds a mass or an inertia that no body can have."""
 TRIAL, FAINT = 0.03, 0.05
 """Share of a mass, and the millimetres from which it is said what that much more of it does."""
 SHARES, HALVINGS = (1e-4, 1.0), 12
@@ -76,6 +79,11 @@ class Seen(NamedTuple):
     def turned(self, axes: Array) -> Seen:
         """Return it along other axes, columns (p, p)."""
         return self._replace(basis=axes.T @ self.basis)
+
+    @property
+    def hidden(self) -> Seen:
+        """The same parameters, with nothing of them shown."""
+        return Seen(self.basis[:, :0], self.value[:0], self.covariance[:0, :0])
 
     @property
     def chance(self) -> float:
@@ -170,6 +178,11 @@ class Difference:
         return replace(self, covariance=self.covariance + more, weighting=noise + more)
 
 
+def possible(inertia: float, mass: float = 1.0, moment: float = 0.0) -> bool:
+    """``m > 0``, ``I > h²/m``: whether a mass with the first moment h about an axis can have this inertia about it."""
+    return mass > 0 and inertia > moment**2 / mass
+
+
 def missed(state: State, joint: int) -> Array:
     """Return by how much what a fit misses at a joint may move its coefficients, (k, f): see `misfit.moved`."""
     evidence, fit, rows = state.problem.evidence, state.fit, state.fit.rows(joint)
@@ -212,6 +225,7 @@ class Given:
         words: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
         gyration: The payload's radius of gyration as stated, m.
         moment: The body's largest moment of inertia as stated, kg m².
+        possible: Whether a body can be so; if not, nothing of it is shown.
     """
 
     link: str
@@ -225,6 +239,7 @@ class Given:
     words: Array
     gyration: float
     moment: float
+    possible: bool
 
     __repr__ = brief
 
@@ -234,6 +249,8 @@ class Given:
         parts = [self.place(), self.weight()]
         if not self.alone:
             parts.append("other bodies of the rig differ from the URDF, too")
+        if not self.possible:
+            parts.append(f"what the fit found is no body's: {IMPOSSIBLE}")
         return "; ".join(parts)
 
     @property
@@ -375,6 +392,13 @@ def given(found: Difference) -> Given | None:
     products = left.seen(
         own[:, PRODUCTS], np.hstack([diagonal, open_[:, 6:], hidden[:, len(mass.value) :]]), SHOWN * moment
     )
+    total = rig.phi[mine] + placed(0.0)
+    about = inertia_columns(rig, np.zeros((1, rig.n)), body)[0, body, columns_of(rig, found.reduction)]
+    off = float(np.linalg.norm(np.cross(turning_axis(rig, body), total[MOMENTS])))
+    turns = float(about @ (given_beta(rig, found.reduction) + found.change))
+    real = whole > 0 and possible(turns, float(total[0]), off)
+    if not real:
+        mass, shift, products, per_mass = mass.hidden, shift.hidden, products.hidden, np.zeros(3)
     return Given(
         link=carried(rig),
         body=rig.links[body],
@@ -387,6 +411,7 @@ def given(found: Difference) -> Given | None:
         words=np.asarray(frame.rotation.T @ facing(rig)),
         gyration=radius,
         moment=moment,
+        possible=real,
     )
 
 

@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
 from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
-from gimbal_pin.diagnosis.given import SURE, TOLD, Difference, given
+from gimbal_pin.diagnosis.given import IMPOSSIBLE, SURE, TOLD, Difference, given, possible
 from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, overall
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
@@ -67,7 +67,11 @@ def inertias(found: Difference, rows: Array, hidden: Sequence[Untestable] = ()) 
     for joint, row in zip(found.rig.joints, rows):
         whole = float(row @ before)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
-        if abs(change) > MUCH and 2 * norm.sf(abs(change) / std) < SURE:
+        if not possible(whole * (1 + change)):
+            out.append(
+                f"{joint}: the log does not determine the inertia about its axis, it would be none: {IMPOSSIBLE}"
+            )
+        elif abs(change) > MUCH and 2 * norm.sf(abs(change) / std) < SURE:
             less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
             others = [one.cause for one in hidden if one.joint == joint]
             instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""

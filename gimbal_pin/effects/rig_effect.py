@@ -159,6 +159,14 @@ def facing(rig: Rig) -> Array:
     return np.array(data.oMi[frame.parentJoint].rotation.T)
 
 
+def turning_axis(rig: Rig, body: int) -> Array:
+    """Axis of a body's joint in the joint's own frame, (3,); zero of one that slides."""
+    data = rig.model.createData()
+    pin.computeJointJacobians(rig.model, data, pin.neutral(rig.model))
+    jacobian = pin.getJointJacobian(rig.model, data, body + 1, pin.LOCAL)
+    return np.array(jacobian.reshape(6, -1)[3:, body])  # of one joint it is (6,)
+
+
 def slide(forward: float, left: float, up: float, digits: int = 3, unit: str = "mm") -> str:
     """``4.2 mm back, 1 mm left``: how to undo a shift of so many metres forward, left and up.
 

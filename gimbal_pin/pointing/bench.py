@@ -8,14 +8,13 @@ from functools import lru_cache
 from math import radians
 
 import numpy as np
-import pinocchio as pin
 
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.dynamics.imu import noisy
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.payload_shift import PayloadShift
-from gimbal_pin.effects.rig_effect import facing, payload
+from gimbal_pin.effects.rig_effect import facing, payload, turning_axis
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import Platform
@@ -50,14 +49,6 @@ def unbalanced(rig: Rig, off: float = OFF) -> Rig:
     way = across @ facing(rig) @ np.array(WAY)
     change = off * way / np.linalg.norm(way) - across @ inertia.lever
     return PayloadShift(*(frame.rotation.T @ change).tolist()).apply(rig)
-
-
-def turning_axis(rig: Rig, body: int) -> Array:
-    """Axis of a body's joint in the joint's own frame, (3,)."""
-    data = rig.model.createData()
-    pin.computeJointJacobians(rig.model, data, pin.neutral(rig.model))
-    jacobian = pin.getJointJacobian(rig.model, data, body + 1, pin.LOCAL)
-    return np.array(jacobian.reshape(6, -1)[3:, body])  # of one joint it is (6,)
 
 
 @dataclass(frozen=True, eq=False)
