@@ -57,3 +57,11 @@ def test_the_double_pendulums_logs_disagree() -> None:
     )
     assert found.verdict == "data" and not found.findings
     assert [fault.cause for fault in found.spoiling] == ["logs-disagree"]
+
+
+def test_no_statement_on_a_noisy_pendulum_is_beyond_what_a_body_can_have() -> None:
+    """Its rate's noise makes the fitted inertia negative: that is no figure of the arm."""
+    columns = ["t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque"]
+    found = said("dfki_simple_pendulum", "pendulum.urdf", ["system_identification.csv"], columns, ("stribeck",))
+    (note,) = (note for note in found.notes if "inertia about its axis" in note)
+    assert "does not determine" in note and "%" not in note

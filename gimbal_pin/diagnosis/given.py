@@ -34,8 +34,8 @@ SURE = 0.003
 TOLD = 2.0
 """Standard deviations from which a direction is spoken of, 95 %."""
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
-IMPOSSIBLE = "this points at noise in the motion, or at torque that the model lacks"
-"""Why a fit finds a mass or an inertia that no body can have."""
+IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion or at torque that the model lacks"
+"""What is said in place of a mass or an inertia that no body can have."""
 TRIAL, FAINT = 0.03, 0.05
 """Share of a mass, and the millimetres from which it is said what that much more of it does."""
 SHARES, HALVINGS = (1e-4, 1.0), 12
@@ -250,7 +250,7 @@ class Given:
         if not self.alone:
             parts.append("other bodies of the rig differ from the URDF, too")
         if not self.possible:
-            parts.append(f"what the fit found is no body's: {IMPOSSIBLE}")
+            parts.append(IMPOSSIBLE)
         return "; ".join(parts)
 
     @property

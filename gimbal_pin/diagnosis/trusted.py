@@ -67,15 +67,15 @@ def inertias(found: Difference, rows: Array, hidden: Sequence[Untestable] = ()) 
     for joint, row in zip(found.rig.joints, rows):
         whole = float(row @ before)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
+        if not (abs(change) > MUCH and 2 * norm.sf(abs(change) / std) < SURE):
+            continue
         if not possible(whole * (1 + change)):
-            out.append(
-                f"{joint}: the log does not determine the inertia about its axis, it would be none: {IMPOSSIBLE}"
-            )
-        elif abs(change) > MUCH and 2 * norm.sf(abs(change) / std) < SURE:
-            less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
-            others = [one.cause for one in hidden if one.joint == joint]
-            instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
-            out.append(f"{joint}: the inertia about its axis is {less} than the URDF's{instead}")
+            out.append(f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}")
+            continue
+        less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
+        others = [one.cause for one in hidden if one.joint == joint]
+        instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
+        out.append(f"{joint}: the inertia about its axis is {less} than the URDF's{instead}")
     return tuple(out)
 
 
