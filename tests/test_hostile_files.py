@@ -27,7 +27,8 @@ from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
 from gimbal_pin.estimation.model_file import read_model, write_extended
-from gimbal_pin.log.io.files import plain
+from gimbal_pin.log.io.files import RUN, listed, plain
+from gimbal_pin.pointing.controller import Controller
 from gimbal_pin.rig.files import bundled as data_folder
 from gimbal_pin.rig.reading import read_bytes, read_yaml
 from gimbal_pin.rig.rig import Rig
@@ -136,6 +137,17 @@ def test_a_file_without_end_is_refused_and_a_pipe_that_nobody_fills_is_empty(tmp
     with sparse.open("wb") as file:
         file.truncate(2**40)
     assert isinstance(soon(lambda: read_bytes(sparse)), UsageError)
+
+
+@pytest.mark.parametrize("content", [None, b"[" * 100_000], ids=["pipe", "brackets"])
+def test_a_stored_controller_and_a_runs_list_are_read_as_any_file(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / RUN
+    if content is None:
+        os.mkfifo(path)
+    else:
+        path.write_bytes(content)
+    assert isinstance(soon(lambda: Controller.load(path, Rig.load("turret")), ModelError), ModelError)
+    assert soon(lambda: listed(tmp_path)) == {}
 
 
 def test_a_pipe_that_somebody_fills_is_read_to_its_end() -> None:

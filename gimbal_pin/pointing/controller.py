@@ -25,6 +25,7 @@ from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.reading import TEXT, read_bytes
 from gimbal_pin.rig.records import bounded, placed, record
 from gimbal_pin.rig.rig import Rig
 
@@ -145,8 +146,8 @@ class Controller:
         """
         place = str(path)
         try:
-            data = json.loads(Path(path).read_bytes())
-        except (OSError, ValueError):
+            data = json.loads(read_bytes(path, ModelError, TEXT))
+        except (ValueError, RecursionError):
             raise ModelError(place, "is no controller's file", "write one with Controller.save") from None
         with placed(place, ModelError):
             stored = record(Stored, data, place, ModelError, others=True)
