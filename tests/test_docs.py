@@ -78,7 +78,7 @@ def test_what_a_page_shows_runs(
         for words in block.commands:
             code, _, err = run(*words)
             assert code == 0, f"{shlex.join(words)}: {err}"
-    if page.stem == "README":
+    if page.stem == "README" and slow:
         whole(tmp_path / "out")
         held(tmp_path / "out")
 
