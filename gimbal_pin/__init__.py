@@ -17,6 +17,7 @@ if typing.TYPE_CHECKING:
     from gimbal_pin.errors import GimbalPinError as GimbalPinError
     from gimbal_pin.estimation.identification import identify as identify
     from gimbal_pin.excitation import excite as excite
+    from gimbal_pin.export.sources import export_controller as export_controller
     from gimbal_pin.log.io import read_log as read_log
     from gimbal_pin.log.io import write_log as write_log
     from gimbal_pin.log.log import Log as Log
@@ -41,6 +42,7 @@ HOMES = {
     "check": "dynamics.checking",
     "diagnose": "diagnosis",
     "excite": "excitation",
+    "export_controller": "export.sources",
     "identify": "estimation.identification",
     "nominal": "dynamics.model",
     "profile_s": "log.profile",

@@ -17,7 +17,7 @@ from gimbal_pin.control.tuning import Stored, stored, tune
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Reference, plant_with
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export
+from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export_controller
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing import Measurement, Pointer
@@ -88,7 +88,7 @@ def built(model: Model, folder: Path, kind: str = "computed-torque", robust: boo
     """Tune, export and compile."""
     held = stored(tune(model, kind=kind, robust=robust).to_dict(), Rig.load(model.rig.name, model.rig.payload), "here")
     folder.mkdir(parents=True, exist_ok=True)
-    made = export(held)
+    made = export_controller(held)
     for name, content in made.files.items():
         (folder / name).write_text(content, encoding="utf-8")
     compile_(folder, COMPILERS["gcc"], "-O1", "-fPIC", "-shared", "-o", "controller.so", *sources(folder), "-lm")

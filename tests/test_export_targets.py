@@ -20,6 +20,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin import export_controller
 from gimbal_pin.control.tuning import stored as read
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
@@ -28,7 +29,6 @@ from gimbal_pin.dynamics.simulation import Reference, simulate
 from gimbal_pin.effects import Sample
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.export.compiled import at, single
-from gimbal_pin.export.sources import export
 from gimbal_pin.export.tables import BINS, RATES, feed, odrive, simplefoc
 from gimbal_pin.log.io import read_log, write_log
 from gimbal_pin.log.io.files import write_yaml
@@ -175,7 +175,7 @@ class Device:
         for name in ("log", "answer"):
             getattr(code, f"gimbal_link_{name}").restype = ctypes.c_size_t
         code.gimbal_link_receive.restype = code.gimbal_link_apply.restype = ctypes.c_bool
-        about = export(twin.stored)
+        about = export_controller(twin.stored)
         size = int(
             subprocess.run([twin.folder / "sizes"], capture_output=True, check=True, text=True).stdout.split()[0]
         )

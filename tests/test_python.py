@@ -18,10 +18,12 @@ from gimbal_pin import GimbalPinError, Log, Rig
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.dynamics.checking import check
 from gimbal_pin.estimation.payloads import identify_several
+from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.log.log import Imu
 from gimbal_pin.report.pipeline import Auto
 from gimbal_pin.report.summary import summary
 from tests.bench_logs import prescribed
+from tests.command_line import Run
 from tests.rigs import chain
 
 
@@ -163,8 +165,19 @@ def test_what_is_no_seed_is_refused(wrong: Any) -> None:
 
 def test_dir_lists_the_public_names_alone() -> None:
     assert {name for name in dir(gimbal_pin) if not name.startswith("__")} == set(gimbal_pin.__all__)
-    assert {"animate", "check"} <= set(gimbal_pin.__all__)
+    assert {"animate", "check", "export_controller"} <= set(gimbal_pin.__all__)
     assert all(callable(getattr(gimbal_pin, name)) for name in gimbal_pin.__all__)
+
+
+def test_a_tuning_is_exported_as_its_file_is(rig: Rig, run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("casadi")
+    tuning = gimbal_pin.tune(gimbal_pin.nominal(rig))
+    gimbal_pin.export_controller(tuning).write(tmp_path / "python")
+    write_yaml(tuning.to_dict(), tmp_path / "controller.yaml")
+    assert run("export", tmp_path / "controller.yaml", "--c", tmp_path / "verb")[0] == 0
+    for file in (tmp_path / "verb").glob("*.[ch]"):
+        assert file.read_text() == (tmp_path / "python" / file.name).read_text()
+    assert (tmp_path / "python" / "gimbal_controller.h").exists()
 
 
 def test_check_and_animate_do_what_the_verbs_do(rig: Rig, log: Log, tmp_path: Path) -> None:

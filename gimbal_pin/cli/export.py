@@ -126,7 +126,7 @@ def export(
 
 def exported(stored: Stored, loaded: Rig, platform_log: Path | None, map: Map) -> Exported:
     """Return the C99 sources of a controller, its forecast for a platform that moves as in a log."""
-    from gimbal_pin.export import export as run
+    from gimbal_pin.export import export_controller as run
 
     return run(stored, None if platform_log is None else measured_motion(loaded, platform_log, map))
 

@@ -69,6 +69,11 @@ class Tuning:
         """The control law, ready for `simulate`."""
         return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
 
+    @property
+    def stored(self) -> Stored:
+        """What its file holds."""
+        return Stored(self.controller, self.model, self.wish, dict(zip(self.model.rig.joints, self.bandwidth_hz)))
+
     def __str__(self) -> str:
         """A line per joint: gains, bandwidth and margins; `text.tuning` has the table."""
         rig = self.model.rig

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from math import exp, inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,11 @@ from gimbal_pin.control.laws import ComputedTorque, JointPid
 from gimbal_pin.control.laws.base import Outer
 from gimbal_pin.control.laws.carried import MOST, PAID, CarriedTorque
 from gimbal_pin.control.laws.computed_torque import Robust
-from gimbal_pin.control.tuning import Stored
+from gimbal_pin.control.tuning import Stored, Tuning
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
 from gimbal_pin.export.symbolic import Chain, checked, table, terms
+from gimbal_pin.log.io.files import atomic_write, write_run
 from gimbal_pin.log.log import Imu
 from gimbal_pin.pointing import guard
 from gimbal_pin.pointing.bench import WANTED, rehearsed
@@ -73,6 +75,11 @@ class Exported:
 
     __repr__ = brief
 
+    def write(self, folder: str | Path) -> None:
+        """Write the sources into a folder, all of them or none."""
+        writers = {name: partial(atomic_write, content=content) for name, content in self.files.items()}
+        write_run(folder, writers, {"verb": "export"})
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
         return {
@@ -106,12 +113,17 @@ def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
     return roster.tuned(stored.law)
 
 
-def export(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
-    """Return a controller's C sources.
+def export_controller(controller: Tuning | Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
+    """Return a controller's C99 sources; `Exported.write` puts them into a folder.
+
+    Args:
+        controller: From `tune`, or read from its file.
+        imu: Time, s, and readings of the base's IMU, which say how the platform moves; None: as if shaken by hand.
 
     Raises:
         ModelError: casadi is not installed, or the rig moves in a way that the equations do not know.
     """
+    stored = controller.stored if isinstance(controller, Tuning) else controller
     pointer, model = holder(stored, imu), stored.model
     rig, sight = model.rig, pointer.navigator.sight
     chain = Chain(rig)
