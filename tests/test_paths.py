@@ -13,7 +13,7 @@ from typing import Any, get_args
 import pytest
 
 from gimbal_pin.cli import VERBS
-from gimbal_pin.cli.paths import Reads, Writes, options
+from gimbal_pin.cli.paths import Reads, Writes, label, options
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io import files
 from gimbal_pin.rig.files import bundled
@@ -119,6 +119,34 @@ def test_every_path_is_marked_as_read_or_written(verb: str) -> None:
     assert len({label for label, *_ in options(VERBS[verb], given)}) == len(given)
 
 
+OUTPUTS = [
+    (verb, label(name, marks), mark)
+    for verb in VERBS
+    for name, _, marks in every_option(VERBS[verb])
+    for mark in marks
+    if isinstance(mark, Writes) and not mark.run
+]
+"""Verb, name on its command line and mark of every file that it may write."""
+
+
+@pytest.mark.parametrize(("verb", "option", "mark"), OUTPUTS, ids=[f"{verb} {option}" for verb, option, _ in OUTPUTS])
+@pytest.mark.parametrize("suffix", [".docx", ""])
+def test_an_unknown_suffix_is_refused_before_the_work(
+    run: Run, folder: Path, verb: str, option: str, mark: Writes, suffix: str
+) -> None:
+    """Before anything is read: the logs, models and controllers of these calls are a rig's name."""
+    words = []
+    for name, kind, marks in every_option(VERBS[verb]):
+        given = signature(VERBS[verb]).parameters.get(name)
+        called = label(name, marks)
+        if given is not None and given.default is given.empty and called != option:
+            words += [called, "new.csv"] if kind is Path else ["turret"]
+    known = ", ".join(mark.chosen() or mark.suffixes)
+    said = run(verb, *words, option, f"no{suffix}")
+    refused(said, 2, f"gimbal-pin: {option}: names no{suffix}; give it a name that ends in {known}")
+    assert known and not Path(f"no{suffix}").exists()
+
+
 def one_run(folder: Path) -> bool:
     """Whether a folder's run.json is there and says of every file in it what it holds."""
     listed = files.listed(folder)
@@ -206,12 +234,12 @@ def test_a_folder_of_an_earlier_run_is_replaced_at_once(tmp_path: Path, monkeypa
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ("identify rig.urdf log.csv -o notes.csv", "-o: would write over notes.csv; give it a name that ends in .yaml"),
-        ("tune rig.urdf log.csv -o notes.csv", "-o: would write over notes.csv; give it a name that ends in .yaml"),
-        ("check rig.urdf --json notes.csv", "--json: would write over notes.csv; give it a name that ends in .json"),
+        ("identify rig.urdf log.csv -o notes.csv", "-o: names notes.csv; give it a name that ends in .yaml"),
+        ("tune rig.urdf log.csv -o notes.csv", "-o: names notes.csv; give it a name that ends in .yaml"),
+        ("check rig.urdf --json notes.csv", "--json: names notes.csv; give it a name that ends in .json"),
         (
             "identify rig.urdf log.csv --urdf notes.csv",
-            "--urdf: would write over notes.csv; give it a name that ends in .urdf",
+            "--urdf: names notes.csv; give it a name that ends in .urdf",
         ),
         ("identify rig.urdf log.csv -o out", "-o: is a folder"),
         ("auto rig.urdf log.csv -o log.csv/out", "-o: would be a folder where log.csv is a file"),

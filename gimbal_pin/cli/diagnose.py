@@ -33,7 +33,7 @@ def diagnose(
     *,
     urdf: Annotated[
         Path | None,
-        Writes(over=(".urdf", ".xml")),
+        Writes(suffixes=(".urdf", ".xml")),
         optional("FILE", "write the rig's URDF with the bodies and friction of the extended model"),
     ] = None,
     payload: Payload = None,

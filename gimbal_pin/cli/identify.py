@@ -50,7 +50,7 @@ def identify(
     *,
     urdf: Annotated[
         Path | None,
-        Writes(over=(".urdf", ".xml")),
+        Writes(suffixes=(".urdf", ".xml")),
         optional("FILE", "write the rig's URDF with the parameters in it"),
     ] = None,
     payload: Payload = None,

@@ -9,7 +9,7 @@ from tyro.conf import arg
 
 from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.options import Json, Logs, optional
-from gimbal_pin.cli.paths import Reads, Writes, rigs
+from gimbal_pin.cli.paths import Reads, Writes, plots, rigs
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 from gimbal_pin.report import text
@@ -23,12 +23,12 @@ def inspect(
     ] = None,
     output: Annotated[
         Path | None,
-        Writes(suffixes=(".html", ".png", ".svg", ".pdf")),
+        Writes(chosen=lambda: (".html", *plots())),
         arg(aliases=["-o"], metavar="FILE", help="draw every channel: .html, .png, .svg or .pdf"),
     ] = None,
     yaml: Annotated[
         Path | None,
-        Writes(over=(".yaml", ".yml")),
+        Writes(suffixes=(".yaml", ".yml")),
         optional("FILE", "write the mapping that is proposed for the first file, to look through and edit"),
     ] = None,
     json: Json = None,

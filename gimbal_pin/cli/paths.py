@@ -40,15 +40,27 @@ class Writes:
 
     Attributes:
         files: Which.
-        suffixes: Those that the file's name may have; empty: the writer tells.
-        over: Those that a file may have that is written over; empty: any.
+        suffixes: Those that a file's name may have.
+        chosen: What returns them where they choose the format, so that a device or pipe, which has none, is refused.
         run: Whether the value is a folder, for the files of one run.
     """
 
     files: Files = itself
     suffixes: tuple[str, ...] = ()
-    over: tuple[str, ...] = ()
+    chosen: Callable[[], tuple[str, ...]] = tuple
     run: bool = False
+
+
+def logs_written() -> tuple[str, ...]:
+    """Suffixes of logs and trajectories that are written."""
+    from gimbal_pin.log.io.formats import FORMATS
+
+    return tuple(suffix for suffix, form in FORMATS.items() if form.write is not None)
+
+
+def plots() -> tuple[str, ...]:
+    """Suffixes of plots."""
+    return (".png", ".svg", ".pdf")
 
 
 def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
@@ -160,10 +172,10 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
     from gimbal_pin.log.io.files import check_target
 
     check_target(path, label)
-    if mark.suffixes and path.suffix.lower() not in mark.suffixes:
-        raise UsageError(label, f"names {path}", f"give it a name that ends in {', '.join(mark.suffixes)}")
-    if mark.over and path.suffix.lower() not in mark.over and path.is_file():
-        raise UsageError(label, f"would write over {path}", f"give it a name that ends in {', '.join(mark.over)}")
+    special = path.exists() and not path.is_file()
+    known = mark.chosen() or mark.suffixes
+    if path.suffix.lower() not in known and not (special and mark.suffixes):
+        raise UsageError(label, f"names {path}", f"give it a name that ends in {', '.join(known)}")
 
 
 def check_run(folder: Path, files: Iterable[str | Path], label: str) -> None:

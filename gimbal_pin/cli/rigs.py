@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli.inputs import load_rig
-from gimbal_pin.cli.options import INTO_FILE, Json, Payload, RigName, optional
+from gimbal_pin.cli.options import Json, MaybeYaml, Payload, RigName, optional
 from gimbal_pin.cli.paths import Reads, Writes
 from gimbal_pin.cli.paths import rigs as files_of_rigs
 from gimbal_pin.cli.present import noted, present, say
@@ -17,7 +17,7 @@ from gimbal_pin.report import text
 
 Mend = Annotated[
     Path | None,
-    Writes(over=(".urdf",)),
+    Writes(suffixes=(".urdf", ".xml")),
     optional("OUT.urdf", "write the URDF with the nearest inertia that a body can have where one breaks a rule"),
 ]
 
@@ -30,7 +30,6 @@ def existing(value: str, given: Mapping[str, Any]) -> list[Path]:
 RigFile = Annotated[
     Positional[str], Reads(existing), arg(metavar="URDF", help="URDF, xacro, SDF or MJCF, or a bundled rig")
 ]
-NewYaml = Annotated[Path | None, Writes(suffixes=(".yaml", ".yml")), INTO_FILE]
 
 
 def rigs(*, json: Json = None) -> None:
@@ -69,7 +68,7 @@ def base(
     present(text.base(found), found.to_dict(), json)
 
 
-def new_rig(urdf: RigFile, *, output: NewYaml = None) -> None:
+def new_rig(urdf: RigFile, *, output: MaybeYaml = None) -> None:
     """Write a commented YAML for a rig: what a URDF cannot say of motors, camera and IMUs, guessed where it can be."""
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.rig.new_rig import proposed

@@ -118,7 +118,7 @@ def written(run: Ran) -> Iterator[Failure]:
 def broken(name: str, content: bytes) -> str | None:
     """Return why a file is not whole, or None; a suffix that is not known says nothing.
 
-    One that is whole in another format is whole, too: ``--json out.csv`` is odd, and does what it says.
+    One that is whole in another format is whole, too.
     """
     suffix = name.rpartition(".")[2].lower()
     reasons = {}
