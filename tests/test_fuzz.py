@@ -86,6 +86,21 @@ def test_every_planted_failure_is_caught_and_no_sound_verb_is_blamed(
     assert kinds == {name: laws for name, (_, laws) in PLANTED.items()}
 
 
+def test_every_reader_gets_the_same_share_of_the_time() -> None:
+    """Quick and slow ones, within one case of the slowest; each has a case before any has a second one."""
+    cost = {"quick": 0.01, "slow": 0.5, "slower": 2.0}
+    spent = dict.fromkeys(cost, 0.0)
+    places = [Place(1, reader, number) for reader in cost for number in range(10_000)]
+    order = []
+    for place in workers.shared(places, spent):
+        order.append(place.reader)
+        spent[place.reader] += cost[place.reader]
+        if sum(spent.values()) > 60:
+            break
+    assert set(order[:3]) == set(cost)
+    assert max(spent.values()) - min(spent.values()) <= max(cost.values())
+
+
 def test_a_case_is_drawn_from_its_seed_reader_and_number_alone(valid: seeds.Seeds) -> None:
     for reader in READERS:
         cases = [Drawn(valid)(Place(seed, reader, 7)) for seed in (1, 1, 2)]

@@ -8,11 +8,12 @@ verbs while they write instead. The last line is ``N passed, N failed``; the exi
 from __future__ import annotations
 
 import importlib
+import itertools
 import json as json_format
 import pkgutil
 import sys
 import time
-from collections.abc import Iterator
+from collections import defaultdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,7 +27,7 @@ from fuzzing.cases import APART, FEWER, READERS, Drawn
 from fuzzing.kept import Kept, command
 from fuzzing.laws import SECONDS, WAITING, failures
 from fuzzing.running import bounded, ran, watched
-from fuzzing.workers import Draw, Main, alone, results
+from fuzzing.workers import Draw, Main, alone, results, shared
 
 LATER = (
     "control",
@@ -60,11 +61,11 @@ def main(
 
     Args:
         readers: What is read: a reader's name, or options.
-        count: Cases of each; a twenty-fifth of those read in a process of their own.
+        count: Most cases of each; a twenty-fifth of those read in a process of their own.
         first: Number of the first.
         seed: Seed of all of them.
         workers: Processes.
-        minutes: End after so long; that not all were run is a failure then.
+        minutes: End after so long, shared evenly by the readers; that a reader had no case is a failure.
         folder: Where results and failures are kept.
         resume: Go on with what is in the folder; otherwise begin anew.
         only: READER:NUMBER of one case, of which everything is printed.
@@ -92,14 +93,17 @@ def main(
     found = [kept.done[one] for one in wanted if one in kept.done]
     print(table.text(found))
     failed, missing = sum(bool(result.failures) for result in found), len(wanted) - len(found)
+    unread = sorted({one.reader for one in wanted} - {result.place.reader for result in found})
     if json is not None:
         counts = {"cases": len(wanted), "failed": failed, "not_run": missing}
         content = {"schema": 1, "seed": seed, "readers": readers, **counts, "distinct": table.distinct(found)}
         json.write_text(json_format.dumps(content, indent=1) + "\n", encoding="utf-8")
     if missing:
-        print(f"{missing} of {len(wanted)} cases were not run in {minutes:g} minutes")
-    print(f"{len(found) - failed} passed, {failed + missing} failed")
-    raise SystemExit(bool(failed or missing))
+        print(f"{missing} of {len(wanted)} cases were left out after {minutes:g} minutes")
+    if unread:
+        print(f"no case of: {', '.join(unread)}; give more minutes")
+    print(f"{len(found) - failed} passed, {failed + len(unread)} failed")
+    raise SystemExit(bool(failed or unread))
 
 
 def run(
@@ -107,12 +111,10 @@ def run(
 ) -> None:
     """Run cases until all are done or the time is over."""
     end = time.monotonic() + (60 * minutes if minutes is not None else float("inf"))
-
-    def timely() -> Iterator[Place]:
-        """Yield cases while there is time."""
-        yield from (place for place in places if time.monotonic() < end)
-
-    for result in tqdm(results(timely(), draw, main, workers, folder), total=len(places), unit="case", disable=None):
+    spent = defaultdict[str, float](float)
+    timely = itertools.takewhile(lambda _: time.monotonic() < end, shared(places, spent))
+    for result in tqdm(results(timely, draw, main, workers, folder), total=len(places), unit="case", disable=None):
+        spent[result.place.reader] += result.seconds
         kept.add(result)
 
 

@@ -10,7 +10,8 @@ import shutil
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -141,6 +142,20 @@ def results(places: Iterator[Place], draw: Draw, main: Main, workers: int, folde
             if worker.at is not None:
                 worker.process.kill()
             worker.process.join()
+
+
+def shared(places: Iterable[Place], spent: Mapping[str, float]) -> Iterator[Place]:
+    """Yield cases, always one of the reader that has had the least time; `spent`, s, grows while they are run."""
+    left, given = defaultdict[str, deque[Place]](deque), Counter[str]()
+    for place in places:
+        left[place.reader].append(place)
+    while left:
+        reader = min(left, key=lambda name: (spent[name], given[name]))
+        given[reader] += 1
+        place = left[reader].popleft()
+        if not left[reader]:
+            del left[reader]
+        yield place
 
 
 def alone(work: Callable[[], None]) -> None:
