@@ -27,12 +27,15 @@ def visible(text: str) -> str:
 def message(parts: Sequence[str], between: Sequence[str]) -> str:
     """Join parts on one line of at most `LONGEST` characters, the longest of them shortened in their middles.
 
-    Of several the first, the place, is shortened before all others: a path says least where it begins.
+    Of several the first, the place, is shortened before all others: a path says least where it begins. The last, the
+    mend, is shortened after all others: half a command is none.
     """
     shown = [visible(" ".join(part.split())) for part in parts]
     room = LONGEST - sum(map(len, between))
     if between and sum(map(len, shown)) > room and len(shown[0]) > PLACE:
         shown[0] = f"…{shown[0][1 - PLACE :]}"
+    if len(shown) == 3 and (left := room - len(shown[0]) - len(shown[2])) > PLACE // 2:
+        shown[1] = shortened(shown[1], left)
     most = next(most for most in range(room, 0, -1) if sum(min(len(part), most) for part in shown) <= room)
     fitted = [shortened(part, most) for part in shown]
     return "".join(word for pair in zip(fitted, (*between, "")) for word in pair)

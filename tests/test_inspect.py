@@ -17,10 +17,11 @@ from hypothesis.extra import numpy as hnp
 from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.log import io
 from gimbal_pin.log.io.files import to_json
-from gimbal_pin.log.io.inspection import expression, inspect
-from gimbal_pin.log.io.mapping import Source, parse_expression, read_mapping
+from gimbal_pin.log.io.inspection import inspect
+from gimbal_pin.log.io.mapping import parse_expression, read_mapping
 from gimbal_pin.log.io.recognise import recognise
 from gimbal_pin.log.log import Log
+from gimbal_pin.log.source import Source, expression
 from gimbal_pin.report import text
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.rig import Rig

@@ -19,8 +19,9 @@ from hypothesis.extra import numpy as hnp
 from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
 from gimbal_pin.log import io
 from gimbal_pin.log.io import columns, csv, files, units
-from gimbal_pin.log.io.mapping import Source, parse_entry, parse_expression, read_mapping
+from gimbal_pin.log.io.mapping import parse_entry, parse_expression, read_mapping
 from gimbal_pin.log.log import NOTHING, REACH, Imu, Log, Motion, untimely
+from gimbal_pin.log.source import Source
 from gimbal_pin.rig import reading
 from gimbal_pin.rig.rig import Rig
 from tests.rigs import spelled
@@ -346,13 +347,13 @@ BAD_CALLS = {
     "no equals": ("log.csv", ["q_yaw"], UsageError, "mapping 'q_yaw'", "not of the form", "q_yaw=pos1*pi/180"),
     "no target": ("log.csv", ["=pos"], UsageError, "mapping '=pos'", "not of the form", "pos1"),
     "no source": ("log.csv", ["q_yaw="], UsageError, "mapping 'q_yaw='", "is not one column", "pos*pi/180"),
-    "twice": (
+    "exchanged with no joint": (
         "log.csv",
-        ["q_yaw=a", "q_yaw=b"],
+        ["nose,tilt=tilt,nose"],
         UsageError,
-        "mapping 'q_yaw=b'",
-        "mapped already by mapping 'q_yaw=a'",
-        "keep one",
+        "mapping",
+        "'q_nose' is no column",
+        "joints yaw, tilt",
     ),
     "one column for two joints": (
         "log.csv",
@@ -546,7 +547,7 @@ def test_yaml_maps_like_entries(tmp_path: Path) -> None:
     stated = read_mapping([f"{target}={text}" for target, text in entries.items()])
     stored = read_mapping([tmp_path / "map.yaml"])
     assert [(k, s.column, s.factor) for k, s in stored.items()] == [(k, s.column, s.factor) for k, s in stated.items()]
-    over = read_mapping([str(tmp_path / "map.yaml"), "t=clock"])
+    over = read_mapping(["t=ticks", str(tmp_path / "map.yaml"), "t=clock"])
     assert over["t"] == Source("clock", 1.0, "mapping 't=clock'") and over["tau_yaw"].factor == -0.5
 
 
@@ -605,7 +606,7 @@ def test_degrees_are_refused_only_where_sure(rig: Rig, tmp_path: Path) -> None:
     """Ten degrees of travel are more than any joint has radians; a turn counted twice or a few spikes are none."""
     path = tmp_path / "x.csv"
     path.write_text(f"{HEADER}\n" + "".join(f"{k},{80 - 3 * k},1.4,0.3,0.4\n" for k in range(55)))
-    with pytest.raises(LogError, match=r"x\.csv: q_yaw travels .* degrees.* --map q_yaw=COLUMN\*pi/180$"):
+    with pytest.raises(LogError, match=r"x\.csv: q_yaw travels .* degrees.* --map 'q_yaw=q_yaw\*pi/180'$"):
         io.read_log(path, rig)
     assert io.read_log(path, rig, ["q_yaw=q_yaw*pi/180"]).events == ()
     t = np.linspace(0, 10, 1001)
@@ -648,7 +649,7 @@ def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: fl
     units.check_units("x", rig, t, 1e-4 * rng.standard_normal(q.shape), 0.1 * rng.standard_normal(v.shape))
     with pytest.raises(LogError, match=r"moves 0\.01.* times as far as dq_yaw says"):
         units.check_units("x", rig, t, q, np.degrees(noisy))
-    with pytest.raises(LogError, match=r"t is in ms, not s: map it: --map t=COLUMN\*1e-3"):
+    with pytest.raises(LogError, match=r"t is in ms, not s: map it: --map 't=t\*0.001'"):
         units.check_units("x", rig, 1e3 * t, seen, noisy)
 
 

@@ -35,7 +35,9 @@ def test_a_torque_in_another_unit_is_refused_with_the_map_that_mends_it() -> Non
     rig = Rig.load("drone")
     log = prescribed(nominal(rig), 1, 6.0, dt=4e-3)
     loud = replace(log, tau=2000.0 * rig.tau_max * log.tau / np.abs(log.tau).max(axis=0))  # type: ignore[operator]
-    with pytest.raises(LogError, match=r"tau_yaw.*times the motor's 4.5 N m.*--map tau_yaw=tau_yaw\*0.00075 from mA"):
+    with pytest.raises(
+        LogError, match=r"tau_yaw.*times the motor's 4.5 N m.*--map 'tau_yaw=tau_yaw\*0.00075'.* from mA"
+    ):
         identify(rig, [loud])
 
 

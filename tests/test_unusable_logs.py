@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import cycle
+from itertools import cycle, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -32,6 +33,8 @@ from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.rows import Filtering, Regression, Rows, regression
 from gimbal_pin.estimation.torque_time import misplaced
 from gimbal_pin.log.io import write_log
+from gimbal_pin.log.io.columns import log_columns
+from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
 from gimbal_pin.rig.rig import Rig
@@ -108,9 +111,13 @@ def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, 
 
 
 MIXED: dict[str, tuple[str, Callable[[Array], Array], str]] = {
-    "a sign": ("thesis", lambda tau: tau * [1, -1, 1], r"tau_roll has the wrong sign.*--map tau_roll=COLUMN\*-1"),
+    "a sign": ("thesis", lambda tau: tau * [1, -1, 1], r"tau_roll has the wrong sign.*--map tau_roll=-tau_roll"),
     "all signs": ("turret", lambda tau: -tau, "tau_pan and tau_tilt have the wrong sign"),
-    "two columns": ("turret", lambda tau: tau[:, ::-1], "tau_pan and tau_tilt hold each other's torque.*exchange them"),
+    "two columns": (
+        "turret",
+        lambda tau: tau[:, ::-1],
+        "tau_pan and tau_tilt hold each other's torque.*--map tau_pan=tau_tilt --map tau_tilt=tau_pan",
+    ),
 }
 
 
@@ -330,6 +337,41 @@ def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kin
     assert not misplaced(rig, log, Filtering())
 
 
+MISREAD: dict[str, tuple[str, Callable[[dict[str, Array]], dict[str, Array]]]] = {
+    "another unit": ("drone", lambda x: {key: 1e3 * x[key] if "tau" in key else x[key] for key in x}),
+    "a sign": ("thesis", lambda x: {**x, "tau_roll": -x["tau_roll"]}),
+    "two torques": ("turret", lambda x: {**x, "tau_pan": x["tau_tilt"], "tau_tilt": x["tau_pan"]}),
+    "two joints": ("turret", lambda x: turned_round(x, ["pan", "tilt"])),
+    "three joints": ("thesis", lambda x: turned_round(x, ["yaw", "roll", "tilt"])),
+}
+
+
+def turned_round(columns: dict[str, Array], joints: list[str]) -> dict[str, Array]:
+    """Each joint has the columns of the next."""
+    kinds, pairs = ("q", "dq", "tau"), list(zip(joints, joints[1:] + joints[:1]))
+    return {**columns, **{f"{kind}_{to}": columns[f"{kind}_{of}"] for kind in kinds for to, of in pairs}}
+
+
+def printed(err: str) -> list[str]:
+    """The words of the ``--map`` that an error prints, as a shell parts them."""
+    words = shlex.split(err[err.index("--map") :])
+    return [word for pair in pairwise(words) if pair[0] == "--map" for word in pair]
+
+
+@pytest.mark.parametrize("kind", MISREAD)
+def test_the_map_that_is_printed_mends_a_log_of_foreign_headers(run: Run, kind: str, tmp_path: Path) -> None:
+    """Every column has a name, unit and sign of its own, which a mapping states; the printed one comes after it."""
+    name, misread = MISREAD[kind]
+    columns = misread(log_columns(recorded(Rig.load(name), 3)))
+    factors = {key: 0.5 * (-1.0) ** k if k else 1.0 for k, key in enumerate(columns)}
+    heads = {key: f"axis {k} {key.split('_')[0]}*" for k, key in enumerate(columns)}
+    write_csv({heads[key]: values / factors[key] for key, values in columns.items()}, tmp_path / "x.csv")
+    maps = [f'--map={key}="{heads[key]}"*{factors[key]}' for key in columns]
+    code, _, err = run("identify", name, tmp_path / "x.csv", *maps)
+    assert code == 2 and all("note: " in line for line in err.splitlines()[:-1])
+    assert run("identify", name, tmp_path / "x.csv", *maps, *printed(err.splitlines()[-1]))[0] == 0
+
+
 def permuted(log: Log, order: list[int]) -> Log:
     """Each joint has the angle, rate and torque of another."""
     return replace(log, **{name: np.asarray(getattr(log, name))[:, order] for name in ("q", "v", "tau")})
@@ -344,8 +386,7 @@ def test_joints_that_have_changed_places_are_told_with_the_map_that_puts_them_ri
     write_log(permuted(recorded(rig, 3), order), tmp_path / "x.csv")
     code, _, err = run("identify", name, tmp_path / "x.csv")
     assert code == 2 and err.count("\n") == 1 and f"{rig.joints[0]}, {rig.joints[1]} have changed places" in err
-    maps = re.findall(r"--map (\S+)", err)
-    assert len(maps) == 6 and run("identify", name, tmp_path / "x.csv", *(f"--map={one}" for one in maps))[0] == 0
+    assert run("identify", name, tmp_path / "x.csv", *printed(err))[0] == 0
     assert run("diagnose", name, tmp_path / "x.csv", "--json", tmp_path / "x.json")[0] == 0
     said = json.loads((tmp_path / "x.json").read_text())
     assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == ["logs-disagree"]

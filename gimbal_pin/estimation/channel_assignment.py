@@ -22,6 +22,7 @@ from gimbal_pin.estimation.estimators.physical import bounded
 from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.log.source import remapped
 from gimbal_pin.rig.consistency import LEANT
 from gimbal_pin.rig.rig import Rig
 
@@ -41,8 +42,8 @@ EXAMINED = 60.0
 MOST = 4
 """Joints up to which every pattern of signs, and every order, is tried; with more, single signs and all at once, and
 two joints exchanged."""
-PREFIXES = {"q": "q", "v": "dq", "tau": "tau"}
-"""What whole joints exchange: attribute of `Log` → prefix of its columns."""
+CHANNELS = ("q", "v", "tau")
+"""What of a `Log` whole joints exchange."""
 NAME = "logs-disagree"
 """Cause under which `diagnose` lists a log whose joints are not the rig's."""
 
@@ -142,6 +143,7 @@ def trials(blocks: Regression) -> Iterator[Trial]:
     """
     rows = blocks.rows
     joints, n = rows.rig.joints, rows.rig.n
+    sources = rows.logs[0].sources if rows.logs else {}
     right = agreement(blocks) > AGREED
     for signs in patterns(n):
         if np.any(right & (np.array(signs) < 0)):
@@ -149,12 +151,13 @@ def trials(blocks: Regression) -> Iterator[Trial]:
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
         turned = Regression(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
-        yield Trial(unexplained(turned), words, "turn it: " + " ".join(f"--map {name}=COLUMN*-1" for name in wrong))
+        mend = remapped(sources, {name: (name, -1.0) for name in wrong})
+        yield Trial(unexplained(turned), words, f"turn it: {mend}")
     for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
-        mend = f"exchange them: --map {first}=COLUMN with the column that is {second} now, and the other way round"
-        yield Trial(unexplained(regression(exchanged(rows, pair))), words, mend)
+        mend = remapped(sources, {first: (second, 1.0), second: (first, 1.0)})
+        yield Trial(unexplained(regression(exchanged(rows, pair))), words, f"exchange them: {mend}")
 
 
 def reordered(blocks: Regression) -> Iterator[Trial]:
@@ -167,10 +170,9 @@ def reordered(blocks: Regression) -> Iterator[Trial]:
         put = regression(ordered(rows, order))
         if left_free(put) < BETTER * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
-            kinds = [prefix for name, prefix in PREFIXES.items() if getattr(rows.logs[0], name) is not None]
-            maps = (f"--map {kind}_{joint}={kind}_{now}" for joint, now in places for kind in kinds)
+            to, of = (",".join(side) for side in zip(*places))
             words = f"{', '.join(joint for joint, _ in places)} have changed places"
-            yield Trial(unexplained(put), words, " ".join(maps), True)
+            yield Trial(unexplained(put), words, f"--map {to}={of}", True)
 
 
 def agreement(blocks: Regression) -> Array:
@@ -207,7 +209,7 @@ def ordered(rows: Rows, order: Sequence[int]) -> Rows:
     """Return the rows of the beginnings of logs in which joint j has the angle, rate and torque of ``order[j]``."""
     logs = []
     for log in map(beginning, rows.logs):
-        columns = {name: x[:, list(order)] for name in PREFIXES if (x := getattr(log, name)) is not None}
+        columns = {name: x[:, list(order)] for name in CHANNELS if (x := getattr(log, name)) is not None}
         logs.append(replace(log, **columns))
     return replace(rows, logs=tuple(logs))
 

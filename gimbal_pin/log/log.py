@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
+from gimbal_pin.log.source import Source, remapped
 from gimbal_pin.rig.arrays import Array
 from gimbal_pin.rig.brief import brief
 
@@ -231,6 +232,7 @@ class Log:
         payload: Name of the payload that was mounted, or None if not stated.
         events: Sentences about what happened while recording (limits hit, fallbacks).
         seed: What repeats a simulated log as `rng`; None of others, and where a generator was given.
+        sources: Column → what of its file it was read from, where a mapping says so.
     """
 
     name: str
@@ -245,6 +247,7 @@ class Log:
     payload: str | None = None
     events: tuple[str, ...] = ()
     seed: int | None = None
+    sources: Mapping[str, Source] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -260,6 +263,7 @@ class Log:
                 kept = channel(value, (len(self.t), len(joints)), name, f"{self.name}: {name}")
                 object.__setattr__(self, name, kept)
         object.__setattr__(self, "imus", MappingProxyType(dict(self.imus or {})))
+        object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
         for link, imu in self.imus.items():
             for name, value in imu.channels.items():
                 frozen(value, (len(self.t), value.shape[1]), f"{self.name}: {name} of {link}")
@@ -267,8 +271,8 @@ class Log:
             raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
 
     def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
-        """Make it pass between processes, which the read-only view of `imus` does not."""
-        return type(self), tuple(dict(x) if x is self.imus else x for x in vars(self).values())
+        """Make it pass between processes, which read-only views of dictionaries do not."""
+        return type(self), tuple(dict(x) if isinstance(x, MappingProxyType) else x for x in vars(self).values())
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -285,6 +289,10 @@ class Log:
     def dt(self) -> float:
         """Median sampling interval, s."""
         return float(np.median(np.diff(self.t)))
+
+    def remapped(self, changes: Mapping[str, tuple[str, float | str]]) -> str:
+        """Return the ``--map`` entries that mend the log, in its file's own columns; see `source.remapped`."""
+        return remapped(self.sources, changes)
 
     def columns(self, rig: Rig) -> list[int]:
         """Return the column of each joint of a rig, found by name; `LogError` where a joint has none."""

@@ -62,13 +62,19 @@ def check_unit(rig: Rig, log: Log) -> None:
     """Raise `LogError` if a torque is so many times its motor's limit that it can only be in another unit."""
     if log.tau is None:
         return
-    size = np.sqrt(np.mean(log.tau**2, axis=0))
-    for joint, most, limit, motor in zip(rig.joints, size.tolist(), rig.tau_max.tolist(), rig.motors):
-        if most > WRONG_UNIT * limit:
-            factor = f"{1e-3 * motor.torque_constant:.3g}" if motor.torque_constant != 1.0 else "1e-3*KT"
-            what = f"is {most / limit:.2g} times the motor's {limit:.3g} N m, rms: it has another unit, mA or mN m say"
-            mend = f"map it: --map tau_{joint}=tau_{joint}*{factor} from mA, *1e-3 from mN m"
-            raise LogError(f"{log.name}: tau_{joint}", what, mend)
+    ratio = np.sqrt(np.mean(log.tau**2, axis=0)) / rig.tau_max
+    if not np.any(ratio > WRONG_UNIT):
+        return
+    wrong = np.flatnonzero(ratio > 1.0).tolist()  # beside such a one, what no motor holds has that unit, too
+    names = [f"tau_{rig.joints[j]}" for j in wrong]
+    # A column that is mapped with a factor has its torque constant in it.
+    raw = [name not in log.sources or abs(log.sources[name].factor) == 1.0 for name in names]
+    constants = [rig.motors[j].torque_constant if bare else 1.0 for j, bare in zip(wrong, raw)]
+    maps = log.remapped({name: (name, 1e-3 * constant) for name, constant in zip(names, constants)})
+    most, limit = float(ratio.max()), float(rig.tau_max[ratio.argmax()])
+    what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
+    unit = "from mA, *1e-3 from mN m" if set(constants) != {1.0} else "from mN m, times KT from mA"
+    raise LogError(f"{log.name}: {', '.join(names)}", what, f"map it: {maps} {unit}")
 
 
 def check_sampling(name: str, dt: float, cutoff: float) -> None:

@@ -24,6 +24,7 @@ from gimbal_pin.log.io.mapping import Entries
 from gimbal_pin.log.io.tables import Table
 from gimbal_pin.log.io.units import check_units, torque_notes
 from gimbal_pin.log.log import Array, Imu, Log, Motion
+from gimbal_pin.log.source import Source
 from gimbal_pin.rig.rig import Rig
 
 
@@ -53,8 +54,9 @@ def log_in(table: Table, rig: Rig, mapping: Entries = (), payload: str | None = 
     """Return the log in a file that is open, see `read_log`."""
     links, notes = links_of(rig), list[str]()
     groups = log_groups(rig.joints, links, need_tau)
-    data = read_groups(table, groups, mapped(rig, groups, mapping), notes)
-    return to_log(data, table.name, rig, links, payload, (*table.notes, *notes))
+    sources = mapped(rig, groups, mapping)
+    data = read_groups(table, groups, sources, notes)
+    return to_log(data, table.name, rig, links, payload, sources, (*table.notes, *notes))
 
 
 def to_log(
@@ -63,10 +65,11 @@ def to_log(
     rig: Rig,
     links: Sequence[str],
     payload: str | None,
+    sources: Mapping[str, Source],
     notes: Sequence[str] = (),
 ) -> Log:
     """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
-    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"))
+    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"), sources)
     return Log(
         name=name,
         joints=rig.joints,
@@ -79,6 +82,7 @@ def to_log(
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
         events=(*notes, *torque_notes(rig, data.get("tau"))),
+        sources=sources,
     )
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.log.io.mapping import ROW, Entries, Source, check_targets, read_mapping
+from gimbal_pin.log.io.mapping import ROW, Entries, check_targets, read_mapping
 from gimbal_pin.log.io.tables import Table, listed
 from gimbal_pin.log.log import REACH, SOONEST, Array, Log, implausible, untimely
+from gimbal_pin.log.source import Source
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
@@ -141,7 +142,8 @@ def read_groups(
         LogError: A column is missing or there twice, a value is no number or no machine's, or time does not increase.
     """
     known = {**{column: Source(column) for column in table.columns}, **sources}
-    present = {c: known[c] for group in groups.values() for c in group.columns if c in known}
+    there = {c: source for c, source in known.items() if source.place or source.column in table.columns}
+    present = {c: there[c] for group in groups.values() for c in group.columns if c in there}
     check_header(table, groups, present)
     wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in table.columns]
     raw = table.read(wanted or table.columns[:1])

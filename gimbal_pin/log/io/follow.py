@@ -18,8 +18,9 @@ from gimbal_pin.log.io.columns import Group, links_of, log_groups, mapped, read_
 from gimbal_pin.log.io.csv import BLOCK, COMMENT, LINE, CsvTable, as_utf8, headed
 from gimbal_pin.log.io.formats import FORMATS, TEXT
 from gimbal_pin.log.io.link import is_link, lines
-from gimbal_pin.log.io.mapping import ROW, Entries, Source
+from gimbal_pin.log.io.mapping import ROW, Entries
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.source import Source
 from gimbal_pin.rig.reading import readable
 from gimbal_pin.rig.rig import Rig
 
@@ -54,7 +55,7 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
         data, error = usable(table, groups, sources)
         if data is not None:
             said = [line.decode()[1:].strip() for line in COMMENT.findall(table.body)] if is_link(path) else []
-            yield to_log(data, table.name, rig, links, payload, said)
+            yield to_log(data, table.name, rig, links, payload, sources, said)
         if error is not None:
             raise error
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +12,14 @@ import yaml
 
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.io.formats import open_table
-from gimbal_pin.log.io.mapping import FACTOR, ROW
+from gimbal_pin.log.io.mapping import ROW
 from gimbal_pin.log.io.recognise import Channel, Recognised, assigned, needed, recognise
 from gimbal_pin.log.io.tables import JoinedTable, Table, listed, numeric_columns, time_of
 from gimbal_pin.log.log import NOTHING, Array
 from gimbal_pin.log.platform_log import HOLE
+from gimbal_pin.log.source import expression
 from gimbal_pin.rig.rig import Rig
 
-PLAIN = re.compile(r"[^\W\d][\w .\[\]]*")
-"""Names that an expression of a mapping holds without quotes."""
 HUGE = 1e30
 """More than any column holds: of nanoseconds since 1970 there are 2e18, of counts a day at 1e5 rad/s 2e14."""
 
@@ -151,15 +149,6 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
         data[ROW] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
     found = recognise(time, data, rig)
     return Stream(time, data.pop(time) * found.scale, data, found.channels[time == ROW :]), found
-
-
-def expression(column: str, factor: str) -> str:
-    """Return what a mapping writes for a column times a factor, such as ``pos1*pi/180``."""
-    sign, rest = ("-", factor[1:]) if factor.startswith("-") else ("", factor)
-    bare = PLAIN.fullmatch(column) and not re.fullmatch(FACTOR, column)
-    quote = "'" if '"' in column else '"'
-    shown = column if bare else f"{quote}{column}{quote}"
-    return f"{sign}{shown}" + (f"*{rest}" if rest else "")
 
 
 def entry(target: str, text: str) -> str:

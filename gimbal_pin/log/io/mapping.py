@@ -2,7 +2,7 @@
 
 The grammar of an entry:
 
-- entry := target "=" expression
+- entry := target "=" expression | joint {"," joint} "=" joint {"," joint}
 - expression := [product "*"] column {("*" | "/") factor}
 - product := factor {("*" | "/") factor}
 - factor := a decimal number | "pi", with an optional sign
@@ -14,13 +14,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from gimbal_pin.errors import UsageError
+from gimbal_pin.log.source import FACTOR, Source
 from gimbal_pin.rig.reading import read_yaml
 
-FACTOR = r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi)"
 TERM = re.compile(rf"([*/]?)\s*({FACTOR})")
 EXPRESSION = re.compile(
     rf"""\s*(?P<before>{FACTOR}(?:\s*[*/]\s*{FACTOR})*\s*\*\s*)?
@@ -35,43 +34,32 @@ Entries = str | Path | Sequence[str | Path] | Mapping[str, str]
 the table itself, target → expression."""
 LONGEST = 1000
 """Most characters of an expression: matching takes the square of that in time."""
+KINDS = ("q", "dq", "ddq", "tau", "q_ref", "temp")
+"""Prefixes of a joint's columns."""
 ROW = "row"
 """Column that every log has beside its own: the sample's number from 0, for files of a known rate without times."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """``value = factor * column``.
-
-    Attributes:
-        column: Header in the file.
-        factor: What one unit of it is in SI units; finite and not zero.
-        place: Where the mapping was stated; empty for a column that bears its name already.
-    """
-
-    column: str
-    factor: float = 1.0
-    place: str = ""
 
 
 def read_mapping(entries: Entries = ()) -> dict[str, Source]:
     """Return target → source of all entries.
 
     Args:
-        entries: The mapping; entries given as text stand above those from files.
+        entries: The mapping; entries given as text come after those from files, and the later of two counts.
 
     Raises:
-        UsageError: An entry that does not follow the grammar, or a target stated twice.
+        UsageError: An entry that does not follow the grammar.
     """
-    stored, stated = dict[str, Source](), dict[str, Source]()
+    sources, stated = dict[str, Source](), list[str]()
     for entry in [entries] if isinstance(entries, (str, Path, Mapping)) else entries:
         if isinstance(entry, Mapping):
-            add_table(stored, entry, "mapping")
+            add_table(sources, entry, "mapping")
         elif is_file(entry):
-            add_table(stored, read_yaml(entry), str(entry))
+            add_table(sources, read_yaml(entry), str(entry))
         else:
-            add(stated, *parse_entry(str(entry)))
-    return {**stored, **stated}
+            stated.append(str(entry))
+    for entry in stated:
+        add(sources, *parse_entry(entry))
+    return sources
 
 
 def add_table(sources: dict[str, Source], table: object, place: str) -> None:
@@ -91,10 +79,16 @@ def is_file(entry: str | Path) -> bool:
 
 
 def add(sources: dict[str, Source], target: str, source: Source) -> None:
-    """Add a target; `UsageError` if it is stated twice."""
-    if target in sources:
-        raise UsageError(source.place, f"'{target}' is mapped already by {sources[target].place}", "keep one")
-    sources[target] = source
+    """Add a target, or let joints exchange all that was mapped to them so far: ``yaw,pitch = pitch,yaw``."""
+    joints, others = target.split(","), source.column.split(",")
+    if len(joints) == 1 or sorted(joints) != sorted(others):
+        sources[target] = source
+        return
+    before = dict(sources)
+    for joint, other in zip(joints, others):
+        for kind in KINDS:
+            name = f"{kind}_{other}"
+            sources[f"{kind}_{joint}"] = before.get(name, Source(name))
 
 
 def parse_entry(entry: str) -> tuple[str, Source]:
@@ -139,9 +133,10 @@ def product(text: str, start: float = 1.0) -> float:
 def check_targets(sources: Mapping[str, Source], known: Sequence[str], joints: Sequence[str]) -> None:
     """Raise `UsageError` if a mapping's target is none of the `known` columns, or if two joints share one source."""
     for target, source in sources.items():
-        if target not in known:
+        exchanged = not source.place and any(target.endswith(f"_{joint}") for joint in joints)
+        if target not in known and not exchanged:
             mend = f"targets are t, q_<joint>, dq_, tau_, …, with the joints {', '.join(joints)}; links as in the URDF"
-            raise UsageError(source.place, f"'{target}' is no column of this rig", mend)
+            raise UsageError(source.place or "mapping", f"'{target}' is no column of this rig", mend)
     for kind in ("q", "dq", "tau", "q_ref"):
         owners: dict[str, str] = {}
         for target in (f"{kind}_{joint}" for joint in joints):

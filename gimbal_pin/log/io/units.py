@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees, isfinite, pi
+from types import MappingProxyType
 
 import numpy as np
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.limited import MOSTLY, near_limit
 from gimbal_pin.log.log import Array
+from gimbal_pin.log.source import Source, remapped
 from gimbal_pin.rig.rig import Rig
 
 TOO_STRONG = 3.0
@@ -27,7 +30,15 @@ OFF = 3.0
 """Ratio of the two from which they are in different units."""
 
 
-def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None, q_ref: Array | None = None) -> None:
+def check_units(
+    name: str,
+    rig: Rig,
+    t: Array,
+    q: Array,
+    v: Array | None,
+    q_ref: Array | None = None,
+    sources: Mapping[str, Source] = MappingProxyType({}),
+) -> None:
     """Raise `LogError` for angles, rates or times that can be no radians, radians per second or seconds.
 
     And for angles that are radians of a joint which its loop has lost.
@@ -39,14 +50,15 @@ def check_units(name: str, rig: Rig, t: Array, q: Array, v: Array | None, q_ref:
         q: Angles, (N, n).
         v: Rates, (N, n), or None.
         q_ref: References, (N, n), or None.
+        sources: What the columns were read from.
     """
     if len(t) >= FEWEST:
-        check_angles(name, rig, q, q_ref)
+        check_angles(name, rig, sources, q, q_ref)
     if v is not None and len(t) > INTERVALS:
-        check_rates(name, rig, t, q, v)
+        check_rates(name, rig, sources, t, q, v)
 
 
-def check_angles(name: str, rig: Rig, q: Array, q_ref: Array | None) -> None:
+def check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q_ref: Array | None) -> None:
     """Raise `LogError` if joints travel much farther than the rig's limits let them, in radians."""
     travel = np.subtract(*np.quantile(q, [1 - SPIKES, SPIKES], axis=0))
     room = np.subtract(*rig.stops[::-1])
@@ -64,11 +76,12 @@ def check_angles(name: str, rig: Rig, q: Array, q_ref: Array | None) -> None:
         what = f"q_{rig.joints[j]} travels {travel[j]:.4g} rad where the rig's limits leave {room[j]:.3g}"
         likely = travel[j] < 1.1 * degrees(room[j])
         factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
-        maps = " ".join(f"--map q_{rig.joints[k]}=COLUMN*{factor}" for k in off)
+        names = [f"q_{rig.joints[k]}" for k in off]
+        maps = remapped(sources, {name: (name, factor) for name in names})
         raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {maps}")
 
 
-def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
+def check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> None:
     """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower."""
     ends = np.linspace(0, len(t) - 1, INTERVALS + 1).astype(int)
     added = np.concatenate([np.zeros((1, rig.n)), np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
@@ -85,8 +98,10 @@ def check_rates(name: str, rig: Rig, t: Array, q: Array, v: Array) -> None:
     if factor == 0:
         raise LogError(name, f"q_{joint} stands still, while dq_{joint} does not", "map the columns of one joint")
     if off.sum() == alike.sum() and abs(np.log10(factor) + 3) < 0.3:
-        raise LogError(name, f"{what}, as every joint does", "t is in ms, not s: map it: --map t=COLUMN*1e-3")
-    mend = f"one of the two is in degrees, or in other units: --map dq_{joint}=COLUMN*{factor:.3g}, or map q_{joint}"
+        maps = remapped(sources, {"t": ("t", 1e-3)})
+        raise LogError(name, f"{what}, as every joint does", f"t is in ms, not s: map it: {maps}")
+    maps = remapped(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{factor:.3g}"))})
+    mend = f"one of the two is in degrees, or in other units: {maps}, or map q_{joint}"
     raise LogError(name, what, mend)
 
 
