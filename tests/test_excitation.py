@@ -739,8 +739,8 @@ def test_speed_target_is_reached_and_its_gradient_exact() -> None:
 
 def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
-    arguments = ["excite", "turret", "-o", str(tmp_path / "t.csv"), "--starts", "30", "--json", str(tmp_path / "j.json")]
-    arguments += ["--seconds", "4", "--harmonics", "3"]
+    arguments = ["excite", "turret", "-o", str(tmp_path / "t.csv"), "--json", str(tmp_path / "j.json")]
+    arguments += ["--starts", "30", "--seconds", "4", "--harmonics", "3"]
     command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard) as running:
