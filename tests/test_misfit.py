@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.apply import plant_with
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.effects import Cogging
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import given_beta, identify
 from gimbal_pin.estimation.identification.misfit import GROUPS, misfit, with_misfit
+from gimbal_pin.estimation.model_file import read_model, write_extended, write_model
 from gimbal_pin.estimation.rows import regression
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import text
 from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import Rig
-from tests.bench_logs import EXACT, prescribed, rows_of
-from tests.command_line import Run
+from tests.bench_logs import EXACT, fourier, prescribed, rows_of
+from tests.command_line import Run, result
 
 
 @pytest.fixture(scope="module")
@@ -121,3 +126,73 @@ def test_the_urdf_has_the_bodies_of_the_extended_model(run: Run, tmp_path: Path,
     known = reduce(turret)
     off = [np.linalg.norm(given_beta(Rig.load(urdf), known) - given_beta(turret, known)) for urdf in urdfs]
     assert off[1] < 0.5 * off[0] and off[2] == pytest.approx(off[1], rel=1e-6)
+
+
+# --- What holds for nothing but what was fitted -------------------------------------------------------------------
+
+
+def halves(first: Log, second: Log) -> Log:
+    """The first log's torque for two thirds of the time, the second's for the rest."""
+    early = np.arange(len(first.t)) < 2 * len(first.t) / 3
+    return replace(first, tau=np.where(early[:, None], first.tau, second.tau))
+
+
+@pytest.fixture(scope="module")
+def toothed(turret: Rig) -> tuple[Log, Log]:
+    """A motion without teeth and the same with them, whose torque is half of tilt's."""
+    smooth = nominal(turret)
+    teeth = parse_effect("cogging:tilt:amplitude=0.05,harmonic=7", turret)
+    plants = (smooth, plant_with(smooth, [teeth]).plant)
+    without, with_ = (prescribed(plant, 1, 20.0, torque_noise=0.01, dt=4e-3) for plant in plants)
+    return without, with_
+
+
+TEETH = (Cogging("tilt", (7.0,)),)
+
+
+def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(turret: Rig, tmp_path: Path, run: Run) -> None:
+    """As cogging that a narrow motion seems to show and a wide one does not: its fit says 99.9 %, and 74 % there."""
+    logs = [swept(turret, seed, size) for seed, size in ((1, 0.3), (2, 1.0))]
+    files = [tmp_path / f"{log.name}.csv" for log in logs]
+    for log, file in zip(logs, files):
+        write_log(log, file)
+    extended, model = tmp_path / "extended.yaml", tmp_path / "model.yaml"
+    teeth = [Cogging("tilt", (4.0, 7.0))]
+    write_extended(identify(turret, logs, teeth, filtering=EXACT, holdout="none").model, extended)
+    found = result(run, "identify", "turret", *files, "--extended", extended, "--alignment", 0, "-o", model)
+    first, fit = found["warnings"][0], found["held_out"]["fit_percent"]["tilt"]
+    said = r"tilt: cogging left out: .* training part to 99.* %, the held-out part to [67].* %; without it to 9[89]"
+    assert re.match(said, first) and fit > 98 and not any("cos_7" in x["name"] for x in found["base_parameters"])
+    assert "effective_rows" in found["train"]
+    tuned = result(run, "tune", "turret", model)
+    assert tuned["warnings"] == [first] and not any("beyond the data" in doubt for doubt in tuned["doubts"])
+
+
+def swept(rig: Rig, seed: int, size: float) -> Log:
+    """A log of a motion of so much of its usual size, with its noise."""
+    motion, model = fourier(rig, seed, 12.0, 4e-3), nominal(rig)
+    q = motion.q.mean(axis=0) + size * (motion.q - motion.q.mean(axis=0))
+    tau = model.inverse(q, size * motion.v, size * motion.a)
+    tau += 0.01 * np.std(tau, axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
+    return Log(f"swept {seed}", rig.joints, motion.t, q, size * motion.v, tau)
+
+
+def test_an_effect_that_holds_is_kept(turret: Rig, toothed: tuple[Log, Log]) -> None:
+    for effects, log in ((TEETH, toothed[1]), (TEETH, toothed[0]), ((), toothed[0])):
+        found = identify(turret, [log], effects, filtering=EXACT)
+        assert not found.model.doubts and [t.effect for t in found.model.terms[4:]] == list(effects)
+
+
+def test_a_model_that_holds_for_its_training_part_alone_is_refused_for_control(
+    turret: Rig, toothed: tuple[Log, Log], tmp_path: Path
+) -> None:
+    """Teeth that only the held-out part has; an older file says nothing of it, and is tuned as it was."""
+    found = identify(turret, [halves(*toothed)], TEETH, filtering=EXACT)
+    assert re.match(r"tilt: the model fits its training part to 99.*, the held-out part to", found.warnings[0])
+    write_model(found, path := tmp_path / "model.yaml")
+    tuning = tune(read_model(path, turret))
+    assert tuning.warnings == found.warnings[:1] and "tilt: not to be run" in tuning.doubts[-1]
+    assert text.tuning(tuning).startswith(f"warning: {found.warnings[0]}\ntilt: not to be run")
+    older = {key: x for key, x in yaml.safe_load(path.read_text()).items() if key != "doubts"}
+    path.write_text(yaml.safe_dump(older))
+    assert not tune(read_model(path, turret)).doubts

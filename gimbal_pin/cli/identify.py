@@ -145,7 +145,8 @@ def identified(
     found = run(rig, logs, causes, **vars(fit), examined=examined, trust=trust)
     if not refit:
         return found
-    return refitted(found, run(rig, logs, causes, **vars(replace(fit, holdout="none")), examined=examined, trust=trust))
+    kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
+    return refitted(found, run(rig, logs, kept, **vars(replace(fit, holdout="none")), examined=examined, trust=trust))
 
 
 def write(

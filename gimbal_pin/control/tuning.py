@@ -13,7 +13,15 @@ import numpy as np
 from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
 from gimbal_pin.control.laws.computed_torque import lyapunov
 from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, seen_inertia
-from gimbal_pin.control.laws.reasons import about_inertia, about_layer, about_loops, about_model, doubts, grouped
+from gimbal_pin.control.laws.reasons import (
+    UNSEEN,
+    about_inertia,
+    about_layer,
+    about_loops,
+    about_model,
+    doubts,
+    grouped,
+)
 from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
 from gimbal_pin.dynamics.model import Model, model_from, plain_model
 from gimbal_pin.dynamics.threads import one_thread
@@ -83,7 +91,13 @@ class Tuning:
             f"{found.phase_margin_deg:.3g}°, gain {found.gain_margin_db:.3g} dB, disk {found.disk_margin:.3g}"
             for joint, pid, hz, found in rows
         )
-        return "\n".join([f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *self.reasons])
+        warned = (f"warning: {said}" for said in self.warnings)
+        return "\n".join([*warned, f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *self.reasons])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What of the model does not hold for data that it was not fitted to, in sentences."""
+        return tuple(map(str, self.model.doubts))
 
     def with_(self, **changes: Any) -> Tuning:
         """Tune again with some wishes changed: ``tuning.with_(bandwidth_hz=12)``."""
@@ -126,6 +140,7 @@ class Tuning:
             "draws": self.draws,
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
             "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
+            "warnings": list(self.warnings),
             "reasons": list(self.reasons),
             "doubts": list(self.doubts),
             "model": plain_model(self.model),
@@ -189,6 +204,7 @@ def tune(
         reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
     draws, brakes = 0 if over is None else DRAWS, braking(model)
     unsure = () if over is None else doubts(model.rig.joints, over, least)
+    unsure += tuple(grouped([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts)))
     return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons), unsure)
 
 

@@ -57,6 +57,25 @@ class Estimated:
         return np.sqrt(np.diag(self.covariance))
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """What of a model does not hold for data that it was not fitted to.
+
+    Attributes:
+        joint: Where.
+        why: Sentence.
+        unsafe: Whether the model itself does not; else what is said was left out of it.
+    """
+
+    joint: str
+    why: str
+    unsafe: bool
+
+    def __str__(self) -> str:
+        """Where, and why."""
+        return f"{self.joint}: {self.why}"
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """``tau = rnea(q, v, a; phi) + sum of terms`` (THESIS 3.70).
@@ -67,6 +86,7 @@ class Model:
         estimated: Where the parameters were identified, with what uncertainty; None for a nominal model.
         drive: What stands between the torque that is commanded and the one that acts, in the order it is passed.
         changes: What sets the rig apart from its URDF beside its inertial parameters; `rig` holds it already.
+        doubts: What does not hold for data that it was not fitted to, as far as there were any.
     """
 
     rig: Rig
@@ -74,6 +94,7 @@ class Model:
     estimated: Estimated | None = None
     drive: tuple[Signal, ...] = ()
     changes: tuple[RigEffect, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     __repr__ = brief
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Estimated, Model, model_from, plain_model
+from gimbal_pin.dynamics.model import Doubt, Estimated, Model, model_from, plain_model
 from gimbal_pin.errors import ModelError
 from gimbal_pin.estimation.identification import Identified
 from gimbal_pin.log.io.files import write_yaml
@@ -43,6 +43,7 @@ def body(identified: Identified, path: str | Path) -> dict[str, Any]:
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
+        "doubts": [asdict(doubt) for doubt in model.doubts],
     }
 
 
@@ -68,8 +69,14 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         ModelError: The file is of another kind, for other joints, or lacks something.
     """
     own = filed(path, rig)
-    model = model_from(own, rig, str(path))
+    model = replace(model_from(own, rig, str(path)), doubts=doubts(own, str(path)))
     return model if "covariance" not in own else replace(model, estimated=known(own, str(path)))
+
+
+def doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
+    """Return what a file says that does not hold; nothing where it is older than that."""
+    rows = value(tuple[Any, ...], data.get("doubts", []), f"{path}: doubts", ModelError)
+    return tuple(record(Doubt, row, f"{path}: doubts[{k}]", ModelError) for k, row in enumerate(rows))
 
 
 def read_known(path: str | Path, rig: Rig) -> Model:

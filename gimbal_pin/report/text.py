@@ -335,7 +335,8 @@ def tuning(found: Tuning, verbose: bool = False) -> str:
     """Gains and margins; why they are not what was asked for, with `verbose` every reason for them."""
     loud = ("lowered", "is safer", "identify it better")
     reasons = [why for why in found.reasons if verbose or any(word in why for word in loud)]
-    return "\n".join([*found.doubts, str(tables.loops(found)), *reasons])
+    warned = (f"warning: {said}" for said in found.warnings)
+    return "\n".join([*warned, *found.doubts, str(tables.loops(found)), *reasons])
 
 
 def tracking(found: Tracking, plant: str, rig: Rig | None = None) -> str:

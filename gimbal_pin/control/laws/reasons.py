@@ -15,6 +15,8 @@ from gimbal_pin.errors import digits
 
 UNSAFE_ALPHA = 0.5
 """Model errors from which on the inverted model does as much harm as good."""
+UNSEEN = "not to be run: beyond the data that were fitted its torque is unknown; identify it from more motion"
+"""What is said of joints whose model does not hold for what was held out."""
 
 
 def grouped(joints: Sequence[str], sentences: Sequence[str]) -> list[str]:

@@ -15,7 +15,7 @@ from gimbal_pin.estimation.identification.fitting import refittable_effects as r
 from gimbal_pin.estimation.identification.fitting import refitted as refitted
 from gimbal_pin.estimation.identification.fitting import split as split
 from gimbal_pin.estimation.identification.fitting import to_model as to_model
-from gimbal_pin.estimation.identification.identified import Accuracy as Accuracy
 from gimbal_pin.estimation.identification.identified import Identified as Identified
-from gimbal_pin.estimation.identification.identified import accuracy as accuracy
 from gimbal_pin.estimation.identification.identified import faults as faults
+from gimbal_pin.estimation.identification.validation import Accuracy as Accuracy
+from gimbal_pin.estimation.identification.validation import accuracy as accuracy

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
+from gimbal_pin.dynamics.model import Doubt, Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import ALWAYS, Effect
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.channel_assignment import check_assignment
@@ -21,8 +22,9 @@ from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
 from gimbal_pin.estimation.estimators.colour import cramer_rao
 from gimbal_pin.estimation.estimators.hausman import WhenTested, check_bias
 from gimbal_pin.estimation.identification.checks import check_enough, check_log, check_seen, check_unit, unseen
-from gimbal_pin.estimation.identification.identified import Identified, accuracy, faults
+from gimbal_pin.estimation.identification.identified import Identified, faults
 from gimbal_pin.estimation.identification.misfit import with_misfit
+from gimbal_pin.estimation.identification.validation import Validation, accuracy
 from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, base_motion, regression
 from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.calibration import rectified
@@ -80,7 +82,10 @@ def assembled(
         trust: Relative standard deviation of the URDF's masses, see `bodies`.
     """
     rig, model = rows.rig, to_model(rows, estimate)
+    train = accuracy(rig.joints, blocks, estimate.theta, "training part")
     held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
+    if held_out is not None:
+        model = replace(model, doubts=tuple(Validation(train, held_out).doubts()))
     consistent, shift = nearest_physical(rows, estimate, trust)
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
@@ -90,7 +95,7 @@ def assembled(
         estimate=estimate,
         names=rows.names,
         units=rows.units,
-        train=accuracy(rig.joints, blocks, estimate.theta, "training part"),
+        train=train,
         held_out=held_out,
         consistent=consistent,
         torque_change=dict(zip(rig.joints, change.tolist())),
@@ -198,12 +203,14 @@ def identify(
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
     base = greatest_base_motion(rig, train)
-    blocks, estimate = fitted(rig, everything, train, filters, estimator, base)
+    parted = Parted(rig, train, test, filters, estimator, base)
+    trial, left_out = parted.without_overfitted(everything)
+    blocks, estimate, tested = trial
+    everything = blocks.rows.effects
     check_assignment(blocks, estimate)
     estimate, missed = with_misfit(blocks, estimate)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
-    tested = regression(replace(blocks.rows, logs=test)) if test else None
     found = assembled(blocks.rows, blocks, estimate, tested, how, trust)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
     judged = check_bias(blocks, examined, estimate.method)
@@ -215,6 +222,7 @@ def identify(
     notes += (payload_change.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
     return replace(
         found,
+        model=replace(found.model, doubts=(*left_out, *found.model.doubts)),
         logs=tuple(log.name for log in logs),
         mountings=mountings,
         notes=notes,
@@ -226,6 +234,58 @@ def identify(
         if examined == "never" or base != "rotating"
         else least_deviations(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
     )
+
+
+class Trial(NamedTuple):
+    """A fit: the rows, what was estimated from them, and the rows that were held out."""
+
+    blocks: Regression
+    estimate: Estimate
+    tested: Regression | None
+
+    @property
+    def validation(self) -> Validation | None:
+        """Its accuracy, where something was held out."""
+        if not self.tested:
+            return None
+        each = ((self.blocks, "training part"), (self.tested, "held-out part"))
+        return Validation(*(accuracy(self.blocks.rows.rig.joints, x, self.estimate.theta, how) for x, how in each))
+
+
+@dataclass(frozen=True)
+class Parted:
+    """Logs to fit, logs to judge by, and how; as for `identify`."""
+
+    rig: Rig
+    train: tuple[Log, ...]
+    test: tuple[Log, ...]
+    filters: Filtering
+    estimator: Estimator
+    base: BaseMotion
+
+    def fit(self, effects: tuple[Effect, ...]) -> Trial:
+        """Fit with some effects."""
+        blocks, estimate = fitted(self.rig, effects, self.train, self.filters, self.estimator, self.base)
+        return Trial(blocks, estimate, regression(replace(blocks.rows, logs=self.test)) if self.test else None)
+
+    def without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[Trial, tuple[Doubt, ...]]:
+        """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
+        trial, left_out = self.fit(effects), list[Doubt]()
+        always = friction_effects(self.rig.joints)
+        for joint in dict.fromkeys(effect.joint for effect in effects if effect not in always):
+            mine = [one for one in trial.blocks.rows.effects if one.joint == joint and one not in always]
+            full = trial.validation
+            if full is None:
+                break
+            plain = self.fit(tuple(one for one in trial.blocks.rows.effects if one not in mine))
+            if plain.validation is None or full.holds_beside(plain.validation, joint):
+                continue
+            trial = plain
+            names = ", ".join(dict.fromkeys(one.name for one in mine))
+            without = digits(plain.validation.held_out.fit_percent[joint], 3)
+            why = f"{names} left out: with it {full.fits(joint)}; without it to {without} %"
+            left_out.append(Doubt(joint, why, False))
+        return trial, tuple(left_out)
 
 
 def refittable_effects(model: Model) -> tuple[Effect, ...]:
@@ -251,7 +311,8 @@ def refitted(judged: Identified, whole: Identified) -> Identified:
     if judged.held_out is None:
         return whole
     note = f"the parameters are of all data; the accuracy on '{judged.held_out.how}' is that of a fit without it"
-    return replace(whole, held_out=judged.held_out, notes=(*whole.notes, note))
+    model = replace(whole.model, doubts=judged.model.doubts)
+    return replace(whole, model=model, held_out=judged.held_out, notes=(*whole.notes, note))
 
 
 def fitted(

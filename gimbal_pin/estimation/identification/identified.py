@@ -12,15 +12,15 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
-from gimbal_pin.errors import DataError, digits
+from gimbal_pin.errors import digits
 from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.audit import audit
 from gimbal_pin.estimation.bodies import TRUST, Body, bodies
 from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.estimators.hausman import BiasCheck
-from gimbal_pin.estimation.identification.checks import FAINT
 from gimbal_pin.estimation.identification.misfit import Misfit
-from gimbal_pin.estimation.rows import Block, Filtering, camera_body, excerpt, over_phi
+from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
+from gimbal_pin.estimation.rows import Filtering, camera_body, excerpt, over_phi
 from gimbal_pin.log.calibration import Mounting
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.brief import brief
@@ -31,56 +31,12 @@ from gimbal_pin.rig.urdf import with_friction
 
 NEGATIVE_FROM = 3.0
 """Deviations under zero from which a parameter that cannot be negative is said to be: one in 700 is by chance."""
-EXPLAINED = 90.0
-"""Held-out fit, %, from which a joint's misfit is a matter of accuracy: a tenth of the torque's deviation is what rigid
-bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
 MASKED_FROM = 0.5
 """Share of a joint's samples that may be masked out before the rest are no longer the log."""
 POSITIVE = ("Ixx", "Iyy", "Izz", "m")
 """Parameters of a body that no body has negative; a sum of them is not either."""
 MIXED = 1e-9
 """Share of a body's parameter in a base parameter under which that knows nothing of it."""
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """How well a model predicts the filtered torque of some rows.
-
-    Attributes:
-        how: Which rows.
-        torque_rmse: Joint → root mean square error, N m, over all samples but those near standstill.
-        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples; nan where the torque
-            does not change.
-        used: Joint → share of the rows that were used; the rest is near standstill, where a joint's motion does not
-            tell its torque.
-    """
-
-    how: str
-    torque_rmse: Mapping[str, float]
-    fit_percent: Mapping[str, float]
-    used: Mapping[str, float]
-
-    __repr__ = brief
-
-    def __str__(self) -> str:
-        """One line: every joint's error and fit."""
-        each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
-        return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
-
-
-def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
-    """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
-    if not blocks:
-        raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
-    measured, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share"))
-    error = measured - np.concatenate([block.A @ theta for block in blocks])
-    rows = np.maximum(np.sum(share**2, axis=0), 1e-300)
-    rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
-    mean = np.sum(measured * share, axis=0) / rows
-    spread = np.linalg.norm(measured - mean * share, axis=0)
-    fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
-    used = np.mean(share**2, axis=0)
-    return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used)))
 
 
 def faults(rig: Rig, logs: Sequence[Log]) -> tuple[str, ...]:
@@ -96,13 +52,15 @@ def faults(rig: Rig, logs: Sequence[Log]) -> tuple[str, ...]:
 
 
 def warnings(found: Identified) -> Iterator[str]:
-    """Yield which joints are not explained, the faults of the logs, then what else is wrong, a sentence each."""
+    """Yield what does not hold, which joints are not explained, the logs' faults, then what else is wrong."""
+    yield from map(str, found.model.doubts)
     yield from unexplained(found)
     yield from found.faults
     yield from negative(found)
     if found.held_out is not None:
+        said = {doubt.joint for doubt in found.model.doubts if doubt.unsafe}
         for joint, fit in found.held_out.fit_percent.items():
-            if fit < 0:
+            if fit < 0 and joint not in said:
                 what = f"the model predicts the held-out torque worse than its mean does (fit {digits(fit, 2)} %)"
                 yield f"{joint}: {what}: it holds for nothing but the logs that it was fitted to"
     for joint, used in found.train.used.items():

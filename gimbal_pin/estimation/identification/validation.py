@@ -1,0 +1,112 @@
+"""Whether a model predicts what it was not fitted to: ``F = rmse² / rmse'²`` over independent rows, at one per cent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtri
+
+from gimbal_pin.dynamics.model import Doubt
+from gimbal_pin.errors import DataError, digits
+from gimbal_pin.estimation.estimators.colour import autocovariance, series
+from gimbal_pin.estimation.identification.checks import FAINT
+from gimbal_pin.estimation.rows import Block
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
+
+EXPLAINED = 90.0
+"""Held-out fit, %, from which a joint's misfit is a matter of accuracy: a tenth of the torque's deviation is what rigid
+bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
+SURE = 0.99
+"""Certainty with which an error is called greater than another."""
+OVERFITTED = 2.0
+"""Held-out error over the training part's: ``√((1 + x)/(1 - x))`` of a fit with x coefficients per row, x = 0.6."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How well a model predicts the filtered torque of some rows.
+
+    Attributes:
+        how: Which rows.
+        torque_rmse: Joint → root mean square error, N m, over all samples but those near standstill.
+        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples; nan where the torque
+            does not change.
+        used: Joint → share of the rows that were used; the rest is near standstill, where a joint's motion does not
+            tell its torque.
+        effective_rows: Joint → independent rows that tell its error as well: ``N / Σ ρ²`` over the lags of the
+            error's autocorrelation ρ.
+    """
+
+    how: str
+    torque_rmse: Mapping[str, float]
+    fit_percent: Mapping[str, float]
+    used: Mapping[str, float]
+    effective_rows: Mapping[str, float]
+
+    __repr__ = brief
+
+    def __str__(self) -> str:
+        """One line: every joint's error and fit."""
+        each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
+        return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
+
+    def exceeds(self, other: Accuracy, joint: str, ratio: float = 1.0) -> bool:
+        """Whether the error at a joint is surely more than so many times the other's."""
+        mine, others = (max(one.effective_rows[joint], 1.0) for one in (self, other))
+        least = ratio * other.torque_rmse[joint] * np.sqrt(fdtri(mine, others, SURE))
+        return bool(self.torque_rmse[joint] > least)
+
+
+def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
+    """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
+    if not blocks:
+        raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
+    whole = series(blocks)
+    errors = [block.b - block.A @ theta for block in whole]
+    measured, share = (np.concatenate([getattr(block, name) for block in whole]) for name in ("b", "share"))
+    error = np.concatenate(errors)
+    rows = np.maximum(np.sum(share**2, axis=0), 1e-300)
+    rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
+    mean = np.sum(measured * share, axis=0) / rows
+    spread = np.linalg.norm(measured - mean * share, axis=0)
+    fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
+    used = np.mean(share**2, axis=0)
+    lags = autocovariance(errors, [block.share for block in whole])
+    effective = rows / (1 + 2 * np.sum((lags[1:] / np.maximum(lags[0], 1e-300)) ** 2, axis=0))
+    return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used, effective)))
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A model's accuracy on the rows that were fitted, and on those that were not."""
+
+    train: Accuracy
+    held_out: Accuracy
+
+    def overfitted(self, joint: str) -> bool:
+        """Whether a joint is explained in the rows that were fitted only."""
+        unexplained = self.held_out.fit_percent[joint] < EXPLAINED
+        return unexplained and self.held_out.exceeds(self.train, joint, OVERFITTED)
+
+    def holds_beside(self, plain: Validation, joint: str) -> bool:
+        """Whether what a joint has beyond a plain model holds for rows that were not fitted.
+
+        It does not where it makes their error greater, nor where it alone is overfitted and makes their error no less.
+        """
+        alone = self.overfitted(joint) and not plain.overfitted(joint)
+        useless = not plain.held_out.exceeds(self.held_out, joint)
+        return not (self.held_out.exceeds(plain.held_out, joint) or (alone and useless))
+
+    def doubts(self) -> Iterator[Doubt]:
+        """Yield the joints whose torque is known in the rows that were fitted only."""
+        for joint in self.train.torque_rmse:
+            if self.overfitted(joint):
+                yield Doubt(joint, f"{self.fits(joint)}: it holds for nothing but what it was fitted to", True)
+
+    def fits(self, joint: str) -> str:
+        """Return how well each part is fitted, in words."""
+        one, other = (digits(each.fit_percent[joint], 3) for each in (self.train, self.held_out))
+        return f"the model fits its training part to {one} %, the held-out part to {other} %"
