@@ -759,7 +759,7 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     os.close(theirs)
     assert running.returncode == 0
     assert "interrupted: this is the best it had found" in said
-    assert json.loads((tmp_path / "j").read_text())["finished"] is False
+    assert json.loads((tmp_path / "j.json").read_text())["finished"] is False
     assert len((tmp_path / "t.csv").read_text().splitlines()) == 4_002
 
 

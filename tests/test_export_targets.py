@@ -33,7 +33,8 @@ from gimbal_pin.export.tables import BINS, RATES, feed, odrive, simplefoc
 from gimbal_pin.log.io import read_log, write_log
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.log.io.follow import follow
-from gimbal_pin.log.io.link import ANSWER, HELLO, LOG, TUNE, Frame, framed, opened, unframed
+from gimbal_pin.log.io.link import ANSWER, HELLO, LOG, TUNE, Frame, framed, opened, seal, unframed
+from gimbal_pin.log.io.siphash import siphash
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
@@ -165,11 +166,36 @@ def test_a_frame_with_another_byte_is_none(body: bytes, draw: st.DataObject) -> 
     assert unframed(draw.draw(st.binary(max_size=40))) is None
 
 
+SECRET = bytes(range(1, 17))
+PAPER = bytes(range(16))
+"""Key of the test vectors of SipHash's paper (15 bytes) and reference code: the first n of the bytes 0, 1, 2, …"""
+
+
+@pytest.mark.parametrize(
+    ("count", "tag"),
+    [
+        (0, "310e0edd47db6f72"),
+        (1, "fd67dc93c539f874"),
+        (7, "37d1018bf50002ab"),
+        (8, "6224939a79f5f593"),
+        (15, "e545be4961ca29a1"),
+        (63, "724506eb4c328a95"),
+    ],
+)
+def test_a_tag_is_that_of_siphashs_authors(count: int, tag: str) -> None:
+    assert siphash(PAPER, bytes(range(count))).hex() == tag
+
+
+def tuning(count: int, body: bytes, sequence: int = 7, secret: bytes = SECRET) -> bytes:
+    """A TUNE as a host with a secret sends it."""
+    return framed(seal(Frame(TUNE, sequence, body), secret, count))
+
+
 class Device:
     """The compiled controller and its link on a UDP socket of this machine: it streams a log, and is tuned."""
 
-    def __init__(self, twin: Twin, log: Log | None) -> None:
-        """Take what it streams, and parameters of its own."""
+    def __init__(self, twin: Twin, log: Log | None, secret: bytes | None = SECRET, count: int = 0) -> None:
+        """Take what it streams, its secret and the last count that it stored, and parameters of its own."""
         self.code, self.n, self.log = twin.library.code, twin.library.n, log
         code = self.code
         for name in ("log", "answer"):
@@ -182,7 +208,7 @@ class Device:
         self.link = ctypes.create_string_buffer(65536)
         self.p = ctypes.create_string_buffer(ctypes.string_at(twin.library.parameters, size), size)
         self.tuning, self.out = about.tuning, ctypes.create_string_buffer(65536)
-        code.gimbal_link_start(self.link)
+        code.gimbal_link_start(self.link, secret, ctypes.c_uint64(count))
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(0.002)
@@ -298,10 +324,12 @@ def test_new_gains_are_taken_between_two_steps(run: Run, sized: Twin, tmp_path: 
         for key in ("kp", "ki", "kd"):
             gains[key] *= 0.5
     write_yaml(softer, tmp_path / "softer.yaml")
+    key = tmp_path / "gimbal.key"
+    key.write_text(SECRET.hex() + "\n")
     wanted = read(softer, stored.model.rig, "here")
     device, n = Device(sized, None), sized.library.n
     with device.running() as address:
-        code, out, err = run("export", tmp_path / "softer.yaml", "--live", address)
+        code, out, err = run("export", tmp_path / "softer.yaml", "--live", address, "--secret", key)
         assert code == 0 and "in force" in out, err
     assert device.applied >= 1
     rng = np.random.default_rng(0)
@@ -327,12 +355,12 @@ def test_a_hostile_frame_changes_nothing(sized: Twin) -> None:
     for sequence, (place, value) in enumerate(hostile):
         values = own.copy()
         values[place] = value
-        assert device.receive(framed(Frame(TUNE, sequence, device.tuning[:4] + values.tobytes())))
+        assert device.receive(tuning(1 + sequence, device.tuning[:4] + values.tobytes(), sequence))
         assert not device.applied_now() and device.answer() == (sequence, 2), (place, value)
-    for body in (b"", device.tuning[:-1], device.tuning + b"\0", b"\7\0" + device.tuning[2:]):
-        device.receive(framed(Frame(TUNE, 99, body)))
+    for k, body in enumerate((b"", device.tuning[:-1], device.tuning + b"\0", b"\7\0" + device.tuning[2:])):
+        device.receive(tuning(10 + k, body, 99))
         assert not device.applied_now() and device.answer() == (99, 1)
-    good = framed(Frame(TUNE, 7, device.tuning))
+    good = tuning(20, device.tuning)
     rng = np.random.default_rng(0)
     for _ in range(3000):
         bad = bytearray(good)
@@ -347,6 +375,73 @@ def test_a_hostile_frame_changes_nothing(sized: Twin) -> None:
     assert device.applied_now() and device.answer() == (7, 0)
     device.receive(framed(Frame(HELLO, 0, b"")))
     device.socket.close()
+
+
+@compiled_here
+def test_only_who_has_the_secret_tunes_and_each_frame_once(sized: Twin) -> None:
+    """No tag, another secret, a changed byte under a right CRC, an old count, a gimbal without a secret."""
+    device = Device(sized, None)
+    other, body = bytes(16), device.tuning
+    right = unframed(tuning(5, body)[:-1])
+    assert right is not None
+    forged = [Frame(TUNE, 7, body), Frame(TUNE, 7, b""), Frame(TUNE, 8, right.body)]
+    for place in (4, -9, -1):
+        changed = bytearray(right.body)
+        changed[place] ^= 1
+        forged.append(right._replace(body=bytes(changed)))
+    for frame in forged:
+        assert not device.receive(framed(frame)) and not device.applied_now()
+        assert device.answer() == (frame.sequence, 3), frame
+    assert not device.receive(tuning(6, body, secret=other)) and device.answer() == (7, 3)
+    assert device.receive(framed(right)) and device.applied_now() and device.answer() == (7, 0)
+    assert not device.receive(framed(right)) and device.answer() is None
+    assert not device.receive(tuning(4, body)) and not device.applied_now() and device.answer() == (7, 4)
+    assert device.receive(tuning(6, body)) and device.applied_now() and device.answer() == (7, 0)
+    device.socket.close()
+    for secret in (None, other):
+        without = Device(sized, None, secret)
+        assert not without.receive(tuning(9, body, secret=other)) and not without.applied_now()
+        assert without.answer() == (7, 3)
+        without.socket.close()
+    again = Device(sized, None, count=6)
+    assert not again.receive(tuning(6, body)) and not again.applied_now() and again.answer() is None
+    again.socket.close()
+
+
+@compiled_here
+@given(key=st.binary(min_size=16, max_size=16), data=st.binary(max_size=300))
+def test_both_ends_make_the_same_tag(sized: Twin, key: bytes, data: bytes) -> None:
+    tag = sized.library.code.gimbal_link_tag
+    tag.restype = ctypes.c_uint64
+    assert tag(key, data, ctypes.c_size_t(len(data))) == int.from_bytes(siphash(key, data), "little")
+
+
+def test_gains_are_sent_with_a_secret_alone(run: Run, turret: Path, tmp_path: Path) -> None:
+    """Refused before anything is sent, or worked on; the secret itself is in no message."""
+    key, live = tmp_path / "gimbal.key", ("--live", "udp://127.0.0.1:9")
+    refused(run("export", turret, *live), 2, "--live", "--secret FILE")
+    refused(run("export", turret, "--secret", key, "--c", tmp_path / "c"), 2, "--secret", "--live ADDRESS")
+    for text in ("", "0" * 32, "1234", "g" * 32, "1" * 64):
+        key.write_text(text)
+        said = run("export", turret, *live, "--secret", key)
+        refused(said, 2, "gimbal.key", "is no secret of 32 hexadecimal digits", "openssl rand -hex 16")
+        assert not text or text not in said[2]
+
+
+@compiled_here
+@pytest.mark.parametrize(
+    ("secret", "count", "said"),
+    [(PAPER, 0, "another secret"), (None, 0, "or none"), (SECRET, 2**63, "clock")],
+    ids=["another", "none", "stale"],
+)
+def test_a_gimbal_that_refuses_a_host_says_why(
+    run: Run, turret: Path, sized: Twin, tmp_path: Path, secret: bytes | None, count: int, said: str
+) -> None:
+    key, device = tmp_path / "gimbal.key", Device(sized, None, secret, count)
+    key.write_text(SECRET.hex())
+    with device.running() as address:
+        refused(run("export", turret, "--live", address, "--secret", key), 2, said)
+    assert device.applied == 0
 
 
 def sent(datagrams: list[bytes]) -> list[Log]:

@@ -36,7 +36,7 @@ def films(output: str | Path, given: Mapping[str, Any]) -> list[Path]:
     return [path] if count == 1 else numbered
 
 
-def formats() -> tuple[str, ...]:
+def film_suffixes() -> tuple[str, ...]:
     """Suffixes of animations and pictures."""
     from gimbal_pin.report.view.output import FPS
 
@@ -48,7 +48,7 @@ def animate(
     logs: Annotated[
         Positional[tuple[str, ...]], Reads(files_of_logs), arg(metavar="LOG …", help="logs or trajectories")
     ],
-    output: Annotated[Path | None, Writes(films, chosen=formats), INTO_FILE] = None,
+    output: Annotated[Path | None, Writes(films, chosen=film_suffixes), INTO_FILE] = None,
     *,
     payload: Payload = None,
     map: Map = (),

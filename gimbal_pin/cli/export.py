@@ -22,6 +22,18 @@ if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig
 
 
+REFUSALS = (
+    ("runs a controller of other joints or terms", "flash the sources that --c writes"),
+    (
+        "refuses these gains or terms: out of the range that gimbal_link.h states",
+        "tune for the delay of the gimbal that runs",
+    ),
+    ("has another secret, or none", "give gimbal_link_start and --secret the same"),
+    ("was tuned by a host whose clock is ahead", "set this machine's clock"),
+)
+"""What a gimbal's status means, from 1 on, and the correction."""
+
+
 def sources(value: Path, given: Any) -> list[Path]:
     """Files that `export` may put into the folder of `--c`."""
     from gimbal_pin.export import NAMES
@@ -72,6 +84,9 @@ def export(
         str | None,
         optional("ADDRESS", "send gains and feed-forward to a running gimbal: udp://HOST:PORT or serial:DEVICE@BAUD"),
     ] = None,
+    secret: Annotated[
+        Path | None, Reads(), optional("FILE", "secret of the gimbal that --live tunes: 32 hexadecimal digits")
+    ] = None,
     rig: Annotated[
         str | None, Reads(rigs), optional("RIG", "URDF or YAML of the rig", "the bundled rig that CONTROLLER names")
     ] = None,
@@ -93,11 +108,18 @@ def export(
     from gimbal_pin.export.tables import odrive as indexed
     from gimbal_pin.export.tables import simplefoc as tabled
     from gimbal_pin.log.io.files import to_json
+    from gimbal_pin.log.io.link import read_secret
 
     if all(target is None for target in (c, ros2, simplefoc, odrive, live)):
         raise UsageError("export", "is not told what to write", "add --c, --ros2, --simplefoc, --odrive or --live")
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
+    if (live is None) != (secret is None):
+        option, other = ("--secret", "--live") if live is None else ("--live", "--secret")
+        raise UsageError(
+            option, f"is given without {other}", "tune with --live ADDRESS --secret FILE, the gimbal's own"
+        )
+    shared = None if secret is None else read_secret(secret)
     loaded = rig_of(controller, rig, payload)
     stored = read_controller(controller, loaded)
     folders: list[tuple[Path, Mapping[str, str]]] = []
@@ -114,8 +136,8 @@ def export(
             from gimbal_pin.export.ros2 import package
 
             folders.append((ros2, package(stored, found.files)))
-        if live is not None:
-            said["live"] = tuned(live, found.tuning)
+        if live is not None and shared is not None:
+            said["live"] = tuned(live, found.tuning, shared)
     lines = written(folders, odrive, table, asked_for)
     if c is not None:
         lines.append(text.exported(found, c))
@@ -147,7 +169,7 @@ def written(
     return [f"{len(content)} files → {folder}" for folder, content in folders] + [f"→ {odrive}"] * (odrive is not None)
 
 
-def tuned(address: str, body: bytes) -> str:
+def tuned(address: str, body: bytes, secret: bytes) -> str:
     """Send gains and feed-forward to a running gimbal.
 
     Raises:
@@ -156,12 +178,8 @@ def tuned(address: str, body: bytes) -> str:
     """
     from gimbal_pin.log.io.link import tune
 
-    status = tune(address, body)
-    if status == 1:
-        raise UsageError(address, "runs a controller of other joints or terms", "flash the sources that --c writes")
-    if status:
-        what = "refuses these gains or terms: out of the range that gimbal_link.h states"
-        raise UsageError(address, what, "tune for the delay of the gimbal that runs")
+    if status := tune(address, body, secret):
+        raise UsageError(address, *REFUSALS[min(status, len(REFUSALS)) - 1])
     return address
 
 

@@ -9,7 +9,7 @@ from tyro.conf import arg
 
 from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.options import Json, Logs, optional
-from gimbal_pin.cli.paths import Reads, Writes, plots, rigs
+from gimbal_pin.cli.paths import Reads, Writes, plot_suffixes, rigs
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import UsageError
 from gimbal_pin.report import text
@@ -23,7 +23,7 @@ def inspect(
     ] = None,
     output: Annotated[
         Path | None,
-        Writes(chosen=lambda: (".html", *plots())),
+        Writes(chosen=lambda: (".html", *plot_suffixes())),
         arg(aliases=["-o"], metavar="FILE", help="draw every channel: .html, .png, .svg or .pdf"),
     ] = None,
     yaml: Annotated[

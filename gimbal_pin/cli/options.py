@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from gimbal_pin.cli.paths import Reads, Writes, diagnosed, logs, logs_written, maps, payloads, plots, rigs, walked
+from gimbal_pin.cli.paths import (
+    Reads,
+    Writes,
+    diagnosed,
+    log_suffixes,
+    logs,
+    maps,
+    payloads,
+    plot_suffixes,
+    rigs,
+    walked,
+)
 from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
@@ -64,7 +75,7 @@ Logs = Annotated[
 ]
 Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
 Page = Annotated[Path | None, Writes(suffixes=(".html",))]
-Plotted = Annotated[Path | None, Writes(chosen=plots)]
+Plotted = Annotated[Path | None, Writes(chosen=plot_suffixes)]
 Json = Annotated[
     Path | None,
     Writes(suffixes=(".json", ".jsonl")),
@@ -84,9 +95,9 @@ Effects = Annotated[
 ]
 # The largest is a shock of 10 g for profile S, of 1 m/s² rms.
 PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
-Output = Annotated[Path, Writes(chosen=logs_written), arg(aliases=["-o"], metavar="FILE", help="where to write")]
+Output = Annotated[Path, Writes(chosen=log_suffixes), arg(aliases=["-o"], metavar="FILE", help="where to write")]
 INTO_FILE = arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")
-MaybeOutput = Annotated[Path | None, Writes(chosen=logs_written), INTO_FILE]
+MaybeOutput = Annotated[Path | None, Writes(chosen=log_suffixes), INTO_FILE]
 MaybeYaml = Annotated[Path | None, Writes(suffixes=(".yaml", ".yml")), INTO_FILE]
 INTO = "folder for the files, made if it is not there; its run.json says which run they are of"
 Folder = Annotated[Path, Writes(walked, run=True), arg(aliases=["-o"], metavar="DIR", help=INTO)]

@@ -51,14 +51,14 @@ class Writes:
     run: bool = False
 
 
-def logs_written() -> tuple[str, ...]:
+def log_suffixes() -> tuple[str, ...]:
     """Suffixes of logs and trajectories that are written."""
     from gimbal_pin.log.io.formats import FORMATS
 
     return tuple(suffix for suffix, form in FORMATS.items() if form.write is not None)
 
 
-def plots() -> tuple[str, ...]:
+def plot_suffixes() -> tuple[str, ...]:
     """Suffixes of plots."""
     return (".png", ".svg", ".pdf")
 

@@ -75,7 +75,7 @@ int main(int count, char **words)
     static struct gimbal_link link;
     memset(&seen, 0, sizeof seen);
     own = *p;
-    gimbal_link_start(&link);
+    gimbal_link_start(&link, NULL, 0u);
     gimbal_tracking_start(&tracking);
     for (int k = 0; k < steps; ++k) {
         const uint32_t rare = 2u + next() % 1000u;

@@ -5,7 +5,7 @@
 
 #include "gimbal_law.h"
 
-enum { HEADER = 4, CRC = 2 };
+enum { HEADER = 4, CRC = 2, TAG = 8 };
 
 static uint16_t crc_of(const uint8_t bytes[], size_t count)
 {
@@ -27,13 +27,51 @@ static void put(uint8_t *to, uint64_t value, size_t bytes)
     }
 }
 
-static uint32_t get(const uint8_t *from, size_t bytes)
+static uint64_t get(const uint8_t *from, size_t bytes)
 {
-    uint32_t value = 0u;
+    uint64_t value = 0u;
     for (size_t i = 0; i < bytes; ++i) {
-        value |= (uint32_t)from[i] << (8u * i);
+        value |= (uint64_t)from[i] << (8u * i);
     }
     return value;
+}
+
+static uint64_t rotate_left(uint64_t word, unsigned bits)
+{
+    return (word << bits) | (word >> (64u - bits));
+}
+
+static void mix(uint64_t v[4], int rounds)
+{
+    for (; rounds > 0; --rounds) {
+        v[0] += v[1];
+        v[2] += v[3];
+        v[1] = rotate_left(v[1], 13u) ^ v[0];
+        v[3] = rotate_left(v[3], 16u) ^ v[2];
+        v[0] = rotate_left(v[0], 32u) + v[3];
+        v[2] += v[1];
+        v[1] = rotate_left(v[1], 17u) ^ v[2];
+        v[3] = rotate_left(v[3], 21u) ^ v[0];
+        v[2] = rotate_left(v[2], 32u);
+    }
+}
+
+uint64_t gimbal_link_tag(const uint8_t key[GIMBAL_LINK_SECRET], const uint8_t bytes[], size_t count)
+{
+    const uint64_t low = get(key, 8u);
+    const uint64_t high = get(&key[8], 8u);
+    uint64_t v[4] = {low ^ 0x736f6d6570736575u, high ^ 0x646f72616e646f6du, low ^ 0x6c7967656e657261u,
+                     high ^ 0x7465646279746573u};
+    for (size_t at = 0u; at <= count; at += 8u) {
+        const size_t left = count - at;
+        const uint64_t word = left < 8u ? get(&bytes[at], left) | (uint64_t)count << 56u : get(&bytes[at], 8u);
+        v[3] ^= word;
+        mix(v, 2);
+        v[0] ^= word;
+    }
+    v[2] ^= 0xffu;
+    mix(v, 4);
+    return v[0] ^ v[1] ^ v[2] ^ v[3];
 }
 
 static void put_floats(uint8_t *to, const float x[], size_t count)
@@ -131,13 +169,12 @@ static bool sound(const struct gimbal_parameters *p, const float values[GIMBAL_L
 static void take(struct gimbal_link *link, const struct gimbal_parameters *p, const uint8_t *body, size_t count)
 {
     float values[GIMBAL_LINK_VALUES];
-    link->answering = true;
     link->status = GIMBAL_OTHER_SIZE;
     if (count != GIMBAL_LINK_TUNE || get(body, 2u) != GIMBAL_JOINTS || get(&body[2], 2u) != GIMBAL_OTHERS) {
         return;
     }
     for (size_t i = 0; i < GIMBAL_LINK_VALUES; ++i) {
-        const uint32_t bits = get(&body[4u + 4u * i], 4u);
+        const uint32_t bits = (uint32_t)get(&body[4u + 4u * i], 4u);
         memcpy(&values[i], &bits, sizeof bits);
     }
     link->status = GIMBAL_OUT_OF_RANGE;
@@ -146,6 +183,37 @@ static void take(struct gimbal_link *link, const struct gimbal_parameters *p, co
         link->waiting = true;
         link->status = GIMBAL_TUNED;
     }
+}
+
+/* Whether a TUNE, without its CRC, bears the tag of the gimbal's secret. */
+static bool is_sealed(const struct gimbal_link *link, const uint8_t *frame, size_t length)
+{
+    unsigned any = 0u;
+    for (size_t i = 0; i < GIMBAL_LINK_SECRET; ++i) {
+        any |= link->secret[i];
+    }
+    return any != 0u && length >= HEADER + GIMBAL_LINK_SEAL &&
+           get(&frame[length - TAG], TAG) == gimbal_link_tag(link->secret, frame, length - TAG);
+}
+
+/* Look at a TUNE, without its CRC; whether it is of who has the secret, and new. What comes twice is answered once. */
+static bool take_sealed(struct gimbal_link *link, const struct gimbal_parameters *p, const uint8_t *frame,
+                        size_t length)
+{
+    const bool ours = is_sealed(link, frame, length);
+    const uint64_t count = ours ? get(&frame[length - GIMBAL_LINK_SEAL], 8u) : 0u;
+    if (ours && count == link->count) {
+        return false;
+    }
+    link->asked = (uint16_t)get(&frame[2], 2u);
+    link->answering = true;
+    link->status = ours ? GIMBAL_STALE : GIMBAL_NOT_SEALED;
+    if (count <= link->count) {
+        return false;
+    }
+    link->count = count;
+    take(link, p, &frame[HEADER], length - HEADER);
+    return true;
 }
 
 /* Look at one frame; whether it was good. */
@@ -158,17 +226,19 @@ static bool understood(struct gimbal_link *link, const struct gimbal_parameters 
         return false;
     }
     if (frame[1] == GIMBAL_TUNE) {
-        link->asked = (uint16_t)get(&frame[2], 2u);
-        take(link, p, &frame[HEADER], length - HEADER - CRC);
-        return true;
+        return take_sealed(link, p, frame, length - CRC);
     }
     link->greeted = link->greeted || frame[1] == GIMBAL_HELLO;
     return frame[1] == GIMBAL_HELLO;
 }
 
-void gimbal_link_start(struct gimbal_link *link)
+void gimbal_link_start(struct gimbal_link *link, const uint8_t secret[GIMBAL_LINK_SECRET], uint64_t count)
 {
     memset(link, 0, sizeof *link);
+    if (secret != NULL) {
+        memcpy(link->secret, secret, GIMBAL_LINK_SECRET);
+    }
+    link->count = count;
 }
 
 bool gimbal_link_receive(struct gimbal_link *link, const struct gimbal_parameters *p, const uint8_t bytes[],

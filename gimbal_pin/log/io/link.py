@@ -2,7 +2,7 @@
 
 A frame is ``uint8 version, uint8 type, uint16 sequence``, a body and a CRC (CCITT-FALSE), stuffed by COBS (Cheshire and
 Baker, IEEE/ACM Trans. Networking 7(2), 1999) with a zero byte at its end, little-endian throughout; `gimbal_link.h` of
-an exported controller lists the bodies.
+an exported controller lists the bodies. New parameters bear a count and a tag of a secret that both ends share.
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
+from pathlib import Path
 from typing import NamedTuple
 
 from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log.io.siphash import siphash
+from gimbal_pin.rig.reading import read_bytes
 
 VERSION = 1
 HELLO, LOG, TUNE, ANSWER = 1, 2, 3, 4
@@ -74,7 +77,7 @@ def is_link(path: str) -> bool:
 
 def framed(frame: Frame) -> bytes:
     """Return a frame as bytes, its zero included."""
-    plain = struct.pack("<BBH", VERSION, frame.type, frame.sequence % 2**16) + frame.body
+    plain = pack_header(frame) + frame.body
     return stuffed(plain + struct.pack("<H", crc_hqx(plain, 0xFFFF))) + b"\0"
 
 
@@ -86,6 +89,26 @@ def unframed(data: bytes) -> Frame | None:
     if crc_hqx(plain[:-2], 0xFFFF) != int.from_bytes(plain[-2:], "little"):
         return None
     return Frame(plain[1], int.from_bytes(plain[2:4], "little"), plain[4:-2])
+
+
+def seal(frame: Frame, secret: bytes, count: int) -> Frame:
+    """Return a frame whose body ends in a count and the tag of header, body and count under a secret of 16 bytes."""
+    body = frame.body + struct.pack("<Q", count)
+    return frame._replace(body=body + siphash(secret, pack_header(frame) + body))
+
+
+def read_secret(path: str | Path) -> bytes:
+    """Return a file's secret of 16 bytes; `UsageError` unless it holds 32 hexadecimal digits that are not all zero."""
+    text = read_bytes(path, most=4096).strip()
+    if re.fullmatch(rb"[\da-fA-F]{32}", text) is None or not int(text, 16):
+        mend = f"make one: openssl rand -hex 16 > {Path(path).name}"
+        raise UsageError(str(path), "is no secret of 32 hexadecimal digits", mend)
+    return bytes.fromhex(text.decode())
+
+
+def pack_header(frame: Frame) -> bytes:
+    """Return the bytes before a frame's body."""
+    return struct.pack("<BBH", VERSION, frame.type, frame.sequence % 2**16)
 
 
 def stuffed(plain: bytes) -> bytes:
@@ -224,10 +247,11 @@ def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[by
         raise LogError(address, f"sent no sample within {idle:g} s", "see that the gimbal runs there")
 
 
-def tune(address: str, body: bytes, patience: float = 3.0) -> int:
+def tune(address: str, body: bytes, secret: bytes, patience: float = 3.0) -> int:
     """Send new parameters to a running gimbal, and return the status that it answers.
 
-    They are sent again each half second until it answers: to apply them twice is to apply them once.
+    They are sent again each half second until it answers: to apply them twice is to apply them once. They are counted
+    by this machine's clock, ns since 1970, so that what any host sent before is older.
 
     Raises:
         UsageError, LogError: As `opened`; or no answer came within `patience` seconds.
@@ -243,6 +267,6 @@ def tune(address: str, body: bytes, patience: float = 3.0) -> int:
             if now > end:
                 break
             if now >= due:
-                send(channel, framed(Frame(TUNE, sequence, body)))
+                send(channel, framed(seal(Frame(TUNE, sequence, body), secret, time.time_ns())))
                 due = now + 0.5
     raise LogError(address, f"did not answer within {patience:g} s", "see that the gimbal runs there")
