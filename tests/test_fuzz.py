@@ -2,25 +2,46 @@
 
 from __future__ import annotations
 
+import html
+import io
 import os
 import re
+import socket
 import sys
 import time
+import zipfile
+import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 
-from fuzzing import damaged_csv, damaged_xml, damaged_yaml, killing, options, seeds, workers
-from fuzzing.case import Case, Place
+from fuzzing import (
+    bombs,
+    damaged_csv,
+    damaged_xml,
+    damaged_yaml,
+    killing,
+    laws,
+    options,
+    restarts,
+    scripted,
+    seeds,
+    workers,
+)
+from fuzzing.case import PORT, Case, Place
 from fuzzing.cases import READERS, Drawn
 
 from gimbal_pin.cli import VERBS, main
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.log.io import write_log
+from gimbal_pin.rig.reading import LARGEST
 from tests.bench_logs import prescribed
 from tests.rigs import bundled
 
@@ -62,6 +83,7 @@ PLANTED: dict[str, tuple[Callable[[], None], tuple[str, ...]]] = {
     "a hang": (lambda: [None for _ in iter(int, 1)].clear(), ("slow",)),
     "a wait": (lambda: time.sleep(60), ("slow",)),
     "a death": (lambda: os.abort(), ("died",)),
+    "much of the memory": (lambda: void(np.ones(2**23)), ("memory",)),
     "all of the memory": (lambda: void(bytearray(1 << 44)), ("exception",)),
 }
 """What a verb does → which laws that breaks."""
@@ -72,6 +94,7 @@ def test_every_planted_failure_is_caught_and_no_sound_verb_is_blamed(
 ) -> None:
     monkeypatch.setattr(workers, "SECONDS", 0.3)
     monkeypatch.setattr(workers, "WAITING", 0.6)
+    monkeypatch.setattr(laws, "MEMORY", 2**25)
     names = list(PLANTED)
 
     def planted(words: Sequence[str]) -> None:
@@ -84,6 +107,76 @@ def test_every_planted_failure_is_caught_and_no_sound_verb_is_blamed(
     found = {names[result.place.number]: result for result in workers.results(places, drawn, planted, 1, tmp_path)}
     kinds = {name: tuple(failure.kind for failure in result.failures) for name, result in found.items()}
     assert kinds == {name: laws for name, (_, laws) in PLANTED.items()}
+
+
+def kinds(case: Case, verb: Callable[[Sequence[str]], None], folder: Path) -> list[str]:
+    """Return the laws that a verb breaks in a case."""
+    (result,) = workers.results(iter([PLACE]), lambda _: case, verb, 1, folder)
+    return [failure.kind for failure in result.failures]
+
+
+def test_a_page_must_have_the_elements_of_one_with_plain_names(tmp_path: Path) -> None:
+    def careless(words: Sequence[str]) -> None:
+        page = f"<html><p>{words[1]}</p><svg><text>{words[2]}</text></svg></html>"
+        Path("out.html").write_text(page, encoding="utf-8")
+
+    plain = Case(("page", "a", "b"), {})
+    for text in ("<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "</p><p>"):
+        assert kinds(replace(plain, words=("page", text, "b"), plain=plain), careless, tmp_path) == ["foreign element"]
+        assert kinds(replace(plain, words=("page", html.escape(text), "b"), plain=plain), careless, tmp_path) == []
+    drawn = replace(plain, words=("page", "a", "</text><script>alert(1)</script>"), plain=plain)
+    assert kinds(drawn, careless, tmp_path) == ["foreign element"]
+
+
+def test_names_that_are_code_stand_in_every_input_and_nothing_else_differs(valid: seeds.Seeds) -> None:
+    names = {name: f"{name} {one}" for name, one in zip(scripted.NAMED, scripted.SCRIPTS)}
+    files = scripted.named(valid, names)
+    text = html.unescape("".join(files[name].decode() for name in ("pan.urdf", "block.urdf", "pan.yaml", "log.csv")))
+    assert all(html.unescape(names[name]) in text for name in scripted.NAMED if not name.endswith("file"))
+    case = scripted.scripted(np.random.default_rng(1), valid, "animate pan.yaml log.csv -o out.html")
+    assert case.plain is not None and len(case.plain.words) == len(case.words) and case != case.plain
+
+
+def test_pipes_are_filled_slowly_or_not_at_all(tmp_path: Path) -> None:
+    content = b"t,q\n" + b"1,2\n" * 50_000
+
+    def reading(words: Sequence[str]) -> None:
+        pipe = os.open("silent", os.O_RDONLY | os.O_NONBLOCK)
+        found = Path("slow").read_bytes(), os.read(pipe, 9), Path("device").read_bytes()
+        assert found == (content, b"", b"")
+
+    case = Case(("read",), {}, pipes={"slow": content, "silent": None, "unread": content}, links={"device": os.devnull})
+    assert kinds(case, reading, tmp_path) == []
+
+
+def test_a_gimbal_answers_who_greets_it_and_what_it_must_lead_to_is_asked(valid: seeds.Seeds, tmp_path: Path) -> None:
+    datagrams = tuple(restarts.sent(valid["log.csv"])[:20])
+
+    def greeting(words: Sequence[str]) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+            host.settimeout(5)
+            host.sendto(b"hello", ("127.0.0.1", int(words[0].rpartition(":")[2])))
+            assert [host.recv(65536) for _ in datagrams] == list(datagrams)
+
+    assert kinds(Case((PORT,), {}, datagrams=datagrams, code=0), greeting, tmp_path) == []
+    assert kinds(Case((PORT,), {}, datagrams=datagrams, code=2), greeting, tmp_path) == ["exit code"]
+    drawn = [restarts.drawn(np.random.default_rng(seed), valid["log.csv"]) for seed in range(20)]
+    assert {harmless for _, harmless in drawn} == {True, False}
+
+
+def test_bombs_are_small_and_unfold_to_more_than_a_log_may_hold() -> None:
+    unfolded = zlib.decompressobj(31).decompress(bombs.gz(), 2**26)
+    assert unfolded == bytes(2**26)
+    contents = {name: bombs.WRITERS[name]() for name in ("bomb.csv.gz", "bomb.npz", "lying.npz", "bomb.mat", "bomb.h5")}
+    assert all(len(content) < 9e6 for content in contents.values())
+    (_, shape, _), *_ = scipy.io.whosmat(io.BytesIO(contents["bomb.mat"]))
+    with (
+        h5py.File(io.BytesIO(contents["bomb.h5"])) as file,
+        zipfile.ZipFile(io.BytesIO(contents["bomb.npz"])) as packed,
+    ):
+        assert not file["t"][-9:].any()
+        sizes = [8 * shape[0], file["t"].nbytes, packed.infolist()[0].file_size]
+    assert all(size > LARGEST for size in sizes)
 
 
 def test_every_reader_gets_the_same_share_of_the_time() -> None:
@@ -157,7 +250,9 @@ def valid() -> seeds.Seeds:
     table = b"t,q_pan,dq_pan,tau_pan\n" + b"".join(b"%g,0.5,0.25,1\n" % (k / 100) for k in range(200))
     model = b"kind: gimbal_pin model\njoints: [pan]\nphi: [1, 2, 3]\nterms: [{effect: coulomb, values: [0.5]}]\n"
     tables = dict.fromkeys(["log.csv", "log2.csv", "reference.csv", "platform.csv", "mapped.csv"], table)
-    packed = dict.fromkeys(["log.parquet", "platform.parquet", *seeds.WRITERS], b"PAR1" + table + b"PAR1")
+    packed = dict.fromkeys(
+        ["log.parquet", "platform.parquet", *seeds.WRITERS, *bombs.WRITERS], b"PAR1" + table + b"PAR1"
+    )
     models = ["model.yaml", "extended.yaml", "controller.yaml", "controller2.yaml", "pid.yaml"]
     text = {"pan.urdf": seeds.PAN, "pan.yaml": seeds.PAN_YAML, "block.urdf": seeds.MOUNTED, "map.yaml": seeds.MAPPING}
     written = {name: content.encode() for name, content in text.items()}

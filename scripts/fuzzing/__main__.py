@@ -40,6 +40,7 @@ LATER = (
     "yourdfpy",
     "lxml.etree",
     "scipy.io",
+    "lxml.html",
 )
 """What the verbs import when they need it: here before the processes are forked, so that none of them waits for it."""
 
@@ -125,6 +126,7 @@ def shown(place: Place, draw: Draw, main: Main, folder: Path) -> int:
     folder.parent.mkdir(parents=True, exist_ok=True)
     trace = folder.parent / ".trace"
     with watched(6 * SECONDS, 2 * WAITING, trace):
+        plain = ran(main, case.plain, folder) if case.plain is not None else None
         run = ran(main, case, folder)
     trace.unlink()
     print(f"cd {folder}; {command(case)}\nexit code {run.code} after {run.seconds:.2f} s")
@@ -132,7 +134,7 @@ def shown(place: Place, draw: Draw, main: Main, folder: Path) -> int:
         print(f"--- {name}\n{stream.decode(errors='replace')[:4000]!r}" if stream else f"--- {name}: nothing")
     if run.trace:
         print(run.trace)
-    wrong = failures(run)
+    wrong = failures(run, case.code, plain)
     for failure in wrong:
         print(f"FAILED {failure.kind}: {failure.signature}")
     print(f"{int(not wrong)} passed, {int(bool(wrong))} failed")

@@ -8,10 +8,20 @@ from pathlib import PurePath
 
 import numpy as np
 
-from fuzzing import damaged_bytes, damaged_csv, damaged_parquet, damaged_xml, damaged_yaml, options
-from fuzzing.case import Case, Place
+from fuzzing import (
+    bombs,
+    damaged_bytes,
+    damaged_csv,
+    damaged_parquet,
+    damaged_xml,
+    damaged_yaml,
+    options,
+    restarts,
+    scripted,
+)
+from fuzzing.case import PORT, Case, Place
 from fuzzing.junk import one
-from fuzzing.seeds import Seeds
+from fuzzing.seeds import WRITERS, Seeds
 
 RNG = np.random.Generator
 BYTES = 0.4
@@ -267,6 +277,66 @@ def platform(rng: RNG, seeds: Seeds) -> Case:
     return call(rng, seeds, chosen, {"platform.csv": content})
 
 
+READ: Mapping[str, str] = {
+    **dict.fromkeys(("log.csv", "log.parquet", *WRITERS), "identify pan.yaml {} -o out.yaml"),
+    "pan.urdf": "check pan.yaml",
+    "pan.yaml": "check {}",
+    "part.stl": "animate pan.yaml log.csv -o out.html",
+    "block.urdf": "check pan.yaml --payload {}",
+    "map.yaml": "identify pan.yaml mapped.csv --map {} -o out.yaml",
+    "model.yaml": "tune pan.yaml {} -o out.yaml",
+    "extended.yaml": "simulate pan.yaml -o out.csv --seconds 0.2 --model {}",
+    "controller.yaml": "simulate pan.yaml -o out.csv --seconds 0.2 --controller {}",
+    "platform.csv": "simulate pan.yaml -o out.csv --seconds 0.2 --platform-log {}",
+    "reference.csv": "simulate pan.yaml -o out.csv --reference {}",
+}
+"""A file of every kind → what reads it."""
+DEVICES = ("/dev/zero", "/dev/urandom", "/dev/null", "/dev/full", "/dev/tty", ".", "itself", "/proc/self/mem")
+
+
+def pipes(rng: RNG, seeds: Seeds) -> Case:
+    """A pipe that nobody writes into, or somebody slowly, or a device, in place of every kind of file."""
+    name = one(rng, list(READ))
+    chosen = READ[name].format(name) + " --follow --idle 0" * (name == "log.csv" and rng.random() < 0.5)
+    case = call(rng, seeds, chosen.replace("-o out.yaml --follow", "--follow"), {})
+    inputs = {key: content for key, content in case.inputs.items() if key != name}
+    if rng.random() < 0.5:
+        device = one(rng, DEVICES)
+        return replace(case, inputs=inputs, links={name: name if device == "itself" else device})
+    return replace(case, inputs=inputs, pipes={name: one(rng, (None, b"", seeds[name]))})
+
+
+def bomb(rng: RNG, seeds: Seeds) -> Case:
+    """A small file that unfolds to more than memory."""
+    name = one(rng, list(bombs.WRITERS))
+    chosen = line(
+        rng,
+        (4, f"identify pan.yaml {name} -o out.yaml"),
+        (1, f"inspect {name} --rig pan.yaml"),
+        (1, f"animate pan.yaml {name} -o out.html"),
+        (1, f"simulate pan.yaml -o out.csv --seconds 0.2 --platform-log {name}"),
+    )
+    return replace(call(rng, seeds, chosen, {}), code=2)
+
+
+def names(rng: RNG, seeds: Seeds) -> Case:
+    """Names that are code to a page: of rig, joint, links, payload, files and columns."""
+    chosen = line(
+        rng,
+        (90, "animate pan.yaml log.csv -o out.html"),
+        (10, "animate pan.yaml log.csv -o out.html --payload block.urdf"),
+        (LATE * 100, "auto pan.yaml log.csv -o out"),
+    )
+    return scripted.scripted(rng, seeds, chosen)
+
+
+def restart(rng: RNG, seeds: Seeds) -> Case:
+    """A gimbal on the other end of UDP that begins anew."""
+    datagrams, harmless = restarts.drawn(rng, seeds["log.csv"])
+    case = call(rng, seeds, f"identify pan.yaml {PORT} --follow --idle 0.5 -o out.yaml", {})
+    return replace(case, datagrams=datagrams, code=0 if harmless else None)
+
+
 def option(rng: RNG, seeds: Seeds) -> Case:
     """Odd values of any option of any verb."""
     verb = line(rng, *((weight, name) for name, (weight, _) in options.LINES.items()))
@@ -301,10 +371,14 @@ READERS: Mapping[str, Callable[[RNG, Seeds], Case]] = {
     "extended": extended,
     "controller": controller,
     "platform": platform,
+    "pipes": pipes,
+    "bombs": bomb,
+    "names": names,
+    "restarts": restart,
     "options": option,
 }
 """What is read → how its cases are drawn."""
-APART = ("mat", "bag", "db3", "mcap", "ulg")
+APART = ("mat", "bag", "db3", "mcap", "ulg", "bombs")
 """Readers that start a process of their own for each case: half a second, seven times what the others take."""
 FEWER = 25
 """Of those one case in so many is run: a thousand of each would take 23 minutes of two cores."""

@@ -8,16 +8,20 @@ import json
 import re
 import unicodedata
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import lxml.html
 import yaml
 
 from fuzzing.running import Ran
 
 SECONDS, WAITING = 10.0, 60.0
 """Work of one call, s, and the same with what a busy machine makes it wait."""
+MEMORY = 3 << 29
+"""What a call may take, B: a log of the largest size that is read, and half of it again for its reader."""
 LONGEST = 300
 """Characters of a message."""
 OWN, NOTE = "gimbal-pin: ", "gimbal-pin: note: "
@@ -45,17 +49,21 @@ class Failure:
         return asdict(self)
 
 
-def failures(run: Ran) -> list[Failure]:
-    """Return every law that a call broke."""
-    return [*ended(run), *said(run), *written(run)]
+def failures(run: Ran, code: int | None = None, plain: Ran | None = None) -> list[Failure]:
+    """Return every law that a call broke: also that it ends with `code`, and has the pages of the `plain` one."""
+    return [*ended(run, code), *said(run), *written(run), *(paged(run, plain) if plain is not None else ())]
 
 
-def ended(run: Ran) -> Iterator[Failure]:
-    """Its own errors only, in time."""
+def ended(run: Ran, code: int | None) -> Iterator[Failure]:
+    """Its own errors only, in time and in bounded memory."""
     if run.code is None:
         yield Failure("exception", f"{run.error} in {run.frame}", run.trace)
     elif run.code not in CODES:
         yield Failure("exit code", f"exit code {run.code}", run.err.decode(errors="replace")[-2000:])
+    elif code is not None and run.code != code:
+        yield Failure("exit code", f"{run.code} instead of {code}", run.err.decode(errors="replace")[-2000:])
+    if run.memory > MEMORY:
+        yield Failure("memory", f"over {MEMORY >> 20} MiB", f"{run.memory >> 20} MiB")
     if run.seconds > WAITING:
         yield Failure("slow", "over the time", f"{run.seconds:.1f} s")
 
@@ -113,6 +121,25 @@ def written(run: Ran) -> Iterator[Failure]:
             yield Failure("partial file", "a temporary file is left", name)
         elif (why := broken(last, content)) is not None:
             yield Failure("partial file", f"{last.rpartition('.')[2]}: {why[:60]}", f"{name}, {len(content)} B: {why}")
+
+
+def paged(run: Ran, plain: Ran) -> Iterator[Failure]:
+    """The elements of the plain one's pages; of those in drawings, which grow with a text's width, the kinds alone."""
+    found, wanted = elements(run), elements(plain)
+    if run.code == plain.code and found != wanted:
+        other = {name: (found[name], wanted[name]) for name in found | wanted if found[name] != wanted[name]}
+        yield Failure("foreign element", ", ".join(sorted(other))[:90], f"{other}")
+
+
+def elements(run: Ran) -> Counter[str]:
+    """Return how often each kind of element, and of attribute that is code, stands in the pages that were written."""
+    count: Counter[str] = Counter()
+    for content in (content for name, content in run.left.items() if name.endswith(".html")):
+        for element in lxml.html.fromstring(content).iter():
+            kinds = [str(element.tag), *(f"{element.tag} {name}" for name in element.attrib if name.startswith("on"))]
+            drawn = any(above.tag == "svg" for above in element.iterancestors())
+            count.update({f"drawn {kind}": 1 for kind in kinds if count[f"drawn {kind}"] == 0} if drawn else kinds)
+    return count
 
 
 def broken(name: str, content: bytes) -> str | None:

@@ -9,17 +9,19 @@ import os
 import resource
 import shutil
 import signal
+import socket
 import sys
 import threading
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from fuzzing.case import Case
+from fuzzing.case import PORT, Case
 
 MEMORY = 4 << 30
 """Address space a call may take beyond what is loaded, B: half of what CI's machine has."""
@@ -43,6 +45,7 @@ class Ran:
         left: Name → content of every file that was not there before, or is another now.
         error: Type of the exception.
         frame: Innermost place of the package in it.
+        memory: What this process took at its most beyond what it had, B.
     """
 
     code: int | None
@@ -54,6 +57,7 @@ class Ran:
     left: Mapping[str, bytes]
     error: str = ""
     frame: str = ""
+    memory: int = 0
 
 
 def ran(main: Callable[[Sequence[str]], None], case: Case, folder: Path) -> Ran:
@@ -66,11 +70,17 @@ def ran(main: Callable[[Sequence[str]], None], case: Case, folder: Path) -> Ran:
     os.chdir(folder)
     code: int | None = 0
     trace = error = frame = ""
-    start = time.perf_counter()
+    start, had = time.perf_counter(), peak()
     try:
-        with captured(folder.parent) as streams, piped(case.piped), warnings.catch_warnings():
+        with (
+            captured(folder.parent) as streams,
+            piped(case.piped),
+            written(folder, case.pipes),
+            answering(case.datagrams) as port,
+            warnings.catch_warnings(),
+        ):
             try:
-                main(case.words)
+                main([word.replace(PORT, PORT.replace("PORT", str(port))) for word in case.words])
             except SystemExit as stop:
                 code = stop.code if isinstance(stop.code, int) else 0 if stop.code is None else 1
             except BaseException as wrong:  # noqa: BLE001  # that nothing comes out is what is tested
@@ -78,18 +88,26 @@ def ran(main: Callable[[Sequence[str]], None], case: Case, folder: Path) -> Ran:
             seconds = time.perf_counter() - start
     finally:
         os.chdir(home)
+    taken = peak() - had
     after = digests(folder)
     changed = tuple(name for name in case.inputs if after.get(name) != before[name])
     new = [name for name in after if name not in case.inputs and after[name] != before.get(name)]
     left = {name: (folder / name).read_bytes() for name in new}
     left |= {name: b"" for name in case.old if name not in after}
-    return Ran(code, streams["out"], streams["err"], seconds, trace, changed, left, error, frame)
+    return Ran(code, streams["out"], streams["err"], seconds, trace, changed, left, error, frame, taken)
 
 
 def digests(folder: Path) -> dict[str, str]:
     """Return the SHA-256 of every file below a folder; a folder that is empty counts, too."""
     paths = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def peak() -> int:
+    """Return the most memory that this process had since this was asked last, B."""
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    return 1024 * int(status.partition("VmHWM:")[2].split()[0])
 
 
 def place(error: BaseException) -> str:
@@ -170,6 +188,65 @@ def fed(sink: int, content: bytes) -> None:
             file.write(content)
     except BrokenPipeError:
         pass
+
+
+@contextmanager
+def written(folder: Path, pipes: Mapping[str, bytes | None]) -> Iterator[None]:
+    """Write into named pipes, a tenth of the content at a time, until nobody reads any longer."""
+    done = threading.Event()
+
+    def fill(path: Path, content: bytes) -> None:
+        pipe = os.open(path, os.O_RDWR | os.O_NONBLOCK)  # one that only writes would wait for a reader
+        try:
+            step = len(content) // 10 + 1
+            while content and not done.wait(0.01):
+                with suppress(BlockingIOError):
+                    content = content[os.write(pipe, content[:step]) :]
+        finally:
+            os.close(pipe)
+
+    waiting = [(folder / name, content) for name, content in pipes.items() if content is not None]
+    with background(done, *(partial(fill, *one) for one in waiting)):
+        yield
+
+
+@contextmanager
+def answering(datagrams: Sequence[bytes]) -> Iterator[int]:
+    """Send datagrams to the first that greets a port, which is yielded; 0 where there are none."""
+    if not datagrams:
+        yield 0
+        return
+    done = threading.Event()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gimbal:
+        gimbal.bind(("127.0.0.1", 0))
+        gimbal.settimeout(0.05)
+
+        def serve() -> None:
+            host = None
+            while host is None and not done.is_set():
+                with suppress(TimeoutError):
+                    host = gimbal.recvfrom(65536)[1]
+            for datagram in datagrams:
+                if done.wait(0.002):
+                    break
+                gimbal.sendto(datagram, host)
+
+        with background(done, serve):
+            yield int(gimbal.getsockname()[1])
+
+
+@contextmanager
+def background(done: threading.Event, *works: Callable[[], None]) -> Iterator[None]:
+    """Do works in threads until they, or the block, end."""
+    threads = [threading.Thread(target=work, daemon=True) for work in works]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
 
 
 def bounded() -> None:

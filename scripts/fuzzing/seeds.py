@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 
-from fuzzing import formats
+from fuzzing import bombs, formats
 
 Seeds = dict[str, bytes]
 """Name → content."""
@@ -97,6 +97,7 @@ def made(folder: Path) -> None:
     packed("log.csv", "log.parquet")
     formatted("log.csv")
     packed("platform.csv", "platform.parquet")
+    bombs.made(Path())
     for name in ("full.csv", "full2.csv"):
         Path(name).unlink()
 

@@ -10,9 +10,8 @@ from fuzzing.kept import repeated
 from fuzzing.workers import Result
 
 KINDS = (
-    "exception", "exit code", "died", "slow", "partial file", "input changed", "control bytes", "long message",
-    "foreign line",
-    "message",
+    "exception", "exit code", "died", "slow", "memory", "partial file", "input changed", "control bytes",
+    "long message", "foreign line", "message", "foreign element",
 )  # fmt: skip
 """Laws, in the order of the table's columns."""
 SHOWN = 100

@@ -111,12 +111,13 @@ def serve(pipe: Connection, draw: Draw, main: Main, folder: Path) -> None:
 
 
 def judged(draw: Draw, main: Main, place: Place, folder: Path) -> Result:
-    """Run one case in a folder and hold it against the laws."""
-    case = draw(place)
-    with watched(SECONDS, WAITING, folder / ".trace"):
-        run = ran(main, case, folder / str(place).replace(":", "-"))
-    shutil.rmtree(folder / str(place).replace(":", "-"), ignore_errors=True)
-    return Result(place, run.code, run.seconds, tuple(failures(run)))
+    """Run one case in a folder, and the plain one it is like, and hold it against the laws."""
+    case, home, runs = draw(place), folder / str(place).replace(":", "-"), []
+    for one in (case, case.plain) if case.plain is not None else (case,):
+        with watched(SECONDS, WAITING, folder / ".trace"):
+            runs.append(ran(main, one, home))
+        shutil.rmtree(home, ignore_errors=True)
+    return Result(place, runs[0].code, sum(run.seconds for run in runs), tuple(failures(runs[0], case.code, *runs[1:])))
 
 
 def results(places: Iterator[Place], draw: Draw, main: Main, workers: int, folder: Path) -> Iterator[Result]:

@@ -19,7 +19,7 @@ import numpy as np
 from gimbal_pin.errors import LogError, visible
 from gimbal_pin.log.io.files import replacing, told
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import check_size, read_bytes
+from gimbal_pin.rig.reading import LARGEST, check_size, read_bytes
 
 SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
@@ -159,14 +159,14 @@ def open_csv(path: Path) -> CsvTable:
     return found
 
 
-def unzipped(data: bytes, name: str) -> bytes:
-    """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `LARGEST` bytes."""
+def unzipped(data: bytes, name: str, most: int = LARGEST) -> bytes:
+    """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `most` bytes."""
     parts, size = list[bytes](), 0
     try:
         with gzip.open(io.BytesIO(data)) as file:
             while part := file.read(BLOCK):
                 parts.append(part)
-                check_size(name, size := size + len(part), LogError)
+                check_size(name, size := size + len(part), LogError, most)
     except (OSError, EOFError, zlib.error) as error:
         raise LogError(name, f"is a damaged gzip file ({error})", "pack it again") from error
     return b"".join(parts)

@@ -35,12 +35,14 @@ def open_npy(path: Path) -> Table:
 
 def open_npz(path: Path) -> Table:
     """Read an archive of named arrays; `LogError` if it is none, or unfolds to more than memory allows."""
-    content, arrays, size = read_bytes(path, LogError), dict[str, Any](), 0
+    packed, arrays, size = read_bytes(path, LogError), dict[str, Any](), 0
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             for entry in archive.infolist():
                 check_size(path, size := size + entry.file_size, LogError)
-                arrays[entry.filename.removesuffix(".npy")] = array(archive.read(entry), f"{path}: {entry.filename}")
+                with archive.open(entry) as file:  # so many bytes: to its end it may be more than it states
+                    content = file.read(entry.file_size)
+                arrays[entry.filename.removesuffix(".npy")] = array(content, f"{path}: {entry.filename}")
     except (*DAMAGED, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError) as error:
         raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error
     return table_of(str(path), *streams_of(arrays))

@@ -1,0 +1,101 @@
+"""Small files that unfold to more memory than a call may take."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+BLOCK = 2**24
+"""Zeros that are packed once, B; what packs more of them repeats the packed ones."""
+BLOCKS = 512
+"""8 GiB: twice the memory of a call, eight times what a log may hold."""
+FULL = 0xFFFFFFF0
+"""Size that an archive states without its 64-bit fields."""
+
+
+def deflated(blocks: int, head: bytes = b"") -> bytes:
+    """Return a raw deflate stream of `head` and so many blocks of zeros."""
+    pack = zlib.compressobj(9, zlib.DEFLATED, -15)
+    begin = pack.compress(head) + pack.flush(zlib.Z_FULL_FLUSH)
+    block = pack.compress(bytes(BLOCK)) + pack.flush(zlib.Z_FULL_FLUSH)
+    return begin + block * blocks + pack.flush()
+
+
+def gz() -> bytes:
+    """A gzip file; no checksum, which stands behind all of it."""
+    return b"\x1f\x8b\x08\0\0\0\0\0\0\xff" + deflated(BLOCKS) + bytes(8)
+
+
+def npz(stated: int) -> bytes:
+    """An archive of one array that states a size, true or not."""
+    content, name = deflated(BLOCKS), b"t.npy"
+    sizes = struct.pack("<HHHHHIIIHH", 20, 0, 8, 0, 0, 0, len(content), stated, len(name), 0)
+    local = b"PK\x03\x04" + sizes + name + content
+    central = b"PK\x01\x02" + struct.pack("<H", 20) + sizes + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name
+    return local + central + struct.pack("<4sHHHHIIH", b"PK\x05\x06", 0, 0, 1, 1, len(central), len(local), 0)
+
+
+def mat() -> bytes:
+    """MATLAB's version 5: one packed array of 2 GiB, half of what its sizes can state."""
+    count = 128 * BLOCK // 8
+    parts = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIii", 5, 8, count, 1) + struct.pack("<HH4s", 1, 1, b"t")
+    parts += struct.pack("<II", 9, 8 * count)
+    inner = struct.pack("<II", 14, len(parts) + 8 * count) + parts
+    content = b"\x78\x9c" + deflated(128, inner) + bytes(4)
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(content)) + content
+
+
+def hdf5(count: int, *, filled: bool) -> bytes:
+    """HDF5 of one array of doubles: of packed zeros, or nothing but its shape."""
+    import h5py
+
+    sink, chunk = io.BytesIO(), BLOCK // 8
+    with h5py.File(sink, "w") as file:
+        made = file.create_dataset("t", (count,), "f8", chunks=(chunk,), compression="gzip")
+        packed = zlib.compress(bytes(BLOCK))
+        for start in range(0, count if filled else 0, chunk):
+            made.id.write_direct_chunk((start,), packed)
+    return sink.getvalue()
+
+
+def parquet(groups: int) -> bytes:
+    """Parquet of one column without a value, 128 MiB of doubles a group."""
+    import pyarrow
+    import pyarrow.parquet
+
+    sink, table = io.BytesIO(), pyarrow.table({"t": pyarrow.nulls(BLOCK, pyarrow.float64())})
+    with pyarrow.parquet.ParquetWriter(sink, table.schema, write_statistics=False) as file:
+        for _ in range(groups):
+            file.write_table(table)
+    return sink.getvalue()
+
+
+def npy() -> bytes:
+    """An array that is nothing but its shape."""
+    sink = io.BytesIO()
+    np.lib.format.write_array_header_1_0(sink, {"descr": "<f8", "fortran_order": False, "shape": (2**30, 1)})
+    return sink.getvalue()
+
+
+WRITERS: Mapping[str, Callable[[], bytes]] = {
+    "bomb.csv.gz": gz,
+    "bomb.npz": lambda: npz(FULL),
+    "lying.npz": lambda: npz(1000),
+    "bomb.npy": npy,
+    "bomb.mat": mat,
+    "bomb.h5": lambda: hdf5(BLOCKS * BLOCK // 8, filled=True),
+    "shape.h5": lambda: hdf5(2**40, filled=False),
+    "bomb.parquet": lambda: parquet(BLOCKS // 8),
+}
+"""A file's name → what makes it."""
+
+
+def made(folder: Path) -> None:
+    """Write every bomb into a folder."""
+    for name, write in WRITERS.items():
+        (folder / name).write_bytes(write())
