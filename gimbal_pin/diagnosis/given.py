@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.engine.criterion import FORM
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import inertia_columns
-from gimbal_pin.effects.rig_effect import carried, facing, gyration, payload, shifted, slide, turning_axis
+from gimbal_pin.effects.rig_effect import AXES, carried, facing, gyration, payload, shifted, turning_axis
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
@@ -33,7 +33,6 @@ SURE = 0.003
 """Chance of speaking of a difference where there is none: three deviations."""
 TOLD = 2.0
 """Standard deviations from which a direction is spoken of, 95 %."""
-AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
 IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion or at torque that the model lacks"
 """What is said in place of a mass or an inertia that no body can have."""
 TRIAL, FAINT = 0.03, 0.05
@@ -245,7 +244,7 @@ class Given:
 
     @property
     def sentence(self) -> str:
-        """Where the payload is, what it weighs, and how to mend it."""
+        """Where the payload is, and what it weighs."""
         parts = [self.place(), self.weight()]
         if not self.alone:
             parts.append("other bodies of the rig differ from the URDF, too")
@@ -275,7 +274,7 @@ class Given:
             for x, s, names in zip(told.tolist(), std.tolist(), AXES)
             if x
         ]
-        return f"the payload sits {', '.join(away)} than its URDF says{unseen}: slide the camera {slide(*told)}"
+        return f"the payload sits {', '.join(away)} than its URDF says{unseen}"
 
     def weight(self) -> str:
         """Say what it weighs."""

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, facing, payload, placed, shifted, slide, with_payload
+from gimbal_pin.effects.rig_effect import RigEffect, describe_way, facing, payload, placed, shifted, with_payload
 from gimbal_pin.rig.rig import Rig
 
 
@@ -28,7 +28,7 @@ class PayloadShift(RigEffect):
         "how far the centre of mass is from the URDF's, along the payload's frame"
     )
     experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
-    compensation: ClassVar[str] = "slide the payload back by as much, or let the controller use the identified model"
+    compensation: ClassVar[str] = "correct the payload's URDF, or let the controller use the identified model"
 
     def apply(self, rig: Rig) -> Rig:
         """Take the payload's inertia out of its body and put it back in at the other place."""
@@ -39,9 +39,14 @@ class PayloadShift(RigEffect):
         """Say it in the camera's own directions, however its frame is turned."""
         _, _, frame = payload(rig)
         way = facing(rig).T @ frame.rotation @ np.array([self.x, self.y, self.z])
-        return f"{self.place}: {self.name}, slide the camera {slide(*way.tolist())}"
+        return f"{self.place}: {self.name}, {displaced(*way.tolist())}"
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return how far to slide it, in millimetres."""
-        way = slide(self.x, self.y, self.z)
-        return f"slide the camera {way}" if way else "the camera is where it should be"
+        """Return where it sits, in millimetres."""
+        return displaced(self.x, self.y, self.z)
+
+
+def displaced(forward: float, left: float, up: float) -> str:
+    """Say where a payload sits that is so many metres off."""
+    way = describe_way(forward, left, up)
+    return f"the payload sits {way} of where its URDF says" if way else "the payload sits where its URDF says"

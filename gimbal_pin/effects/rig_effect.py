@@ -16,6 +16,8 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import Rig
 
+AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
+"""Directions of a camera along its axes and against them."""
 
 @dataclass(frozen=True)
 class RigEffect(Cause):
@@ -44,7 +46,7 @@ class RigEffect(Cause):
         return True
 
     def told(self, rig: Rig) -> str:
-        """``rig: payload-shift, slide the camera 4.2 mm back``, in directions that this rig's frames do not turn."""
+        """``rig: payload-shift, … 4.2 mm forward of where its URDF says``, in directions that no frame turns."""
         return self.sentence()
 
 
@@ -167,13 +169,13 @@ def turning_axis(rig: Rig, body: int) -> Array:
     return np.array(jacobian.reshape(6, -1)[3:, body])  # of one joint it is (6,)
 
 
-def slide(forward: float, left: float, up: float, digits: int = 3, unit: str = "mm") -> str:
-    """``4.2 mm back, 1 mm left``: how to undo a shift of so many metres forward, left and up.
+def describe_way(forward: float, left: float, up: float, unit: str = "mm") -> str:
+    """``4.2 mm forward, 1 mm right``: a way of so many metres forward, left and up.
 
     Given mass times way, kg m, the unit is "mm kg".
     """
-    ways = zip((forward, left, up), (("back", "forward"), ("right", "left"), ("down", "up")))
-    return ", ".join(f"{1e3 * abs(d):.{digits}g} {unit} {names[0] if d > 0 else names[1]}" for d, names in ways if d)
+    ways = zip((forward, left, up), AXES)
+    return ", ".join(f"{1e3 * abs(d):.3g} {unit} {names[0] if d > 0 else names[1]}" for d, names in ways if d)
 
 
 def with_added(rig: Rig, body: int, phi: Array, owner: str) -> Rig:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.dynamics.checking import poses
 from gimbal_pin.dynamics.regressor import regressor
-from gimbal_pin.effects.rig_effect import facing, payload, slide
+from gimbal_pin.effects.rig_effect import describe_way, facing, payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.identification import Identified
 from gimbal_pin.estimation.rows import columns_of
@@ -75,8 +75,7 @@ class Balance:
         std = 1e3 * max(float(self.std.max()), 1e-5)
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} N m at {joint}"
-        forward, left, up = (-clear * factor).tolist()
-        way = f"{slide(forward, left, up, unit=unit)} (± {digits(std * factor, 1)} {unit}"
+        way = f"{describe_way(*(clear * factor).tolist(), unit=unit)} (± {digits(std * factor, 1)} {unit}"
         stands = (
             f" at its {digits(1e3 * self.mass, 4)} g)"
             if self.named

@@ -142,9 +142,10 @@ def identified(found: Identified, apart: Given | None = None) -> str:
     """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
     from gimbal_pin.estimation.balance import balance
 
+    aims = found.model.rig.aims
     # Advice from the parameters of neither rig would lead astray.
-    balanced = None if found.torn else balance(found, *(() if apart is None else apart.weighs))
-    against = () if apart is None else (f"given model: {line}" for line in apart.lines)
+    balanced = balance(found, *(() if apart is None else apart.weighs)) if aims and not found.torn else None
+    against = (f"given model: {line}" for line in apart.lines) if apart is not None and aims else ()
     warned = (f"warning: {said}" for said in found.warnings)
     return "\n".join([*warned, *described(found), *against, *(() if balanced is None else balanced.sentences)])
 
@@ -273,7 +274,8 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines += [ALONE] if len(found.findings) > 1 else []
     lines += [found.unconfirmed] if found.unconfirmed else []
     lines += tracking_gain(found)
-    lines += [] if found.given is None else [f"given model{caveats(found)}: {line}" for line in found.given.lines]
+    if found.given is not None and found.after.model.rig.aims:
+        lines += [f"given model{caveats(found)}: {line}" for line in found.given.lines]
     lines += [f"note: {note}" for note in found.notes]
     for one in found.immaterial:
         lines.append(f"too small to matter: {one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)")
