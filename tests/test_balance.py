@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from gimbal_pin.diagnosis.given import compared
 from gimbal_pin.dynamics.checking import gravity_load, poses
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.regressor import rnea
@@ -16,6 +18,7 @@ from gimbal_pin.estimation.balance import COUNT, MINIMISED, Balance, balance, re
 from gimbal_pin.estimation.identification import Identified, identify
 from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.log import Array
+from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
@@ -93,6 +96,14 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
     rig = Rig.load("turret", "none")
     log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
     assert reported(identify(rig, [log], filtering=Filtering(alignment=0.0)))["balance"] is None
+
+
+def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
+    """The comparison with the URDF says where it sits: to slide it there is another way than to balance it."""
+    one = found("turret", (0.02, 0.0, 0.0))
+    said = text.identified(one, compared(one))
+    assert re.search(r"given model: the payload sits 20\S* ± \S+ mm further forward", said)
+    assert len(re.findall("slide", said)) == 1 and "to balance the payload, slide it" in said
 
 
 @pytest.mark.parametrize("name", ["thesis", "turret"])

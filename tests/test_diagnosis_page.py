@@ -14,7 +14,7 @@ from markupsafe import escape
 from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.diagnosis.engine.selection import Rival
 from gimbal_pin.diagnosis.findings import nearest, together
-from gimbal_pin.diagnosis.gain import BANDWIDTH, HOW, SIZE, heat
+from gimbal_pin.diagnosis.gain import BANDWIDTH, SIZE, describe_motion, heat
 from gimbal_pin.diagnosis.likeness import cosine, span
 from gimbal_pin.diagnosis.result import TOGETHER, Residual
 from gimbal_pin.diagnosis.result import Rival as Told
@@ -67,8 +67,9 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
 
 def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:
     """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
-    assert f"{BANDWIDTH:g} Hz" in HOW and f"{np.degrees(SIZE):.0f}°" in HOW
-    assert f"({HOW})" in text.diagnosis(found, {}) and escape(HOW) in sections.diagnosis(found).html
+    said = describe_motion(found.after.model.rig)
+    assert f"{BANDWIDTH:g} Hz" in said and f"{np.degrees(SIZE):.0f}°" in said
+    assert f"({said})" in text.diagnosis(found, {}) and escape(said) in sections.diagnosis(found).html
 
 
 def test_a_joint_that_is_followed_worse_is_spoken_of(found: Diagnosis) -> None:

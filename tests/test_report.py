@@ -18,11 +18,15 @@ from markupsafe import Markup
 
 from gimbal_pin.control.tracking import Tracking, track
 from gimbal_pin.control.tuning import Tuning, tune
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.given import compared
+from gimbal_pin.dynamics.checking import check
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Sensors
+from gimbal_pin.effects import CAUSES
 from gimbal_pin.estimation.identification import Identified, identify
 from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.log.io.files import to_json
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import format as numbers
 from gimbal_pin.report import html, pages, plots, tables, text
@@ -37,7 +41,7 @@ from gimbal_pin.report.sections.model import broken, parameters, rounded, torque
 from gimbal_pin.report.summary import SIMULATED, cautions, outdone, summary, verdict
 from gimbal_pin.report.table import Table, join
 from gimbal_pin.report.view import record
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.rig import Rig, to_sliding
 from tests.browsing import needs_browser, visit, wide
 from tests.rigs import spelled
 
@@ -519,6 +523,29 @@ def test_sliding_joints_are_shown_in_millimetres() -> None:
     assert "°" not in words and "N s/m" in words and "torque, N" in words
 
 
+def test_the_terminal_and_json_have_the_units_of_joints_that_slide() -> None:
+    """N, m and kg where a joint that turns has N m, rad and kg m²: in findings, tables, reasons, `check` and files."""
+    rig = spelled(SLIDER)
+    log = bench(rig)
+    log = replace(log, tau=log.tau + 20.0 * (log.q - 0.02) + 0.05)
+    slid, wrong = walked(rig), diagnose(rig, [log], rng=0)
+    (spring,) = wrong.findings
+    assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
+    shown = text.check(check(rig)), text.identified(slid.found), text.diagnosis(wrong, {})
+    shown += tuple(text.tuning(one, verbose=True) for one in slid.tunings.values())
+    files = to_json(slid.found.to_dict()), to_json(wrong.to_dict()), to_json(slid.tunings["pid"].to_dict())
+    for said in (*shown, *files):
+        assert not re.search(r"\bm?N m\b|\brad\b|/rad|\d kg m²", said), said
+        assert all("margin" in line or "Hz" in line for line in said.splitlines() if "°" in line), said
+    assert "−200 … 200 mm" in shown[0] and "30.0 N" in shown[0] and "° to and fro" not in shown[2]
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_no_cause_speaks_of_turns_where_a_joint_slides(cause: str) -> None:
+    units = " ".join(p.unit for p in CAUSES[cause].stated())
+    assert not re.search(r"N m\b|\brad\b|turn", to_sliding(units))
+
+
 def test_a_rig_without_a_camera_hears_nothing_of_one() -> None:
     """Nor of a payload and its balance; one that states a camera does."""
     slid = walked(spelled(SLIDER))
@@ -531,7 +558,8 @@ def test_a_rig_without_a_camera_hears_nothing_of_one() -> None:
     words = parsed(shown).xpath("//main")[0].text_content() + str(
         parameters(slid.found, evaluate(slid.found, slid.logs), apart).html
     )
-    assert not re.search(r"camera|Camera|line of sight|balance the|Balance|slide the|payload sits", words)
+    words += text.identified(slid.found, apart)
+    assert not re.search(r"camera|Camera|line of sight|balance|Balance|slide the|payload", words)
 
 
 def test_payload_and_motors_are_those_of_the_rig() -> None:

@@ -20,6 +20,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.torque_ripple import TorqueRipple
 from gimbal_pin.estimation.audit import CHECKS
 from gimbal_pin.report import text
+from gimbal_pin.rig.rig import Rig
 from tests.test_forms import SEEN
 
 
@@ -73,6 +74,7 @@ def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
 ) -> None:
     figures = {"torque_rmse": {"pan": 0.02}, "fit_percent": {"pan": fit}}
     shown = SimpleNamespace(residual={"pan": Residual(state, 1e-3, 1.0)}, extended=figures)
+    shown.after = SimpleNamespace(model=SimpleNamespace(rig=Rig.load("turret")))
     shown.noisy = Diagnosis.__dict__["noisy"].fget(shown)
     said = Diagnosis.__dict__["hidden"].fget(shown)
     assert said.startswith("the noise may hide up to 0.02 N m at pan") if told else not said

@@ -188,7 +188,7 @@ def tune(
             that no bandwidth keeps, α ≥ 1.
     """
     wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk_margin, robust)
-    nominal, believed = seen_inertia(model, kind)
+    rig, (nominal, believed) = model.rig, seen_inertia(model, kind)
     over = drawn(model, kind, np.random.default_rng(0))
     ratios, drives = widened(believed, over), model.drives
     rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
@@ -199,9 +199,10 @@ def tune(
     found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
     reasons = about_loops(model, wish, hertz, found, least if over is not None else None)
     if known is None:
-        reasons += grouped(model.rig.joints, [about_inertia(*row) for row in zip(nominal, believed)])
+        inertias = [rig.in_units(joint, "kg m²") for joint in rig.joints]
+        reasons += grouped(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
     else:
-        reasons += [about_model(known)] + ([about_layer(law)] if robust else [])
+        reasons += [about_model(known, rig.force)] + ([about_layer(law)] if robust else [])
     draws, brakes = 0 if over is None else DRAWS, braking(model)
     unsure = () if over is None else doubts(model.rig.joints, over, least)
     unsure += tuple(grouped([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts)))

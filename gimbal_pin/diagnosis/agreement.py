@@ -151,4 +151,4 @@ def told(rig: Rig, rows: Sequence[Apart], limit: Array) -> Fault:
         f"{rig.joints[j]} in log {worst.log}, {digits(worst.excess[j], 2)} times what the fits leave"
     )
     mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
-    return Fault(NAME, rig.joints[j], sentence, figures, float(worst.excess[j]), True, mend)
+    return Fault(NAME, rig.joints[j], sentence, figures, float(worst.excess[j]), True, mend).in_units(rig)

@@ -41,6 +41,7 @@ class Counterfactual(NamedTuple):
         plain: Figures on the reporting part without it and without any cause.
         before: Figures without it.
         after: Figures with it.
+        rig: The rig.
         joint: The joint whose torque is missed most without it.
         z: By how many standard deviations the fit there gains (Vuong).
     """
@@ -48,6 +49,7 @@ class Counterfactual(NamedTuple):
     plain: Figures
     before: Figures
     after: Figures
+    rig: Rig
     joint: str
     z: float
 
@@ -68,6 +70,7 @@ class Counterfactual(NamedTuple):
         )
         change = 100 * (torque[1] / max(torque[0], 1e-300) - 1)
         gain = f"held-out torque error of {self.joint} {torque[0]:.3g} → {torque[1]:.3g} N m ({change:+.0f} %) by it"
+        gain = self.rig.in_units(self.joint, gain)
         return Finding(
             cause=cause,
             joint=joint,
@@ -119,7 +122,7 @@ def counterfactual(
     z = vuong(squares(state, j) - squares(found, j))
     if ratios[j] < CONFIRMED or z < APART:
         return None
-    return Counterfactual(measured(without, extended(plain)), before, after, rig.joints[j], z)
+    return Counterfactual(measured(without, extended(plain)), before, after, rig, rig.joints[j], z)
 
 
 def alike(evidence: Evidence, known: Evidence) -> Evidence:

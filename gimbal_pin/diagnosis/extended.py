@@ -85,9 +85,8 @@ def estimated(state: State, terms: Sequence[Term]) -> Estimated:
     turned = {state.places(c).start for c in state.causes if isinstance(c, RigEffect)}
     kept = [k for k in range(len(now.theta)) if k not in turned]
     symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
-    coefficients = [
-        (f"{t.effect.joint}.{t.effect.name}.{c.name}", c.unit) for t in terms for c in t.effect.coefficients
-    ]
+    rig, pairs = state.problem.evidence.rig, [(t.effect, c) for t in terms for c in t.effect.coefficients]
+    coefficients = [(f"{e.joint}.{e.name}.{c.name}", rig.in_units(e.joint, c.unit)) for e, c in pairs]
     names = (*reduction.base_names, *(name for name, _ in coefficients))
     measures = (*units(symbols), *(unit for _, unit in coefficients))
     return Estimated(names, measures, now.theta[kept], covariance[np.ix_(kept, kept)])

@@ -61,14 +61,16 @@ def finding(
     figure = next(one for one in settled(state) if one.name == cause.name and one.place == cause.place)
     values = tuple(state.coefficients(cause).tolist()) if width(cause) and hasattr(cause, "coefficients") else ()
     within = figure.holds(values)
+    rig = held.rig
     said = f"{figure.sentence(values)}{rough(shown)}{together(cause, shown)}{f' ({within})' if within else ''}"
+    gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
     gain = criterion(base) - criterion(state)
     return Finding(
         cause=cause.name,
         joint=cause.place if cause.of_joint else None,
         status="unconfirmed" if after > before else "ambiguous" if len(alike) > 1 else "named",
         alike=alike,
-        parameters=shown,
+        parameters=tuple(replace(p, unit=rig.in_units(cause.place, p.unit)) for p in shown),
         gain={
             "torque_rmse_before": before,
             "torque_rmse_after": after,
@@ -80,7 +82,7 @@ def finding(
         explained_share=min(1.0, float((before**2 - after**2) / max(baseline["torque_rmse"][at] ** 2, 1e-300))),
         visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
         rivals=nearest(cause, rivals),
-        sentence=f"{said}; held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)",
+        sentence=f"{rig.in_units(cause.place, said)}; {gained}",
         next_experiment=cause.experiment if len(alike) > 1 else None,
     )
 

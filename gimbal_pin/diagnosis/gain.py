@@ -43,11 +43,6 @@ SIZE = 0.35
 """Angle to each side of the motion, rad, where the limits leave room."""
 MOVE = 1.0
 """Duration of each of its moves, s."""
-HOW = (
-    f"all axes {degrees(SIZE):.0f}° to and fro at once where limits leave room, in moves of {MOVE:g} s, by computed "
-    f"torque of {BANDWIDTH:g} Hz on the extended model; neither the log's motion nor its controller"
-)
-"""Which motion it is, and who follows it: a log's own tracking error is of another."""
 WORSE = 1.1
 """Ratio of errors from which it is the controller and not the sensors' noise: 1000 samples tell an rms to 2 %."""
 NO_CLOSER = (
@@ -62,6 +57,15 @@ WINDOW = 0.3
 """Time over which the residual's size is taken, s."""
 LEAST = 0.1
 """Share of the window in which the joint has to move for its residual to count whole."""
+
+
+def describe_motion(rig: Rig) -> str:
+    """Say which motion it is, and who follows it: a log's own tracking error is of another."""
+    sizes = dict.fromkeys(f"{1e3 * SIZE:.0f} mm" if slides else f"{degrees(SIZE):.0f}°" for slides in rig.slides)
+    return (
+        f"all axes {' or '.join(sizes)} to and fro at once where limits leave room, in moves of {MOVE:g} s, by "
+        f"computed torque of {BANDWIDTH:g} Hz on the extended model; neither the log's motion nor its controller"
+    )
 
 
 def measured(held: Evidence, model: Extended) -> Figures:

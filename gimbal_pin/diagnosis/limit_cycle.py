@@ -61,7 +61,7 @@ def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
         "swings, and such a log shows little but that limit"
     )
     mend = "record one that the loop holds, of lower gains or less delay"
-    return Fault(stuck_channel.NAME, rig.joints[j], sentence, figures, share / MOSTLY, True, mend)
+    return Fault(stuck_channel.NAME, rig.joints[j], sentence, figures, share / MOSTLY, True, mend).in_units(rig)
 
 
 def spectrum(torque: Array) -> Array:

@@ -270,7 +270,11 @@ class Diagnosis:
     @property
     def hidden(self) -> str:
         """What may hide in that noise, in a sentence; nothing where there is none."""
-        most = " and ".join(f"{digits(noise, 2)} N m at {joint}" for joint, noise in self.noisy.items())
+        sizes = {
+            joint: (digits(noise, 2), self.after.model.rig.in_units(joint, "N m"))
+            for joint, noise in self.noisy.items()
+        }
+        most = " and ".join(f"{size} {unit} at {joint}" for joint, (size, unit) in sizes.items())
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
     @property

@@ -111,20 +111,24 @@ def finding(case: Case, form: Form, share: Array) -> Finding:
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
     clear = np.abs(values) > TOLD * np.nan_to_num(std, nan=np.inf)
     told = form.at(np.where(clear, values, 0.0).tolist()) if clear.any() else cause
+    rig, gained = case.held.rig, f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"
     stds = dict(zip((name for name, _ in form.start), std.tolist()))
     return Finding(
         cause=form.of.name,
         joint=form.place[1],
         status="ambiguous" if len(alike) > 1 else "named",
         alike=alike,
-        parameters=tuple(replace(p, std=stds.get(p.name, float("nan"))) for p in cause.shown()),
+        parameters=tuple(
+            replace(p, std=stds.get(p.name, float("nan")), unit=rig.in_units(form.place[1], p.unit))
+            for p in cause.shown()
+        ),
         gain=gain,
         p_value=float(min(1.0, bodies.many * np.exp(chance(bodies.without(fitted, form), fitted)))),
         selection_frequency=float(min((norm.cdf(rival.z) for rival in rivals), default=1.0)),
         explained_share=1 - after**2 / max(before**2, 1e-300),
         visible_fraction=1.0,
         rivals=rivals,
-        sentence=f"{told.told(case.held.rig)}; held-out torque error of the given model {before:.3g} → {after:.3g} N m",
+        sentence=f"{rig.in_units(form.place[1], told.told(rig))}; {rig.in_units(joints[at], gained)}",
         next_experiment=form.of.experiment if len(alike) > 1 else None,
     )
 

@@ -26,6 +26,7 @@ class JointCheck:
 
     Attributes:
         link: The link it moves.
+        slides: Whether it slides: what is in rad and N m of others is in m and N.
         mass: Mass of that body with all that is fixed to it, kg.
         lower: Smallest angle, rad.
         upper: Largest angle, rad.
@@ -37,6 +38,7 @@ class JointCheck:
     """
 
     link: str
+    slides: bool
     mass: float
     lower: float
     upper: float
@@ -85,10 +87,11 @@ class Checked:
 def check(rig: Rig) -> Checked:
     """Describe a rig that loaded, and so passed the checks of tree, axes, limits and inertias (`Rig.load`)."""
     load = gravity_load(rig)
-    rows = zip(rig.joints, rig.links, rig.model.inertias[1:], rig.limits, rig.motors, rig.tau_max, load)
+    rows = zip(rig.joints, rig.links, rig.slides, rig.model.inertias[1:], rig.limits, rig.motors, rig.tau_max, load)
     joints = {
         joint: JointCheck(
             link=link,
+            slides=slides,
             mass=float(body.mass),
             lower=limit.lower,
             upper=limit.upper,
@@ -98,7 +101,7 @@ def check(rig: Rig) -> Checked:
             gravity_torque=float(torque),
             encoder_bits=motor.encoder_bits,
         )
-        for joint, link, body, limit, motor, tau_max, torque in rows
+        for joint, link, slides, body, limit, motor, tau_max, torque in rows
     }
     need = ("t", *(f"{name}_{joint}" for name in ("q", "tau") for joint in rig.joints))
     may = tuple(f"{name}_{joint}" for name in ("dq", "q_ref", "temp") for joint in rig.joints)

@@ -51,7 +51,7 @@ def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
     """A joint's angle limits, those that are not stated filled in; `UsageError` for a slide without limits."""
     if isfinite(limit.lower) and isfinite(limit.upper):
         return limit.lower, limit.upper
-    if rig.model.joints[j + 1].shortname().startswith("JointModelP"):
+    if rig.slides[j]:
         raise UsageError(f"rig {rig.name}: joint '{rig.joints[j]}'", "slides without limits", "state its travel, m")
     if isfinite(limit.upper):
         return limit.upper - 2 * TURN, limit.upper

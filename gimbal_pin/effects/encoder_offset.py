@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees, nan
+from math import nan
 from typing import ClassVar
 
 import numpy as np
@@ -57,5 +57,5 @@ class EncoderOffset(RigEffect):
         return (cls(joint, STEP),)
 
     def says(self, values: Sequence[float] = ()) -> str:
-        """Return the offset in degrees."""
-        return f"the encoder reads {degrees(self.offset):+.3g}° where the joint is at zero"
+        """Return the offset."""
+        return f"the encoder reads {self.offset:+.3g} rad where the joint is at zero"

@@ -10,6 +10,7 @@ import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.rig_effect import RigEffect, describe_way, facing, payload, placed, shifted, with_payload
+from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
 
@@ -39,14 +40,14 @@ class PayloadShift(RigEffect):
         """Say it in the camera's own directions, however its frame is turned."""
         _, _, frame = payload(rig)
         way = facing(rig).T @ frame.rotation @ np.array([self.x, self.y, self.z])
-        return f"{self.place}: {self.name}, {displaced(*way.tolist())}"
+        return f"{self.place}: {self.name}, {displaced(way)}"
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return where it sits, in millimetres."""
-        return displaced(self.x, self.y, self.z)
+        return displaced(np.array([self.x, self.y, self.z]))
 
 
-def displaced(forward: float, left: float, up: float) -> str:
-    """Say where a payload sits that is so many metres off."""
-    way = describe_way(forward, left, up)
-    return f"the payload sits {way} of where its URDF says" if way else "the payload sits where its URDF says"
+def displaced(way: Array) -> str:
+    """Say where a payload sits that is so many metres forward, left and up of its place, (3,)."""
+    said = describe_way(way)
+    return f"the payload sits {said} of where its URDF says" if said else "the payload sits where its URDF says"

@@ -19,6 +19,7 @@ from gimbal_pin.rig.rig import Rig
 AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
 """Directions of a camera along its axes and against them."""
 
+
 @dataclass(frozen=True)
 class RigEffect(Cause):
     """``rig' = apply(rig)``: the rig as it is, from the rig as its URDF says."""
@@ -169,12 +170,12 @@ def turning_axis(rig: Rig, body: int) -> Array:
     return np.array(jacobian.reshape(6, -1)[3:, body])  # of one joint it is (6,)
 
 
-def describe_way(forward: float, left: float, up: float, unit: str = "mm") -> str:
-    """``4.2 mm forward, 1 mm right``: a way of so many metres forward, left and up.
+def describe_way(way: Array, unit: str = "mm") -> str:
+    """``4.2 mm forward, 1 mm right``: a way of so many metres forward, left and up, (3,).
 
     Given mass times way, kg m, the unit is "mm kg".
     """
-    ways = zip((forward, left, up), AXES)
+    ways = zip(way.tolist(), AXES)
     return ", ".join(f"{1e3 * abs(d):.3g} {unit} {names[0] if d > 0 else names[1]}" for d, names in ways if d)
 
 

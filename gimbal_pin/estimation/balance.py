@@ -44,6 +44,7 @@ class Balance:
         before: Joint → largest gravity torque over its poses as it is, N m.
         after: The same once the payload has been slid.
         available: Joint → torque of its motor, N m.
+        forces: Joint → unit of these: N of one that slides.
     """
 
     way: Array
@@ -53,6 +54,7 @@ class Balance:
     before: Mapping[str, float]
     after: Mapping[str, float]
     available: Mapping[str, float]
+    forces: Mapping[str, str]
 
     @property
     def held(self) -> Mapping[str, float]:
@@ -74,8 +76,8 @@ class Balance:
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
         std = 1e3 * max(float(self.std.max()), 1e-5)
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
-        saved = f"gravity then takes {after} instead of {before} N m at {joint}"
-        way = f"{describe_way(*(clear * factor).tolist(), unit=unit)} (± {digits(std * factor, 1)} {unit}"
+        saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
+        way = f"{describe_way(clear * factor, unit)} (± {digits(std * factor, 1)} {unit}"
         stands = (
             f" at its {digits(1e3 * self.mass, 4)} g)"
             if self.named
@@ -88,7 +90,7 @@ class Balance:
         joint = max(self.held, key=lambda name: self.held[name])
         share = self.held[joint]
         if not np.isfinite(self.available[joint]) or share == 0:
-            return f"unbalanced, gravity takes up to {digits(self.before[joint], 2)} N m at {joint}"
+            return f"unbalanced, gravity takes up to {digits(self.before[joint], 2)} {self.forces[joint]} at {joint}"
         taken = f"gravity takes up to {digits(100 * share, 2)} % of {joint}'s torque"
         if share >= 1:
             return f"unbalanced, the motors cannot hold it: {taken}"
@@ -141,7 +143,8 @@ def balance(found: Identified, mass: float | None = None, loose: float = 0.0) ->
     loads = gravity @ beta, gravity @ beta + per_way @ way
     before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
     std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0) + (way * loose / weighs) ** 2)
-    return Balance(way, std, weighs, not found.swapped, before, after, dict(zip(rig.joints, rig.tau_max.tolist())))
+    available, forces = dict(zip(rig.joints, rig.tau_max.tolist())), {j: rig.in_units(j, "N m") for j in rig.joints}
+    return Balance(way, std, weighs, not found.swapped, before, after, available, forces)
 
 
 def reported(found: Identified, mass: float | None = None, loose: float = 0.0) -> dict[str, Any]:

@@ -192,9 +192,4 @@ def known(found: Identified, evaluated: Evaluated | None = None) -> list[Known]:
     colours += [by_joint[term.effect.joint] for term in found.model.terms for _ in term.values]
     figures_of = (found.estimate.theta, found.estimate.std, found.stated, found.moved)
     value, std, given, away = (x.tolist() for x in figures_of)
-    at = [
-        joint for term in found.model.terms for joint in joints for _ in term.values if joint.name == term.effect.joint
-    ]
-    base = len(found.reduction.independent)
-    units = [*found.units[:base], *(joint.per_joint(unit) for joint, unit in zip(at, found.units[base:]))]
-    return [Known(*row) for row in zip(found.names, value, std, units, given, away, reach, share, colours)]
+    return [Known(*row) for row in zip(found.names, value, std, found.units, given, away, reach, share, colours)]

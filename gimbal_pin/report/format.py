@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
+from gimbal_pin.rig.rig import to_sliding
+
 if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig
 
@@ -146,11 +148,11 @@ class Joint:
     @property
     def force(self) -> str:
         """Unit of what drives it: N m, or N of one that slides."""
-        return "N" if self.unit == "mm" else "N m"
+        return self.in_units("N m")
 
-    def per_joint(self, unit: str) -> str:
+    def in_units(self, unit: str) -> str:
         """Return the unit of a term at it, stated as of one that turns: ``N m s/rad``, ``N s/m`` of one that slides."""
-        return unit.replace("N m", self.force).replace("rad", "m") if self.unit == "mm" else unit
+        return to_sliding(unit) if self.unit == "mm" else unit
 
     @property
     def label(self) -> Markup:
@@ -167,14 +169,15 @@ class Joint:
         return f"{text}{space}{self.unit}{per}"
 
 
+def joint_shown(name: str, slides: bool, colour: str = "") -> Joint:
+    """Return a joint as it is shown: in degrees, or in millimetres where it slides."""
+    return Joint(name, colour, 1e3, "mm") if slides else Joint(name, colour, DEGREE, "°")
+
+
 def joints_of(rig: Rig) -> tuple[Joint, ...]:
     """Return the rig's joints as they are shown."""
-    slides = [rig.model.joints[j + 1].shortname().startswith("JointModelP") for j in range(rig.n)]
     colours = joint_colours(rig.joints)
-    return tuple(
-        Joint(name, colour, 1e3 if sliding else DEGREE, "mm" if sliding else "°")
-        for name, colour, sliding in zip(rig.joints, colours, slides)
-    )
+    return tuple(joint_shown(*each) for each in zip(rig.joints, rig.slides, colours))
 
 
 def units(joints: Sequence[Joint]) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.errors import digits
 from gimbal_pin.report import tables
-from gimbal_pin.report.format import angle, controller_name, figures, joints_of, listed
+from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, listed
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
@@ -56,17 +56,24 @@ def rigs(bundled: Mapping[str, Any]) -> str:
 
 def check(found: Checked) -> str:
     """A checked rig."""
-    rows = [
-        (
-            name,
-            joint.link,
-            figures(joint.mass),
-            f"{figures(degrees(joint.lower))} … {figures(degrees(joint.upper))}",
-            *(figures(x) for x in (degrees(joint.velocity), joint.tau_max, round(joint.gravity_torque, 9))),
+    rows = []
+    for name, joint in found.joints.items():
+        look = joint_shown(name, joint.slides)
+        ends, rate, most, load = (
+            (joint.lower, joint.upper),
+            joint.velocity,
+            joint.tau_max,
+            round(joint.gravity_torque, 9),
         )
-        for name, joint in found.joints.items()
-    ]
-    heads = ("Joint", "Moves", "kg", "Range °", "°/s", "tau_max N m", "Gravity N m")
+        scaled = (
+            " … ".join(figures(look.scale * x) for x in ends),
+            figures(look.scale * rate),
+            figures(most),
+            figures(load),
+        )
+        units = look.unit, f"{look.unit}/s", look.force, look.force
+        rows.append((name, joint.link, figures(joint.mass), *(f"{x} {unit}" for x, unit in zip(scaled, units))))
+    heads = ("Joint", "Moves", "kg", "Range", "Rate", "tau_max", "Gravity")
     name = found.rig + (f" with {found.payload}" if found.payload else "")
     lines = [
         f"{name}: tree, axes, limits and inertias are sound",
@@ -156,7 +163,7 @@ def described(found: Identified) -> list[str]:
 
     method = found.estimate.method
     trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
-    bound = None if found.bound is None else found.bound.tolist()
+    bound, force = None if found.bound is None else found.bound.tolist(), found.model.rig.force
     lines = [f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}"]
     lines += [str(tables.parameters(known(found), bound)), *at_best(found)]
     lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
@@ -164,7 +171,7 @@ def described(found: Identified) -> list[str]:
     lines += [f"note: {said}" for said in found.notes]
     lines += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
-    lines += [f"nearest physical parameters: {figures(change, 2)} N m rms away in predicted torque, at most", ""]
+    lines += [f"nearest physical parameters: {figures(change, 2)} {force} rms away in predicted torque, at most", ""]
     lines += [*physique(found), ""]
     return lines if found.torn or found.bias is None else [*lines, found.bias.sentence]
 
@@ -317,16 +324,21 @@ def sized(figure: Parameter) -> str:
 
 
 def tracking_gain(found: Diagnosis) -> list[str]:
-    """How closely a controller follows with the found causes compensated, and without, in degrees."""
-    from gimbal_pin.diagnosis.gain import HOW, no_closer
+    """How closely a controller follows with the found causes compensated, and without."""
+    from gimbal_pin.diagnosis.gain import describe_motion, no_closer
 
     if not found.tracking:
         return []
-    each = [
-        f"{joint} {figures(degrees(row['rms_before']), 2)}° → {figures(degrees(row['rms_after']), 2)}°"
-        for joint, row in found.tracking.items()
-    ]
-    said = f"tracking error in simulation, rms, without and with compensation: {', '.join(each)} ({HOW})"
+    rig = found.after.model.rig
+    looks = {joint.name: joint for joint in joints_of(rig)}
+    sizes = {
+        name: [looks[name].text(row[f"rms_{at}"], digits=2) for at in ("before", "after")]
+        for name, row in found.tracking.items()
+    }
+    each = [f"{name} {before} → {after}" for name, (before, after) in sizes.items()]
+    said = (
+        f"tracking error in simulation, rms, without and with compensation: {', '.join(each)} ({describe_motion(rig)})"
+    )
     return [said, *no_closer(found.tracking)]
 
 

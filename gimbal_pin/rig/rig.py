@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -161,6 +162,20 @@ class Rig:
         return self.joints.index(joint)
 
     @cached_property
+    def slides(self) -> tuple[bool, ...]:
+        """Whether each joint slides, and does not turn (n)."""
+        return tuple(joint.shortname().startswith("JointModelP") for joint in self.model.joints.tolist()[1:])
+
+    def in_units(self, joint: str | None, text: str) -> str:
+        """Return a text, or a unit, that is written as of a joint that turns, in the units of a joint."""
+        return to_sliding(text) if joint in self.joints and self.slides[self.joints.index(joint)] else text
+
+    @property
+    def force(self) -> str:
+        """Unit of what drives its joints: N m, N, or both where some slide."""
+        return " or ".join(dict.fromkeys(self.in_units(joint, "N m") for joint in self.joints))
+
+    @cached_property
     def weightless(self) -> Rig:
         """The rig without gravity: its torques are those of inertia alone."""
         model = self.model.copy()
@@ -231,6 +246,17 @@ def build(
         path=path,
         notes=tuple(notes),
     )
+
+
+SLIDING = {r"\(N m\)": "N", r"N m\b": "N", r"kg m(\^2|²)": "kg", r"\brad\b": "m", r"per turn\b": "per 2π m"}
+"""What stands in units of joints that turn → what stands there of joints that slide."""
+
+
+def to_sliding(text: str) -> str:
+    """Return units of a joint that turns as those of one that slides: ``N m s/rad`` as ``N s/m``."""
+    for turning, sliding in SLIDING.items():
+        text = re.sub(turning, sliding, text)
+    return text
 
 
 OPTICAL = {

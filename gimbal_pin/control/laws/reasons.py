@@ -112,17 +112,17 @@ def about_compensation(model: Model, kind: str) -> list[str]:
     return [f"compensated: {', '.join(dict.fromkeys(found))}"] if found else []
 
 
-def about_inertia(nominal: float, ratios: Sequence[float]) -> str:
+def about_inertia(nominal: float, ratios: Sequence[float], unit: str) -> str:
     """Say how the inertia changes with the pose under a PID."""
     low, high = nominal / max(ratios), nominal / min(ratios)
     return (
-        f"the inertia goes from {digits(low)} to {digits(high)} kg m² with the pose; the margins are the worst of them"
+        f"the inertia goes from {digits(low)} to {digits(high)} {unit} with the pose; the margins are the worst of them"
     )
 
 
-def about_model(known: Bounds) -> str:
+def about_model(known: Bounds, force: str) -> str:
     """Say how far the model may be off, and when PID is safer."""
-    sizes = f"α = {digits(known.alpha, 2)} in inertia and {digits(known.phi, 2)} N m otherwise"
+    sizes = f"α = {digits(known.alpha, 2)} in inertia and {digits(known.phi, 2)} {force} otherwise"
     off = f"the model may be off by {sizes} ({known.source})"
     if known.alpha >= UNSAFE_ALPHA:
         return f"{off}: a PID is safer (tune --kind pid) until it is identified better"

@@ -97,6 +97,6 @@ def audit(rig: Rig, log: Log, *, filtering: Filtering | None = None) -> Audit:
     for check in CHECKS.values():
         examined = check(rig, log, filtering or Filtering())
         if examined is not None:
-            faults.append(examined.fault)
+            faults.append(examined.fault.in_units(rig))
             log = examined.log
     return Audit(log, tuple(faults))

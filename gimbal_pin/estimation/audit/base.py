@@ -49,6 +49,11 @@ class Fault:
     sparse: bool = False
     slight: bool = False
 
+    def in_units(self, rig: Rig) -> Fault:
+        """Return it in the units of its joint: see `Rig.in_units`."""
+        shown = tuple(replace(p, unit=rig.in_units(self.joint, p.unit)) for p in self.parameters)
+        return replace(self, sentence=rig.in_units(self.joint, self.sentence), parameters=shown)
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds of a data finding; CONTRACT's figures of physical findings are null."""
         physical = ("gain", "p_value", "selection_frequency", "explained_share", "visible_fraction")

@@ -73,8 +73,10 @@ def check_unit(rig: Rig, log: Log) -> None:
     maps = log.remapped({name: (name, 1e-3 * constant) for name, constant in zip(names, constants)})
     most, limit = float(ratio.max()), float(rig.tau_max[ratio.argmax()])
     what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
+    joint = rig.joints[int(ratio.argmax())]
     unit = "from mA, *1e-3 from mN m" if set(constants) != {1.0} else "from mN m, times KT from mA"
-    raise LogError(f"{log.name}: {', '.join(names)}", what, f"map it: {maps} {unit}")
+    mend = f"map it: {maps} {rig.in_units(joint, unit)}"
+    raise LogError(f"{log.name}: {', '.join(names)}", rig.in_units(joint, what), mend)
 
 
 def check_sampling(name: str, dt: float, cutoff: float) -> None:

@@ -75,7 +75,8 @@ def unexplained(found: Identified) -> Iterator[str]:
     for joint, one in found.missed.items():
         fit = judged.fit_percent[joint]
         if one.size > one.noise and not fit > EXPLAINED:
-            size = f"{digits(one.size, 2)} N m rms of its torque are a function of its motion that the model lacks"
+            size = f"{digits(one.size, 2)} {found.model.rig.in_units(joint, 'N m')} rms of its torque are"
+            size = f"{size} a function of its motion that the model lacks"
             yield f"{joint} is not explained: {digits(fit, 2)} %; run diagnose ({size}; deviations hold it)"
 
 

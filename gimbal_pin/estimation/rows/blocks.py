@@ -172,7 +172,9 @@ class Rows:
     def units(self) -> tuple[str, ...]:
         """SI units of theta."""
         leading = [self.reduction.names[j].rsplit(".", 1)[1] for j in self.reduction.independent]
-        return units(leading) + tuple(c.unit for effect in self.effects for c in effect.coefficients)
+        return units(leading) + tuple(
+            self.rig.in_units(effect.joint, c.unit) for effect in self.effects for c in effect.coefficients
+        )
 
     @property
     def stated(self) -> tuple[Term, ...]:

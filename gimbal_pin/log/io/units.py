@@ -70,7 +70,11 @@ def check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q
         if not a @ b > ALIKE * np.sqrt((a @ a) * (b @ b)):
             joint, limits = rig.joints[j], f"where the rig's limits leave {room[j]:.3g}"
             what = f"q_{joint} travels {travel[j]:.4g} rad {limits}, and not as q_ref_{joint}"
-            raise LogError(name, what, "the loop lost the joint: give a log of one that holds it, of lower gains")
+            raise LogError(
+                name,
+                rig.in_units(joint, what),
+                "the loop lost the joint: give a log of one that holds it, of lower gains",
+            )
     if off:
         j = off[0]
         what = f"q_{rig.joints[j]} travels {travel[j]:.4g} rad where the rig's limits leave {room[j]:.3g}"
@@ -78,6 +82,7 @@ def check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q
         factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
         names = [f"q_{rig.joints[k]}" for k in off]
         maps = remapped(sources, {name: (name, factor) for name in names})
+        what = rig.in_units(rig.joints[j], what)
         raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {maps}")
 
 
@@ -111,15 +116,21 @@ def torque_notes(rig: Rig, tau: Array | None) -> tuple[str, ...]:
         return ()
     joints = list(zip(rig.joints, rig.tau_max, np.abs(tau).max(axis=0), near_limit(tau, rig.tau_max).tolist()))
     strong = [
-        f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in other "
-        f"units, map tau_{joint}=COLUMN*(N m per unit)"
+        (
+            joint,
+            f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; if it is a current or in "
+            f"other units, map tau_{joint}=COLUMN*(N m per unit)",
+        )
         for joint, limit, most, _ in joints
         if most > TOO_STRONG * limit
     ]
     pushed = [
-        f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
-        "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower"
+        (
+            joint,
+            f"tau_{joint} is at the motor's limit of {limit:.3g} N m for {100 * share:.0f} % of the time: a loop that "
+            "swings or cannot follow shows little of the rig; record one that holds it, of lower gains or slower",
+        )
         for joint, limit, _, share in joints
         if share > MOSTLY
     ]
-    return (*strong, *pushed)
+    return tuple(rig.in_units(joint, said) for joint, said in (*strong, *pushed))

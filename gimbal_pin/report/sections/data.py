@@ -57,7 +57,7 @@ def rig_section(rig: Rig) -> Section:
         loads = [figures(x) for x in (dry, viscous, carried)]
         motors.append([joint.label, *encoder, *iron, *loads])
     looks = joints_of(rig)
-    force, viscous = (" or ".join(dict.fromkeys(one.per_joint(unit) for one in looks)) for unit in ("N m", "N m s/rad"))
+    force, viscous = (" or ".join(dict.fromkeys(one.in_units(unit) for one in looks)) for unit in ("N m", "N m s/rad"))
     head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
     more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}", "Carries, kg"]
     parts = [

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.gain import HOW, filtered_error, no_closer
+from gimbal_pin.diagnosis.gain import describe_motion, filtered_error, no_closer
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.result import TOGETHER
 from gimbal_pin.effects import CAUSES
@@ -246,7 +246,8 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
         "Before (grey) and after (colour), each joint to its own scale: torque predicted on the held-out part; "
         "position after 0.2 s of simulation from the held-out torque"
     )
-    told = f"; and a simulated controller's tracking error without and with the causes compensated ({HOW})."
+    told = "; and a simulated controller's tracking error without and with the causes compensated "
+    told += f"({describe_motion(found.after.model.rig)})."
     caption += told if found.tracking else "."
     caption += "".join(f" {line}." for line in no_closer(found.tracking))
     return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
