@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.diagnosis.engine.selection import Rival
+from gimbal_pin.diagnosis.file import write_diagnosis
 from gimbal_pin.diagnosis.findings import nearest, together
 from gimbal_pin.diagnosis.gain import BANDWIDTH, SIZE, describe_motion, heat
 from gimbal_pin.diagnosis.likeness import cosine, span
@@ -24,6 +26,7 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
+from gimbal_pin.estimation.model_file import read_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import tables, text
@@ -184,6 +187,14 @@ def test_what_is_left_is_praised_nowhere_and_what_speaks_against_a_finding_is_sa
     for page in (sections.diagnosis(against).html, text.diagnosis(against, {})):
         assert "the error grew with cogging at tilt" in page
     assert "the error grew" not in text.diagnosis(found, {})
+
+
+def test_tune_says_first_what_speaks_against_a_finding(found: Diagnosis, rig: Rig, tmp_path: Path) -> None:
+    against = replace(found, findings=tuple(replace(one, status="unconfirmed") for one in found.findings))
+    for one, warned in ((against, True), (found, False)):
+        files, _ = write_diagnosis(one, tmp_path / str(warned), "")
+        said = text.tuning(tune(read_model(files["extended model"], rig)))
+        assert said.startswith("warning: tilt: cogging is unconfirmed: ") == warned and "warning" not in said[9:]
 
 
 def test_a_gain_that_is_none_is_no_fall(found: Diagnosis) -> None:

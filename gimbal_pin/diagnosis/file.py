@@ -30,7 +30,7 @@ def write_diagnosis(
     """
     writers: dict[str, Callable[[Path], object]] = {
         "diagnosis": partial(write_json, found.to_dict()),
-        "extended model": partial(write_extended, found.after.model),
+        "extended model": partial(write_extended, found.model),
         "report": partial(atomic_write, content=page),
     }
     if found.planned is not None and found.planned.motion is not None:

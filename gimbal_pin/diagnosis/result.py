@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from typing import Any
 
@@ -14,6 +14,7 @@ from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
+from gimbal_pin.dynamics.model import Doubt, Model
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
@@ -259,6 +260,16 @@ class Diagnosis:
         return f"not confirmed: where no choice has seen the log, the error grew with {', '.join(against)}" * bool(
             against
         )
+
+    @property
+    def model(self) -> Model:
+        """The extended model, with what the held-out part speaks against."""
+        said = []
+        for one in self.findings:
+            before, after = (digits(one.gain[f"torque_rmse_{when}"], 3) for when in ("before", "after"))
+            why = f"{one.cause} is unconfirmed: the held-out torque error goes from {before} to {after} N m with it"
+            said += [Doubt(one.joint or "the rig", why, False)] if one.status == "unconfirmed" else []
+        return replace(self.after.model, doubts=tuple(said))
 
     @property
     def noisy(self) -> dict[str, float]:

@@ -64,7 +64,7 @@ class Doubt:
     Attributes:
         joint: Where.
         why: Sentence.
-        unsafe: Whether the model itself does not; else what is said was left out of it.
+        unsafe: Whether no loop should be closed there.
     """
 
     joint: str

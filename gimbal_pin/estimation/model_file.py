@@ -43,14 +43,22 @@ def body(identified: Identified, path: str | Path) -> dict[str, Any]:
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
-        "doubts": [asdict(doubt) for doubt in model.doubts],
+        **doubted(model),
     }
 
 
 def write_extended(model: Model, path: str | Path) -> None:
     """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
     rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
-    write_yaml({"kind": KIND, "schema": 1, **rows, **plain_model(model), **uncertainty(model.estimated)}, path)
+    write_yaml(
+        {"kind": KIND, "schema": 1, **rows, **plain_model(model), **uncertainty(model.estimated), **doubted(model)},
+        path,
+    )
+
+
+def doubted(model: Model) -> dict[str, Any]:
+    """Return what does not hold as `doubts` reads it."""
+    return {"doubts": [asdict(doubt) for doubt in model.doubts]}
 
 
 def uncertainty(estimated: Estimated | None) -> dict[str, Any]:

@@ -169,7 +169,7 @@ def auto(
     generator, seed = seeded(rng)
     wrong, undiagnosed = examined(rig, logs, generator, holdout)
     extended = wrong is not None and bool(wrong.lacking)
-    model = wrong.after.model if wrong is not None and extended else identified.model
+    model = wrong.model if wrong is not None and extended else identified.model
     asked = wish or Wish()
     tunings, late = tuned(model, asked), asked.samples
     laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
@@ -269,7 +269,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     if found.held is not None:
         writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
     if wrong is not None and wrong.held is not None:
-        writers["extended model"] = partial(write_extended, wrong.after.model)
+        writers["extended model"] = partial(write_extended, wrong.model)
     if wrong is not None and wrong.next_motion is not None:
         writers["next experiment"] = partial(write_motion, wrong.next_motion, rig.joints)
     return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
