@@ -128,7 +128,7 @@ def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
     found = []
     for j, joint in enumerate(rig.joints):
         A = columns[:, j, columns[:, j].any(axis=0)]
-        if used[j] <= ROWS * A.shape[1]:
+        if A.shape[1] == 0 or used[j] <= ROWS * A.shape[1]:
             continue
         left = errors(A, torque[:, j])
         total = left.sum(axis=0)
