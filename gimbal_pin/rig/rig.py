@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +24,7 @@ from gimbal_pin.rig.files import bundled_rigs as bundled_rigs
 from gimbal_pin.rig.formats import as_urdf
 from gimbal_pin.rig.reading import decimal
 from gimbal_pin.rig.records import LARGEST
+from gimbal_pin.rig.sliding import to_sliding
 from gimbal_pin.rig.urdf_checks import MOVABLE
 
 GRAVITY = 9.81
@@ -246,17 +246,6 @@ def build(
         path=path,
         notes=tuple(notes),
     )
-
-
-SLIDING = {r"\(N m\)": "N", r"N m\b": "N", r"kg m(\^2|²)": "kg", r"\brad\b": "m", r"per turn\b": "per 2π m"}
-"""What stands in units of joints that turn → what stands there of joints that slide."""
-
-
-def to_sliding(text: str) -> str:
-    """Return units of a joint that turns as those of one that slides: ``N m s/rad`` as ``N s/m``."""
-    for turning, sliding in SLIDING.items():
-        text = re.sub(turning, sliding, text)
-    return text
 
 
 OPTICAL = {
