@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shlex
 from collections.abc import Callable
@@ -32,9 +33,10 @@ from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.rows import Filtering, Regression, Rows, regression
 from gimbal_pin.estimation.torque_time import misplaced
-from gimbal_pin.log.io import write_log
+from gimbal_pin.log.io import read_log, write_log
 from gimbal_pin.log.io.columns import log_columns
 from gimbal_pin.log.io.csv import write_csv
+from gimbal_pin.log.io.mapping import read_mapping
 from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
 from gimbal_pin.rig.rig import Rig
@@ -337,6 +339,21 @@ def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kin
     assert not misplaced(rig, log, Filtering())
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_a_late_torque_of_one_of_several_cameras_is_refused(run: Run, known: bool, tmp_path: Path) -> None:
+    """Or of a new camera on a gimbal that is known."""
+    logs = [tmp_path / f"{camera}.csv" for camera in PAYLOADS["turret"]]
+    for log, camera, by in zip(logs, PAYLOADS["turret"], (0.0, 0.1)):
+        write_log(delayed(recorded(Rig.load("turret", camera), 1), by), log)
+    first, second = (f"{log}@{camera}" for log, camera in zip(logs, PAYLOADS["turret"]))
+    model = tmp_path / "model.yaml"
+    if known:
+        assert run("identify", "turret", first, "-o", model)[0] == 0
+        refused(run("identify", "turret", second, "--known", model), 2, "ms late", "--alignment")
+    else:
+        refused(run("identify", "turret", first, second), 2, f"{PAYLOADS['turret'][1]}.csv", "ms late", "--alignment")
+
+
 MISREAD: dict[str, tuple[str, Callable[[dict[str, Array]], dict[str, Array]]]] = {
     "another unit": ("drone", lambda x: {key: 1e3 * x[key] if "tau" in key else x[key] for key in x}),
     "a sign": ("thesis", lambda x: {**x, "tau_roll": -x["tau_roll"]}),
@@ -370,6 +387,22 @@ def test_the_map_that_is_printed_mends_a_log_of_foreign_headers(run: Run, kind: 
     code, _, err = run("identify", name, tmp_path / "x.csv", *maps)
     assert code == 2 and all("note: " in line for line in err.splitlines()[:-1])
     assert run("identify", name, tmp_path / "x.csv", *maps, *printed(err.splitlines()[-1]))[0] == 0
+
+
+def test_a_log_keeps_what_its_columns_were_read_from(tmp_path: Path) -> None:
+    rig = Rig.load("turret")
+    log = recorded(rig, 1, 2.0)
+    write_log(log, tmp_path / "x.csv")
+    maps = {"tau_pan": "tau_tilt*-2", "tau_tilt": "tau_pan*pi/180"}
+    read = read_log(tmp_path / "x.csv", rig, maps)
+    for one in (read, read.part(slice(0, 9)), replace(read, v=None), pickle.loads(pickle.dumps(read))):
+        assert one.remapped({"tau_pan": ("tau_pan", -1.0), "q_pan": ("q_tilt", "pi/180")}) == (
+            "--map 'tau_pan=tau_tilt*2' --map 'q_pan=q_tilt*pi/180'"
+        )
+        assert read_mapping([f"tau_tilt={one.sources['tau_tilt'].times(1.0)}"])["tau_tilt"].factor == pytest.approx(
+            np.pi / 180
+        )
+    assert not log.sources
 
 
 def permuted(log: Log, order: list[int]) -> Log:

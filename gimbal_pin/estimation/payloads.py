@@ -29,9 +29,11 @@ from gimbal_pin.estimation.identification import (
     refitted,
     split,
 )
+from gimbal_pin.estimation.identification.checks import check_unit
 from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
 from gimbal_pin.estimation.rows import Block, Filtering, Rows, camera_body, over_phi, regression
+from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import likeliest
@@ -147,6 +149,7 @@ def parted(
         raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
     for log in logs:
         check_log(log, filters)
+        check_unit(rig, log)
     train, test, how = split(logs, holdout or "last-third", filters)
     rows = Rows(rig, reduction, tuple(effects), train, filters)
     return rows, regression(replace(rows, logs=test)) if test else None, how
@@ -280,7 +283,8 @@ def identify_several(
     Raises:
         UsageError: Another way of holding out.
         DataError: The logs are too short, or some parameters leave no trace in them.
-        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
+            one is in another unit, or acts too early or late, see `torque_time.check_time`.
     """
     logs = {name: [log.ordered(rigs[name]) for log in each] for name, each in logs.items()}
     filters = filtering or Filtering()
@@ -290,6 +294,7 @@ def identify_several(
     own = Carried.of(rigs[reference], reduction)
     everything = (*friction_effects(rigs[reference].joints), *effects)
     parts = {name: parted(rigs[name], logs[name], everything, holdout, filters, reduction) for name in order}
+    notes = {name: check_time(rigs[name], logs[name], filters) for name in order}
     blocks = {name: regression(rows) for name, (rows, _, _) in parts.items()}
     for name, (rows, _, _) in parts.items():
         check_enough(rows, blocks[name])
@@ -310,6 +315,7 @@ def identify_several(
         identified[name] = replace(
             assembled(rows, blocks[name], one, tested, how),
             missed=dict(zip(rows.rig.joints, missed[mine])),
+            notes=notes[name],
             faults=(*vague, *faults(rigs[name], logs[name])),
         )
     for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
@@ -359,13 +365,15 @@ def identify_new(
     Raises:
         UsageError: The known model was not identified, or is of another rig.
         DataError: The logs are too short, do not show the camera, or are of another gimbal.
-        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`.
+        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
+            one is in another unit, or acts too early or late, see `torque_time.check_time`.
     """
     logs = [log.ordered(rig) for log in logs]
     rig, before = standing(rig, known), estimated(known)
     filters, reduction = filtering or Filtering(), reduce(rig)
     effects = [term.effect for term in known.terms if term not in rotors(known.rig)]
     rows, tested, how = parted(rig, logs, effects, holdout or "none", filters, reduction)
+    notes = check_time(rig, logs, filters)
     width = len(reduction.independent)
     if before.names[:width] != reduction.base_names or len(before.names) != len(rows.names):
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
@@ -389,7 +397,7 @@ def identify_new(
     one = camera(own, known.rig, rig, joint, pick)
     one, vague = hedged(one, own, mounted, given, rows.mixing, (before.theta, before.covariance))
     said = (*contradiction(found, before), *vague, *faults(rig, logs))
-    identified = replace(identified, missed=dict(zip(rig.joints, missed)), faults=said)
+    identified = replace(identified, missed=dict(zip(rig.joints, missed)), notes=notes, faults=said)
     return Several({name: identified}, {name: one}, mounted)
 
 
