@@ -26,6 +26,7 @@ from gimbal_pin.effects.cogging import Cogging
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
+from gimbal_pin.estimation.audit import Fault
 from gimbal_pin.estimation.model_file import read_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Log
@@ -66,6 +67,17 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
     rows = found.to_dict()["tracking"]
     assert list(rows) == ["pan", "tilt"]
     assert 0 < rows["tilt"]["rms_after"] < 0.3 * rows["tilt"]["rms_before"]
+
+
+def test_nothing_is_promised_of_findings_that_nothing_confirms_or_that_a_spoilt_log_shows(found: Diagnosis) -> None:
+    refuted = replace(found, verdict="named", findings=tuple(replace(x, status="unconfirmed") for x in found.findings))
+    assert "nothing of what this log suggests is confirmed" in sections.diagnosis(refuted).html
+    assert missed(refuted).startswith("Nothing is confirmed of what was found")
+    assert "What to do about it" in sections.diagnosis(found).html
+    fault = Fault("acceleration-noise", "tilt", "tilt: noise", (), 2.0, True, "record again")
+    spoilt = replace(found, verdict="data", faults=(fault,))
+    shown = sections.diagnosis(spoilt).html
+    assert "not to be acted on" in shown and "What to do about it" not in shown
 
 
 def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isnan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,6 @@ from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log.limited import SPOKEN
 from gimbal_pin.report.format import (
-    DASH,
     SURE,
     between,
     controller_name,
@@ -96,7 +96,7 @@ def summary(
     numbers.append(Card("Fit of the torque", percent(fit), f"{band}, worst joint: {joint}, {where}", grade(fit)))
     tone, missing = "poor" if spoilt else grade(fit), missed(wrong)
     tone = "fair" if missing and not spoilt else tone
-    if wrong is not None and wrong.lacking and wrong.held is not None:
+    if wrong is not None and wrong.lacking and wrong.held is not None and not spoilt:
         details.append(about_gain(wrong, wrong.held.band))
         joint, fit = min(wrong.extended["fit_percent"].items(), key=lambda pair: pair[1])
         note = f"fit to {wrong.held.band:g} Hz, worst joint: {joint}, held out"
@@ -141,7 +141,13 @@ def missed(wrong: Diagnosis | None) -> str:
     found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
     rest = structured(wrong)
     foreign = f"something at {listed(rest)} that no known cause explains" if rest else ""
-    return f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
+    misses = f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
+    return f"Nothing is confirmed of what was found: {found}" if unconfirmed(wrong) and not foreign else misses
+
+
+def unconfirmed(wrong: Diagnosis) -> bool:
+    """Whether the part that no choice has seen speaks against everything that was found."""
+    return bool(wrong.lacking) and all(finding.status == "unconfirmed" for finding in wrong.lacking)
 
 
 def structured(wrong: Diagnosis) -> list[str]:
@@ -232,8 +238,9 @@ def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
     judged = "the data it was fitted to" if held is None else f"{rows_named(held.how)}, which the fit did not see"
     worst, most = max((held or found.train).torque_rmse.items(), key=lambda pair: pair[1])
     error = torque_text(most, force=next(joint.force for joint in joints_of(rig) if joint.name == worst))
-    fit = between((held or found.train).fit_percent.values(), 3)
-    close = f"a fit of {fit} %" if fit != DASH else "there is no fit where there is no torque"
+    fits = sorted(x for x in (held or found.train).fit_percent.values() if not isnan(x))
+    ends = dict.fromkeys(map(percent, fits[:1] + fits[-1:]))
+    close = f"a fit of {' to '.join(ends)}" if ends else "there is no fit where there is no torque"
     return (
         f"{name} was identified from {source}. On {judged}, the model predicts the motor torque, filtered at "
         f"{found.filtering.cutoff:g} Hz, to {error} rms or better: {close}."
@@ -249,8 +256,8 @@ def about_gain(wrong: Diagnosis, band: float) -> str:
         return f"What the diagnosis found lowers no joint's torque error {where}."
     assert wrong.held is not None
     force = next(joint.force for joint in joints_of(wrong.held.rig) if joint.name == most)
-    change = f"from {torque_text(before[most], force=force)} to {torque_text(after[most], force=force)}"
-    return f"With what the diagnosis found, {most}'s torque error falls {change} {where}."
+    change = " to ".join(torque_text(one[most], before[most], force) for one in (before, after))
+    return f"With what the diagnosis found, {most}'s torque error falls from {change} {where}."
 
 
 def about_parameters(found: Identified) -> str:

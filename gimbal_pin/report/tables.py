@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 BASELINE, TOGETHER = "pid", "all-axes"
 """The controller that model-based ones are compared with in steps, and the experiment in which all axes move."""
+ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
+"""Why the errors before differ."""
 GOOD, FAIR = 95.0, 80.0
 """Fit, per cent, from which on a model is called good, or fair."""
 PHASE_DEG, GAIN_DB = 45.0, 6.0

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 CLOSE = 0.1
 """Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 DEVIATIONS = "(± is one standard deviation)"
-ALONE = "(a finding's error before is without it and with all others; the table's is the refitted model's alone)"
 SEVERAL = 3
 """Most things to do, and most doubts, that `auto` prints; all are in the report."""
 MANY = 9
@@ -278,7 +277,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
     if found.residual:
         lines += ["", str(tables.residual(found)), *([f"({found.hidden})"] if found.hidden else [])]
-        lines += [ALONE] if len(found.findings) > 1 else []
+        lines += [f"({tables.ALONE[0].lower()}{tables.ALONE[1:]})"] if len(found.findings) > 1 else []
     lines += [found.unconfirmed] if found.unconfirmed else []
     lines += tracking_gain(found)
     if found.given is not None and found.after.model.rig.aims:

@@ -22,6 +22,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, listed, torque_unit, units
 from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.summary import unconfirmed
 from gimbal_pin.report.table import Content, join
 
 WRONG = "What the simulation gets wrong"
@@ -32,7 +33,9 @@ VERDICTS = {
     "nothing": "The refitted model is as good as the data: nothing more can be found in this log.",
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
+UNCONFIRMED = "Something seems to be missing from the model, and nothing of what this log suggests is confirmed."
 MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
+SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
 ALIKE = 0.95
 """Correlation from which on two causes are outlined."""
 CLOUD, LINE = 700, 700
@@ -52,16 +55,18 @@ def diagnosis(found: Diagnosis) -> Section:
     parts: list[object] = [paragraph(toned(verdict(found), "good" if found.beside == "nothing" else "fair"))]
     if found.spoiling:
         parts.append(bullets(f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling))
+        parts += [paragraph(SPOILT)] if found.findings else []
     joints = () if found.held is None else joints_of(found.held.rig)
     colours = {joint.name: joint.colour for joint in joints}
     for finding in found.findings:
         likest = [one for one in found.likeness if (one.causes[0], one.joint) == (finding.cause, finding.joint)]
-        parts += described(finding, likest[:1], colours.get(finding.joint or "", plots.PLAIN))
+        parts += described(finding, likest[:1], colours.get(finding.joint or "", plots.PLAIN), not found.spoiling)
     if found.planned is not None:
         parts += [heading("The next experiment"), bullets(found.planned.lines)]
     if found.held is not None:
         parts += [heading("What is left")] if found.findings else []
         parts.append(tables.residual(found))
+        parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
@@ -82,10 +87,11 @@ def verdict(found: Diagnosis) -> str:
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
     against = f" {found.unconfirmed[:1].upper()}{found.unconfirmed[1:]}." if found.unconfirmed else ""
-    return f"{VERDICTS[found.beside]}{more}{moved}{against}"
+    said = UNCONFIRMED if found.beside == "named" and unconfirmed(found) else VERDICTS[found.beside]
+    return f"{said}{more}{moved}{against}"
 
 
-def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list[object]:
+def described(finding: Finding, likest: Sequence[Likeness], colour: str, believed: bool = True) -> list[object]:
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
     sizes = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in finding.sized]
     lines: list[Content] = [f"{', '.join(sizes)} (± is one standard deviation)."] if sizes else []
@@ -94,7 +100,8 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str) -> list
     if finding.open:
         lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.next_experiment}.")
     cause = CAUSES.get(finding.cause)
-    lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
+    if believed:
+        lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
     before, after = (finding.gain[f"rollout_rmse_{when}"] for when in ("before", "after"))
     if before > 0 and isfinite(after):
         said = f"{digits(after / before, 2)} times what it was without it"

@@ -79,7 +79,11 @@ def parameters(found: Identified, evaluated: Evaluated, apart: Given | None) -> 
 def overall(found: Identified, every: Sequence[Known]) -> str:
     """Say how many there are, which are in doubt, and whether bodies exist that have them."""
     doubtful = [short(one.name) for one in every if one.tone == "poor"]
-    doubt = f"the log leaves {listed(doubtful)} in doubt" if doubtful else "none of them in doubt by more than matters"
+    doubt = (
+        f"of those that move much torque, the log leaves {listed(doubtful)} in doubt"
+        if doubtful
+        else "none that moves much torque is in doubt"
+    )
     condition = figures(found.estimate.condition_number, 2)
     method = f"{len(every)} parameters by the {found.estimate.method} estimator"
     text = f"{method}, {doubt}; condition number {condition} (columns of unit size)."
