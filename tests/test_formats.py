@@ -255,10 +255,11 @@ def test_what_unfolds_without_measure_is_refused(tmp_path: Path) -> None:
         "bomb.npz": bombs.npz(bombs.FULL),
         "lying.npz": bombs.npz(1000),
         "bomb.h5": bombs.hdf5(2**40, filled=False),
+        "bomb.mat": bombs.mat(),
         "bomb.parquet": bombs.parquet(9),
     }.items():
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(LogError, match=r"holds more than|cannot be read|damaged"):
+        with pytest.raises(LogError, match="damaged" if name == "lying.npz" else "holds more than"):
             (table := io.formats.open_table(tmp_path / name)).read(table.columns)
     with pytest.raises(LogError, match="holds more than 20 MB, unpacked"):
         unzipped(bombs.gz(), "bomb.csv.gz", most=20_000_000)

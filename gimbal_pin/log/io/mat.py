@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from math import prod
 from pathlib import Path
 from typing import Any
 
+from gimbal_pin.errors import LogError
 from gimbal_pin.log.io.isolated import open_isolated
 from gimbal_pin.log.io.tables import DEEPEST, Stream, Table, streams_of
-from gimbal_pin.rig.reading import beginning
+from gimbal_pin.rig.reading import beginning, check_size
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -26,10 +28,11 @@ def is_hdf5(path: Path) -> bool:
 
 
 def streams(path: Path) -> tuple[list[Stream], list[str]]:
-    """Return the streams in a file; SciPy's and h5py's own errors where it is damaged."""
+    """Return the streams in a file; SciPy's and h5py's own errors where it is damaged, `LogError` if it is too much."""
     if not is_hdf5(path):
-        from scipy.io import loadmat
+        from scipy.io import loadmat, whosmat
 
+        check_size(path, sum(8 * prod(shape) for _, shape, kind in whosmat(path) if kind != "sparse"), LogError)
         return streams_of({k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")})
     import h5py
 
@@ -49,5 +52,6 @@ def arrays(group: Any, depth: int = 0) -> dict[str, Any]:
         if isinstance(inner, h5py.Group) and depth < DEEPEST:
             found[name] = arrays(inner, depth + 1)
         elif isinstance(inner, h5py.Dataset) and (inner.dtype.names or inner.dtype.kind in "biuf"):
+            check_size(group.file.filename, inner.nbytes, LogError)
             found[name] = inner[()]
     return found
