@@ -1,0 +1,125 @@
+"""Laws of the engine: whatever computes the units, in whatever order and however often it is killed, one table."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.fleet import Run, process_pool, run_units
+from tests.fleet import stub
+
+ROOT = Path(__file__).parents[2]
+
+
+class Reversed(Executor):
+    """Runs the task that was submitted last first, at once whenever four are there."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future, object]] = []
+
+    def submit(self, function, /, *args):  # type: ignore[no-untyped-def, override]
+        future: Future = Future()
+        self.waiting.append((future, lambda: function(*args)))
+        if len(self.waiting) == 4:
+            while self.waiting:
+                last, call = self.waiting.pop()
+                last.set_result(call())
+        return future
+
+
+def run_of(folder: Path, count: int = 40, log: str = "", work=stub.square, **settings: object) -> Run:  # type: ignore[no-untyped-def]
+    return Run(work, [(k, log) for k in range(count)], str(folder), settings)
+
+
+def table(folder: Path) -> pd.DataFrame:
+    return pd.read_parquet(folder / "results.parquet")
+
+
+def test_each_unit_is_a_row_in_the_units_order_and_a_failed_one_holds_its_error(tmp_path: Path) -> None:
+    progress = run_units(run_of(tmp_path), lambda: ThreadPoolExecutor(2), quiet=True)
+    rows = table(tmp_path)
+    assert rows.unit.tolist() == list(range(40)) and (progress.computed, progress.failed) == (40, 4)
+    good = rows.error.isna()
+    assert rows.square[good].tolist() == [k**2.0 for k in range(40) if k % 10 != 7]
+    assert rows.error[~good].tolist() == [f"ValueError: {k} ends with a seven" for k in (7, 17, 27, 37)]
+
+
+@pytest.mark.parametrize("units_per_task", [1, 7, 40])
+def test_the_table_is_the_same_whatever_computes_it_and_in_whatever_order(tmp_path: Path, units_per_task: int) -> None:
+    makers = {"threads": lambda: ThreadPoolExecutor(3), "reversed": Reversed, "processes": lambda: process_pool(2)}
+    for name, factory in makers.items():
+        units = [(k, "") for k in range(40)]
+        whole = Run(stub.square, units[: 40 // 4 * 4], str(tmp_path / name), {}, units_per_task)
+        if name == "reversed" and whole.tasks % 4:
+            continue
+        run_units(whole, factory, workers=1, quiet=True)
+    tables = [table(tmp_path / name) for name in makers if (tmp_path / name).exists()]
+    for other in tables[1:]:
+        pd.testing.assert_frame_equal(tables[0], other, check_exact=True)
+
+
+def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    run = run_of(tmp_path / "out", log=str(log))
+    run_units(run, lambda: ThreadPoolExecutor(2), quiet=True)
+    before = table(tmp_path / "out")
+    for number in (3, 39):
+        (tmp_path / "out" / "parts" / f"part-{number:09d}.parquet").unlink()
+    progress = run_units(run, lambda: ThreadPoolExecutor(2), quiet=True)
+    assert (progress.found, progress.computed) == (38, 2)
+    assert sorted(map(int, log.read_text().split())) == sorted([*range(40), 3, 39])
+    pd.testing.assert_frame_equal(before, table(tmp_path / "out"), check_exact=True)
+
+
+def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
+    run_units(run_of(tmp_path, seed=1), lambda: ThreadPoolExecutor(1), quiet=True)
+    for other in (run_of(tmp_path, seed=2), run_of(tmp_path, 41, seed=1)):
+        with pytest.raises(UsageError, match="another run's results"):
+            run_units(other, quiet=True)
+
+
+def test_a_unit_that_kills_its_worker_is_a_row_and_one_killed_by_chance_is_computed_again(tmp_path: Path) -> None:
+    run_units(run_of(tmp_path / "out", 12, str(tmp_path / "log"), stub.fatal), workers=2, quiet=True)
+    rows = table(tmp_path / "out")
+    assert rows.index[rows.error.notna()].tolist() == [5, 7] and "ended its process 3 times" in rows.error[5]
+    assert rows.square[3] == 9.0
+
+
+COORDINATOR = """
+import sys
+from gimbal_pin.fleet import Run, run_units
+from tests.fleet import stub
+if __name__ == "__main__":
+    folder, log = sys.argv[1:]
+    run_units(Run(stub.slow_square, [(k, log) for k in range(40)], folder), workers=2, quiet=True)
+"""
+
+
+def test_a_killed_coordinator_costs_what_was_in_flight_and_leaves_no_worker(tmp_path: Path) -> None:
+    script, log, out = tmp_path / "coordinator.py", tmp_path / "log", tmp_path / "out"
+    script.write_text(COORDINATOR)
+    command = [sys.executable, str(script), str(out), str(log)]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"}
+    killed = subprocess.Popen(command, env=environment)
+    while not log.exists() or len(log.read_text().split()) < 8:
+        time.sleep(0.01)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    count = -1
+    while count != (count := len(log.read_text().split())):  # workers end; nothing more is computed
+        time.sleep(0.5)
+    assert count < 40
+    subprocess.run(command, env=environment, check=True)
+    computed = np.bincount([int(word) for word in log.read_text().split()], minlength=40)
+    assert computed.min() == 1 and (computed - 1).sum() <= 2
+    run_units(run_of(tmp_path / "other"), lambda: ThreadPoolExecutor(2), quiet=True)
+    pd.testing.assert_frame_equal(table(out), table(tmp_path / "other"), check_exact=True)
