@@ -18,6 +18,7 @@ if typing.TYPE_CHECKING:
     from gimbal_pin.estimation.identification import identify as identify
     from gimbal_pin.excitation import excite as excite
     from gimbal_pin.export.sources import export_controller as export_controller
+    from gimbal_pin.fleet.montecarlo import monte_carlo as monte_carlo
     from gimbal_pin.log.io import read_log as read_log
     from gimbal_pin.log.io import write_log as write_log
     from gimbal_pin.log.log import Log as Log
@@ -44,6 +45,7 @@ HOMES = {
     "excite": "excitation",
     "export_controller": "export.sources",
     "identify": "estimation.identification",
+    "monte_carlo": "fleet.montecarlo",
     "nominal": "dynamics.model",
     "profile_s": "log.profile",
     "read_log": "log.io",

@@ -72,6 +72,7 @@ def test_a_number_is_refused_before_anything_is_read(run: Run) -> None:
         "excite turret --seconds 3600 --rate 20000 -o x.csv",
         "demo --seconds 3600 -o x",
         "track turret --platform S --seeds 10000",
+        "montecarlo turret --count 100000 -o x",
     ],
 )
 def test_work_of_hours_is_asked_for_twice(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:

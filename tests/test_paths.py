@@ -140,7 +140,7 @@ def test_an_unknown_suffix_is_refused_before_the_work(
         given = signature(VERBS[verb]).parameters.get(name)
         called = label(name, marks)
         if given is not None and given.default is given.empty and called != option:
-            words += [called, "new.csv"] if kind is Path else ["turret"]
+            words += [called, "new.csv"] if called.startswith("-") or kind is Path else ["turret"]
     known = ", ".join(mark.chosen() or mark.suffixes)
     said = run(verb, *words, option, f"no{suffix}")
     refused(said, 2, f"gimbal-pin: {option}: names no{suffix}; give it a name that ends in {known}")

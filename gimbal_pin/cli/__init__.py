@@ -25,6 +25,7 @@ from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.export import export
 from gimbal_pin.cli.identify import identify
 from gimbal_pin.cli.inspect import inspect
+from gimbal_pin.cli.montecarlo import montecarlo
 from gimbal_pin.cli.present import complain, say
 from gimbal_pin.cli.rigs import base, check, new_rig, rigs
 from gimbal_pin.cli.simulate import simulate
@@ -51,6 +52,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
         export,
         animate,
         auto,
+        montecarlo,
         demo,
     )
 }
@@ -134,7 +136,7 @@ def parse(arguments: Sequence[str]) -> Callable[[], None]:
 
 def overview() -> str:
     """Name every verb with the first sentence of its docstring: quick, since no verb's arguments are looked at."""
-    lines = [f"  {name:<10}{(getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
+    lines = [f"  {name:<11}{(getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
     return "\n".join([(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines])
 
 

@@ -1,8 +1,8 @@
 """Many independent units of work on any executor: each result is a Parquet file as soon as it is there.
 
 The units are known by their places in a sequence, and a task is a run of units. A worker computes a task, writes its
-rows to ``parts/part-<task>.parquet`` whole or not at all, and returns nothing but their number: the coordinator holds no
-result, and a run that was killed is resumed by the files that are there.
+rows to ``parts/part-<task>.parquet`` whole or not at all, and returns nothing but their number: the coordinator holds
+no result, and a run that was killed is resumed by the files that are there.
 """
 
 from __future__ import annotations
@@ -173,14 +173,14 @@ def collect(run: Run, future: Future[tuple[int, int]], number: int) -> tuple[int
         UsageError: The executor is gone.
     """
     try:
-        return future.result()
-    except BrokenExecutor:
-        raise
-    except CancelledError as error:
+        error = future.exception()
+    except CancelledError as dropped:
         mend = "start it again; the same call goes on with what is missing"
-        raise UsageError("executor", "dropped its tasks", mend) from error
-    except Exception as error:  # noqa: BLE001 - each executor has errors of its own for a task that it gives up
-        return write_failure(run.task(number), f"{type(error).__name__}: {error}")
+        raise UsageError("executor", "dropped its tasks", mend) from dropped
+    if isinstance(error, BrokenExecutor):
+        raise error
+    # Each executor has errors of its own for a task that it gives up.
+    return future.result() if error is None else write_failure(run.task(number), f"{type(error).__name__}: {error}")
 
 
 @contextmanager
@@ -196,8 +196,8 @@ def running(factory: ExecutorFactory) -> Iterator[Executor]:
 
 
 @contextmanager
-def dask_executors(address: str) -> Iterator[ExecutorFactory]:
-    """Executors of the Dask cluster whose scheduler has an address such as ``tcp://host:8786``.
+def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, int]]:
+    """Executors of the Dask cluster at an address such as ``tcp://host:8786``, and how many units it runs at once.
 
     Raises:
         UsageError: Dask is not installed, or nothing answers there.
@@ -214,7 +214,7 @@ def dask_executors(address: str) -> Iterator[ExecutorFactory]:
             f"--scheduler {address}", f"does not answer ({error})", "start 'dask scheduler' there"
         ) from error
     with client:
-        yield client.get_executor
+        yield client.get_executor, sum(client.nthreads().values())
 
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
@@ -243,9 +243,9 @@ def compute_task(task: Task) -> tuple[int, int]:
 
 
 def compute_unit(work: Work, unit: Any) -> dict[str, Value]:
-    """The unit's record, with `error` None, or `error` alone."""
+    """The unit's record, with its `error` or None, or `error` alone where it raises."""
     try:
-        return {**work(unit), "error": None}
+        return {"error": None, **work(unit)}
     except Exception as error:  # noqa: BLE001 - whatever a unit raises is its result, and ends no other unit
         return {"error": f"{type(error).__name__}: {error}"}
 
@@ -296,6 +296,8 @@ def part_path(folder: str, number: int) -> str:
 
 def claim_folder(run: Run) -> None:
     """Make the folder, or raise `UsageError` where it holds the results of other settings."""
+    if not run.folder:
+        raise UsageError("folder", "has no name", "name one")
     files, place = file_system(run.folder)
     settings = json.loads(
         json.dumps({**run.settings, "units": len(run.units), "units_per_task": run.units_per_task}, sort_keys=True)
@@ -303,6 +305,8 @@ def claim_folder(run: Run) -> None:
     try:
         files.makedirs(f"{place}/{PARTS}", exist_ok=True)
         if not files.exists(f"{place}/{RUN}"):
+            if others := {name.rsplit("/", 1)[-1] for name in files.ls(place, detail=False)} - {PARTS}:
+                raise UsageError(run.folder, f"holds {min(others)}, which is of no run", "give an empty folder")
             write_whole(f"{run.folder}/{RUN}", json.dumps({"schema": 1, "settings": settings}, indent=1).encode())
         earlier = json.loads(files.cat_file(f"{place}/{RUN}")).get("settings")
     except (OSError, ValueError, AttributeError) as error:

@@ -1,0 +1,254 @@
+"""Monte Carlo over rigs that differ: how many meet a specification, and what costs those that do not."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from importlib.util import find_spec
+from math import isfinite
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+from gimbal_pin.control.controllers import OURS, TUNED
+from gimbal_pin.control.laws.design import Wish
+from gimbal_pin.control.tuning import Stored, Tuning, tune
+from gimbal_pin.dynamics.model import Model, nominal, plain_model
+from gimbal_pin.errors import UsageError
+from gimbal_pin.fleet.engine import TABLE, ExecutorFactory, Run, file_system, run_units
+from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, influences
+from gimbal_pin.fleet.study import Limit, Study, known_figures, known_roster, limit
+from gimbal_pin.fleet.variation import Design, Variation, Vary, usual
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.rig import Rig
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+SHOWN = 10
+"""Rigs that are looked at one by one."""
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Share of rigs that meet the specification, with Wilson's interval of 95 % confidence; `of` how many rigs."""
+
+    value: float
+    low: float
+    high: float
+    of: int
+
+
+@dataclass(frozen=True)
+class Spread:
+    """One figure over all rigs that could be run: median, the 5 % below and above, and the largest."""
+
+    median: float
+    p5: float
+    p95: float
+    worst: float
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarlo:
+    """The result of `monte_carlo`.
+
+    Attributes:
+        rig: Name of the rig.
+        payload: Its payload, or None.
+        count: Rigs.
+        failed: Rigs that cannot be, or whose loop diverged: none of these meets a specification.
+        inputs: What varied.
+        specification: What was asked for.
+        yield_: How many rigs meet it; None: nothing was asked for.
+        figures: Figure → its spread, in rad (m of a joint that slides), s, per cent or as a share of a torque limit.
+        sensitivity: What costs most of the specification first; without one, what counts most for the first figure.
+        worst: The rigs that use most of it: unit, inputs, figures, error.
+        units: Figure → its unit for people; angles are in degrees there.
+        table: One row per rig: unit, inputs, figures, error.
+    """
+
+    rig: str
+    payload: str | None
+    count: int
+    failed: int
+    inputs: tuple[str, ...]
+    specification: tuple[Limit, ...]
+    yield_: Yield | None
+    figures: Mapping[str, Spread]
+    sensitivity: tuple[Influence, ...]
+    worst: tuple[Mapping[str, Any], ...]
+    units: Mapping[str, str] = field(repr=False)
+    table: DataFrame = field(repr=False)
+
+    __repr__ = brief
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds; null for what is infinite or unknown."""
+        unknown = {"value": None, "low": None, "high": None, "of": None}
+        return {
+            "schema": 1,
+            "rig": self.rig,
+            "payload": self.payload,
+            "count": self.count,
+            "failed": self.failed,
+            "specification": [own.text for own in self.specification],
+            "yield": unknown if self.yield_ is None else asdict(self.yield_),
+            "figures": {name: sayable(asdict(own)) for name, own in self.figures.items()},
+            "sensitivity": [sayable(asdict(own)) for own in self.sensitivity],
+            "worst": [sayable(own) for own in self.worst],
+        }
+
+    def to_frame(self) -> DataFrame:
+        """Return one row per rig."""
+        return self.table
+
+
+def sayable(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values with None for numbers that JSON cannot say."""
+    return {name: None if isinstance(x, float) and not isfinite(x) else x for name, x in values.items()}
+
+
+def monte_carlo(
+    rig: Rig,
+    model: Model | None = None,
+    *,
+    count: int = 100,
+    folder: str | None = None,
+    vary: Vary | None = None,
+    spec: Sequence[str] = (),
+    controller: Stored | Tuning | None = None,
+    retune: bool = False,
+    platform: bool = False,
+    seconds: float = 5.0,
+    sobol: bool = False,
+    seed: int = 0,
+    executor: ExecutorFactory | None = None,
+    workers: int = 0,
+    quiet: bool = True,
+) -> MonteCarlo:
+    """Simulate rigs that differ, and judge how many meet a specification and what costs those that do not.
+
+        found = monte_carlo(rig, model, count=1000, spec=["rms_error < 0.02 deg", "settling_time < 0.6"])
+
+    The results depend on the arguments up to `seed` alone, to the last bit on machines of one kind, whatever runs them.
+
+    Args:
+        rig: The rig.
+        model: The nominal rig, with its covariance; None: as its URDF states it.
+        count: Rigs; with `sobol` base points, a power of two, each of which takes a rig per input and two more.
+        folder: Where results go as Parquet, a path or URL; what is there is not computed again. None: nowhere.
+        vary: What varies; None: `usual`.
+        spec: Requirements ``FIGURE < NUMBER``, angles in degrees; a rig has to meet them all.
+        controller: The controller, or with `retune` what is asked of one; None: tuned for the nominal rig.
+        retune: True tunes a controller for every rig, as if each were identified without error.
+        platform: True holds the camera still on profile S instead of stepping all axes.
+        seconds: Length of a run, s.
+        sobol: True draws Saltelli's design and estimates Sobol indices; else rigs are independent.
+        seed: Seed of everything random.
+        executor: Makes what runs the rigs, see `gimbal_pin.fleet`; None: processes of this machine.
+        workers: How many run at once; 0: as many as there are processors; 1: in this process.
+        quiet: True shows no progress bar.
+
+    Raises:
+        UsageError: Something asked for cannot be; it names what.
+    """
+    for package in ("pyarrow", "fsspec", *(["SALib"] if sobol else [])):
+        if find_spec(package) is None:
+            raise UsageError("monte_carlo", f"needs {package}, which is not installed", "pip install gimbal-pin[fleet]")
+    import pandas as pd
+
+    known = nominal(rig) if model is None else model
+    variation = Variation(known, usual(known) if vary is None else vary)
+    design = Design(variation.inputs, count, seed, sobol, variation.vary.own_noise)
+    variation.check()
+    units = known_figures(rig, platform)
+    limits = tuple(limit(text, units) for text in spec)
+    study = study_of(variation, controller, retune, platform, seconds)
+    with ExitStack() as stack:
+        place = stack.enter_context(TemporaryDirectory(prefix="gimbal-pin-")) if folder is None else folder
+        run = Run(study.run, design, place, {**settings(study), "seed": seed, "sobol": sobol})
+        here = partial(ThreadPoolExecutor, 1) if workers == 1 else None
+        run_units(run, executor or here, workers=workers, quiet=quiet)
+        files, path = file_system(f"{place}/{TABLE}")
+        with files.open(path, "rb") as source:
+            table = pd.read_parquet(source)
+    return judged(rig, units, design, limits, table)
+
+
+def study_of(
+    variation: Variation, controller: Stored | Tuning | None, retune: bool, platform: bool, seconds: float
+) -> Study:
+    """Return what every rig goes through; the controller knows the nominal one, or its own model."""
+    stored = controller.stored if isinstance(controller, Tuning) else controller
+    wish = Wish() if stored is None else stored.wish
+    law = None if stored is None else stored.law
+    roster = None if not platform else known_roster(variation.model if stored is None else stored.model, wish, law)
+    name = OURS if stored is None else TUNED
+    if retune:
+        return Study(variation, wish, None, seconds, roster, name)
+    law = tune(variation.model, **vars(wish)).controller if law is None else law
+    return Study(variation, wish, law, seconds, roster, name, None if roster is None else roster.holder(name))
+
+
+def settings(study: Study) -> dict[str, object]:
+    """Return what the results depend on, as plain values; models and gains by their digest."""
+    variation, law, known = study.variation, study.law, study.variation.known
+    rig = variation.model.rig
+    believed = plain_model(getattr(law, "model", variation.model))
+    parts = {
+        "model": [rig.urdf, repr((rig.limits, rig.motors, rig.config)), plain_model(variation.model)],
+        "covariance": None if known is None else known.covariance.tolist(),
+        "controller": [vars(study.wish), None if law is None else [law.gains, repr(vars(law).get("robust")), believed]],
+    }
+    digests = {name: hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16] for name, own in parts.items()}
+    own = {"seconds": study.seconds, "platform": study.roster is not None, "vary": asdict(variation.vary)}
+    return {"rig": rig.name, **digests, **own}
+
+
+def judged(rig: Rig, units: Mapping[str, str], design: Design, limits: Sequence[Limit], table: DataFrame) -> MonteCarlo:
+    """Return what the rows say."""
+    ran = table.error.isna().to_numpy()
+    for name in units:
+        if name not in table:
+            table[name] = np.nan
+    figures = {name: table[name].to_numpy(dtype=float) for name in units}
+    asked = limits or (Limit(next(iter(units)), 1.0, ""),)
+    used = np.max([np.where(ran, figures[own.figure], np.inf) / own.bound for own in asked], axis=0)
+    single = design.independent
+    order = np.argsort(-used, kind="stable")[:SHOWN]
+    rows = table.iloc[order].astype(object).where(table.iloc[order].notna(), None)
+    return MonteCarlo(
+        rig=rig.name,
+        payload=rig.payload,
+        count=len(design),
+        failed=int((~ran).sum()),
+        inputs=design.inputs,
+        specification=tuple(limits),
+        yield_=wilson(used[single] < 1.0) if limits else None,
+        figures={name: spread(own[single & ran]) for name, own in figures.items() if (single & ran).any()},
+        sensitivity=influences(design, used),
+        worst=tuple(rows.to_dict("records")),
+        units=units,
+        table=table,
+    )
+
+
+def wilson(met: Array) -> Yield:
+    """Return the share of what is true, and Wilson's interval."""
+    found = binomtest(int(met.sum()), len(met)).proportion_ci(CONFIDENCE, method="wilson")
+    return Yield(float(met.mean()), float(found.low), float(found.high), len(met))
+
+
+def spread(values: Array) -> Spread:
+    """Return how values are spread, each of them one that occurs."""
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95], method="nearest").tolist()
+    return Spread(middle, low, high, float(values.max()))

@@ -1,0 +1,224 @@
+"""What every rig of a Monte Carlo study goes through, a step of all axes or a camera held still, and its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf, isfinite, isnan, nan, radians
+from typing import ClassVar
+
+import numpy as np
+
+from gimbal_pin.control.controllers import OURS
+from gimbal_pin.control.laws.design import Wish
+from gimbal_pin.control.tracking import StepMetrics, track
+from gimbal_pin.control.tuning import Law, tune
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.sensors import Sensors
+from gimbal_pin.effects import Signal
+from gimbal_pin.effects.signal import Memory
+from gimbal_pin.errors import GimbalPinError, UsageError
+from gimbal_pin.fleet.engine import Value
+from gimbal_pin.fleet.variation import Unit, Values, Variation
+from gimbal_pin.log.log import Array
+from gimbal_pin.log.platform import Platform
+from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed
+from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.measurement import Station
+from gimbal_pin.pointing.pointer import Holder
+from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.sight import Sight, unable
+from gimbal_pin.pointing.sweep import trusted
+from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.rig import Rig
+
+STEPS = {"rms_error": "°", "overshoot_percent": "%", "settling_time": "s", "peak_torque": ""}
+"""Figures of a step and their units for people (none: a share of the limit), joint by joint and the largest of all."""
+PLATFORM = {"jitter": "°", "jitter_max": "°", "drift": "°", "peak_torque": ""}
+"""The same of a camera on profile S; only the torque is joint by joint, too."""
+SCALES = {"°": {"°": radians(1.0), "deg": radians(1.0), "rad": 1.0}, "mm": {"mm": 1e-3, "m": 1.0}}
+"""A figure's unit for people → the units that a requirement may be in, in SI units."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One requirement: a figure stays below a bound, in rad, s, per cent or as a share; `text` is what asked for it."""
+
+    figure: str
+    bound: float
+    text: str
+
+
+def limit(text: str, known: Mapping[str, str]) -> Limit:
+    """Return what ``FIGURE < NUMBER`` asks; an angle is in degrees, a place in mm, unless ``rad`` or ``m`` follows.
+
+    Raises:
+        UsageError: It asks nothing, or speaks of a figure that is not in `known`, figure → unit.
+    """
+    figure, _, rest = (part.strip() for part in text.partition("<"))
+    number, _, word = rest.partition(" ")
+    mend = f"write FIGURE < NUMBER with one of {', '.join(known)}"
+    if figure not in known:
+        raise UsageError(f"--spec '{text}'", f"speaks of '{figure}', which is no figure of these runs", mend)
+    unit = word.strip() or known[figure]
+    scales = SCALES.get(known[figure], {known[figure]: 1.0})
+    try:
+        bound = float(number)
+    except ValueError:
+        bound = nan
+    if unit not in scales or not (isfinite(bound) and bound > 0):
+        raise UsageError(f"--spec '{text}'", f"states no positive number of {known[figure] or 'a share'}", mend)
+    return Limit(figure, bound * scales[unit], text)
+
+
+def together(rig: Rig) -> list[str]:
+    """Return the figures of a step whose largest is taken over all joints: no error where some slide and some turn."""
+    mixed = len(set(rig.slides)) > 1
+    return [name for name, unit in STEPS.items() if not (mixed and unit == "°")]
+
+
+def known_figures(rig: Rig, platform: bool) -> dict[str, str]:
+    """Return the names of the figures, and their units for people."""
+    if platform:
+        return PLATFORM | {f"peak_torque_{joint}": "" for joint in rig.joints}
+    kinds = {joint: "mm" if slides else "°" for joint, slides in zip(rig.joints, rig.slides)}
+    each = {f"{name}_{joint}": kinds[joint] if unit == "°" else unit for name, unit in STEPS.items() for joint in kinds}
+    return {name: each[f"{name}_{rig.joints[0]}"] for name in together(rig)} | each
+
+
+@dataclass(frozen=True)
+class TorqueNoise(Signal):
+    """``acting = command + draw``, the draws in turn, N m."""
+
+    draws: tuple[float, ...]
+
+    name: ClassVar[str] = "torque-noise"
+    compensation: ClassVar[str] = "none"
+
+    def start(self, level: float = 0.0) -> Memory:
+        """Begin with the first draw."""
+        return (0,)
+
+    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+        """Add the next draw."""
+        place = int(memory[0])
+        return ((place + 1) % len(self.draws),), x + self.draws[place]
+
+    def says(self, values: object = ()) -> str:
+        """Say that there is noise."""
+        return "the motor's torque is noisy"
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What every unit goes through; workers get it with their units.
+
+    Attributes:
+        variation: The rigs.
+        wish: What a controller is asked for.
+        law: The controller; None: tuned anew for each unit.
+        seconds: Length of a run, s.
+        roster: What holds a camera on profile S; None: the rig steps on a base that stands.
+        name: Which of its controllers.
+        holder: The one, for all units; None: each unit's own.
+    """
+
+    variation: Variation
+    wish: Wish
+    law: Law | None
+    seconds: float
+    roster: Roster | None = None
+    name: str = OURS
+    holder: Holder | None = None
+
+    def run(self, unit: Unit) -> dict[str, Value]:
+        """Return a unit's inputs and figures, or its inputs and why no such rig can be or be simulated."""
+        values = self.variation.values(unit.shares)
+        inputs: dict[str, Value] = {name: values[name] for name in self.variation.inputs}
+        try:
+            body = self.variation.body(values)
+            plant = self.noisy(self.variation.plant(body, values), values, unit.seed)
+            law = tune(body, **vars(self.wish)).controller if self.law is None else self.law
+            if self.roster is None:
+                return {**inputs, **self.stepped(law, plant, values, unit.seed)}
+            own = replace(self.roster, model=body, law=law if self.roster.law is not None else None)
+            return {**inputs, **self.held(self.holder or own.holder(self.name), plant, values, unit.seed)}
+        except GimbalPinError as error:
+            return {**inputs, "error": str(error)}
+
+    def noisy(self, plant: Model, values: Values, seed: int) -> Model:
+        """Return the plant with noise on its torques."""
+        if not values["torque_noise"]:
+            return plant
+        shape = plant.rig.n, round(self.seconds / self.wish.dt) + 1
+        draws = values["torque_noise"] * np.random.default_rng([seed, 1]).standard_normal(shape)
+        noise = [TorqueNoise(joint, tuple(own)) for joint, own in zip(plant.rig.joints, draws.tolist())]
+        return replace(plant, drive=(*plant.drive, *noise))
+
+    def stepped(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, Value]:
+        """Return the figures of a step of all axes."""
+        rig, sensors = plant.rig, Sensors.of(plant.rig, law.dt)
+        if (density := values.get("gyro_noise")) is not None:
+            sensors = replace(sensors, rate_std=np.full(rig.n, density / np.sqrt(2 * law.dt)))
+        if (step := values.get("encoder_step")) is not None:
+            sensors = replace(sensors, encoder_step=np.full(rig.n, step))
+        found = track(
+            plant,
+            {"own": law},
+            rng=np.random.default_rng([seed, 2]),
+            seconds=self.seconds,
+            sensors=sensors,
+            delay=self.wish.samples,
+            one_by_one=False,
+        )
+        run = found.experiments[0]
+        rows = {
+            joint: dict(zip(STEPS, (*followed(run.joints[joint]), share)))
+            for joint, share in shares(rig.joints, np.asarray(run.log.tau), rig.tau_max).items()
+        }
+        out: dict[str, Value] = {name: max(row[name] for row in rows.values()) for name in together(rig)}
+        return out | {f"{name}_{joint}": row[name] for name in STEPS for joint, row in rows.items()}
+
+    def held(self, holder: Holder, plant: Model, values: Values, seed: int) -> dict[str, Value]:
+        """Return the figures of a camera held on profile S."""
+        rig, station = plant.rig, Station.of(plant.rig)
+        if (density := values.get("gyro_noise")) is not None:
+            station = replace(station, noise=Noise(density, station.noise.accelerometer))
+        if (step := values.get("encoder_step")) is not None:
+            station = replace(station, step=np.full(rig.n, step))
+        ground = Shaken(Sight(rig).centre, self.seconds, holder.dt)(seed)
+        noise, late = np.random.default_rng([seed, 2]), self.wish.samples
+        run = point(plant, holder, ground, rng=noise, seconds=self.seconds, station=station, delay=late)
+        each = shares(rig.joints, np.asarray(run.tau)[run.counted], rig.tau_max)
+        out: dict[str, Value] = dict(zip(PLATFORM, (*run.jitter, max(each.values()))))
+        return out | {f"peak_torque_{joint}": share for joint, share in each.items()}
+
+
+def followed(seen: StepMetrics) -> tuple[float, float, float]:
+    """Return rms error, overshoot and settling time: infinite where a joint did not settle, 0 where it stayed."""
+    stayed = isnan(seen.overshoot_percent)
+    settling = inf if isnan(seen.settling_time) else seen.settling_time
+    return seen.rms_error, 0.0 if stayed else seen.overshoot_percent, 0.0 if stayed else settling
+
+
+def shares(joints: tuple[str, ...], tau: Array, limits: Array) -> dict[str, float]:
+    """Return joint → largest torque as a share of its motor's limit."""
+    peaks: list[float] = (np.abs(tau).max(axis=0) / limits).tolist()
+    return dict(zip(joints, peaks))
+
+
+def known_roster(model: Model, wish: Wish, law: Law | None) -> Roster:
+    """Return the controllers that hold a camera and know a model; how platforms move is known from another motion.
+
+    Raises:
+        UsageError: The rig cannot hold its camera.
+    """
+    rig = model.rig
+    if reason := unable(rig, WANTED):
+        raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
+    t, imu = rehearsed(rig)
+    spectrum, believed = Spectrum.of(imu, float(t[1] - t[0]), "profile S"), Platform.measured(t, imu, "profile S")
+    station, sure = Station.of(rig), trusted(model, WANTED, believed)
+    step, late = float(station.step.max()), wish.samples
+    return Roster(model, WANTED, spectrum, station.noise, step, sure, dt=wish.dt, delay=late, law=law)

@@ -1,0 +1,281 @@
+"""What differs from rig to rig: inputs with their distributions, the rig that their values make, and where to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from scipy.special import ndtri
+
+from gimbal_pin.control.laws.uncertainty import estimate
+from gimbal_pin.dynamics.apply import plant_with
+from gimbal_pin.dynamics.model import Estimated, Model, brakes, with_bodies
+from gimbal_pin.effects.delay import Delay
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.effects.payload_mass import PayloadMass
+from gimbal_pin.effects.payload_shift import PayloadShift
+from gimbal_pin.effects.rig_effect import payload
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log.log import Array
+from gimbal_pin.pointing.sweep import changed
+from gimbal_pin.rig.reading import read_yaml
+from gimbal_pin.rig.records import record
+
+Values = Mapping[str, float]
+WRITTEN = "write a number, [uniform, LOWEST, HIGHEST] or [normal, MEAN, DEVIATION]"
+EDGE = 1e-12
+"""Smallest probability at which a distribution is looked up: seven deviations of a normal one."""
+
+
+class Distribution(NamedTuple):
+    """A number's distribution: "fixed" at `a`, "uniform" from `a` to `b`, or "normal" of mean `a` and deviation `b`."""
+
+    kind: str
+    a: float
+    b: float = 0.0
+
+    def at(self, share: float) -> float:
+        """``F⁻¹(share)``: the value that this share of all draws does not exceed."""
+        if self.kind == "fixed":
+            return self.a
+        inside = min(max(share, EDGE), 1 - EDGE)
+        return self.a + self.b * float(ndtri(inside)) if self.kind == "normal" else self.a + (self.b - self.a) * inside
+
+
+def distribution(written: Any, place: str) -> Distribution:
+    """Return what a file states of a number; a width of zero is a fixed number."""
+    kind, *numbers = written if isinstance(written, (list, tuple)) and written else ("fixed", written)
+    real = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
+    if not all(real) or len(numbers) != {"fixed": 1, "uniform": 2, "normal": 2}.get(str(kind)):
+        raise UsageError(place, f"is {written!r}", WRITTEN)
+    found = Distribution(str(kind), *map(float, numbers))
+    if found.b < (found.a if kind == "uniform" else 0.0):
+        raise UsageError(place, f"is {written!r}", WRITTEN)
+    constant = (kind == "uniform" and found.a == found.b) or (kind == "normal" and found.b == 0)
+    return Distribution("fixed", found.a) if constant else found
+
+
+@dataclass(frozen=True)
+class Vary:
+    """What a file of variations states; each value is a distribution, see `distribution`.
+
+    Attributes:
+        parameters: What the model's parameters are off by, in the deviations of their estimated covariance.
+        inertials: By which share each body's mass, moments and inertia are off.
+        friction: By which share each joint's friction is off.
+        payload: `x`, `y`, `z`: how far it sits from where it should, mm; `mass`: by which share its mass is off.
+        delay: How much later every drive acts, s.
+        torque_noise: White noise on each motor's torque, N m.
+        encoder_step: Angle of one encoder step, rad.
+        gyro_noise: Noise density of the gyros, rad/s/√Hz.
+        effects: ``CAUSE[:JOINT]`` → its parameters, in SI units and radians.
+        own_noise: Whether each unit meets noise and a platform's motion of its own, rather than all the same.
+    """
+
+    parameters: Any = field(default=("normal", 0.0, 1.0))
+    inertials: Any = 0.0
+    friction: Any = 0.0
+    payload: Mapping[str, Any] = field(default_factory=dict)
+    delay: Any = 0.0
+    torque_noise: Any = 0.0
+    encoder_step: Any = None
+    gyro_noise: Any = None
+    effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    own_noise: bool = True
+
+
+NOTHING = Vary(parameters=0.0, own_noise=False)
+"""All units are the nominal one."""
+
+
+def usual(model: Model) -> Vary:
+    """Return what varies unless a file says: what is estimated by its covariance, and how a payload is mounted.
+
+    A model without covariance stands for a drawing: inertias within 5 %, friction within 20 %.
+    """
+    drawing: dict[str, Any] = {"inertials": ("normal", 0.0, 0.05), "friction": ("normal", 0.0, 0.2)}
+    try:
+        payload(model.rig)
+        mounted = {**dict.fromkeys("xyz", ("normal", 0.0, 1.0)), "mass": ("normal", 0.0, 0.02)}
+    except UsageError:
+        mounted = {}
+    return Vary(**({} if estimate(model) else drawing), payload=mounted, delay=("uniform", 0.0, 0.001))
+
+
+def read_vary(path: str | Path) -> Vary:
+    """Read a file of variations."""
+    return record(Vary, read_yaml(path), str(path), UsageError)
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """Rigs that differ from a model.
+
+    Attributes:
+        model: The nominal rig.
+        vary: What varies.
+        place: Where that is stated, for errors.
+    """
+
+    model: Model
+    vary: Vary
+    place: str = "vary"
+
+    @cached_property
+    def known(self) -> Estimated | None:
+        """The estimate of the model's parameters, if it has one."""
+        found = estimate(self.model)
+        return None if found is None else found[0]
+
+    @cached_property
+    def every(self) -> Mapping[str, Distribution]:
+        """All numbers, fixed ones too, by their names."""
+        vary, rig, known = self.vary, self.model.rig, self.known
+        if unknown := set(vary.payload) - {*"xyz", "mass"}:
+            raise UsageError(f"{self.place}: payload", f"knows no '{min(unknown)}'", "give x, y, z (mm) or mass")
+        stated = {f"parameters.{name}": vary.parameters for name in (() if known is None else known.names)}
+        stated |= {f"inertials.{link}": vary.inertials for link in rig.links[: rig.n]}
+        stated |= {f"friction.{joint}": vary.friction for joint in rig.joints}
+        stated |= {f"payload.{name}": value for name, value in vary.payload.items()}
+        stated |= {name: getattr(vary, name) for name in ("delay", "torque_noise", "encoder_step", "gyro_noise")}
+        stated |= {f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()}
+        return {name: distribution(x, f"{self.place}: {name}") for name, x in stated.items() if x is not None}
+
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of those that vary."""
+        return tuple(name for name, own in self.every.items() if own.kind != "fixed")
+
+    def values(self, shares: Sequence[float]) -> dict[str, float]:
+        """Return all numbers, from the inputs' places in their distributions, 0 to 1."""
+        at = dict(zip(self.inputs, shares))
+        return {name: own.at(at.get(name, 0.5)) for name, own in self.every.items()}
+
+    def check(self) -> None:
+        """Raise what there is against the file: a rig at the inputs' upper quartiles can be made."""
+        self.plant(self.body(values := self.values([0.75] * len(self.inputs))), values)
+
+    def body(self, values: Values) -> Model:
+        """Return the model with its parameters and its payload changed: what identifying such a unit would find."""
+        model, rig = self.model, self.model.rig
+        if self.known is not None:
+            off = np.array([values[f"parameters.{name}"] for name in self.known.names])
+            model = changed(model, root(self.known.covariance) @ off)
+        phi = model.rig.phi * np.repeat([1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10)
+        share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
+        rubbed = [
+            replace(term, values=tuple(x * share[term.effect.joint] for x in term.values))
+            if brakes(term.effect)
+            else term
+            for term in model.terms
+        ]
+        model = replace(model, rig=with_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
+        place = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
+        causes: list[PayloadShift | PayloadMass] = [PayloadShift(*place)] if any(place) else []
+        if extra := values.get("payload.mass", 0.0):
+            causes.append(PayloadMass(extra * float(payload(model.rig)[1].mass)))
+        return plant_with(model, causes).plant
+
+    def plant(self, body: Model, values: Values) -> Model:
+        """Return the model with what an identification would not find: planted causes, and drives that act late."""
+        texts = []
+        for cause, own in self.vary.effects.items():
+            stated = [f"{name}={values[f'{cause}.{name}']!r}" for name in own]
+            texts.append(f"{cause}:{','.join(stated)}")
+        late = [Delay(joint, values["delay"]) for joint in body.rig.joints if values["delay"]]
+        plant, drive = plant_with(body, [*late, *(parse_effect(text, body.rig) for text in texts)])
+        return replace(plant, drive=(*plant.drive, *drive))
+
+
+def root(covariance: Array) -> Array:
+    """``D C^½``, deviations D and correlations C: of all roots the one whose columns are most their own parameters'.
+
+    Kessy, Lewin, Strimmer, The American Statistician 72 (2018): ZCA-cor.
+    """
+    std = np.sqrt(np.diag(covariance))
+    size, ways = np.linalg.eigh(covariance / np.outer(*[np.maximum(std, 1e-150)] * 2))
+    return np.asarray(std[:, None] * (ways * np.sqrt(np.maximum(size, 0.0))) @ ways.T)
+
+
+class Unit(NamedTuple):
+    """One rig of a design: its inputs' places in their distributions, 0 to 1, and the seed of its noise."""
+
+    shares: tuple[float, ...]
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Design(Sequence[Unit]):
+    """The rigs that are looked at, each drawn on access and from its own place alone.
+
+    Attributes:
+        inputs: Names of what varies.
+        size: Rigs; of a Sobol design its base points, each of which takes as many rigs as there are inputs, and two.
+        seed: Seed of everything random.
+        sobol: Saltelli's design for Sobol indices, rather than independent draws.
+        own_noise: Whether each rig of independent draws has noise of its own.
+    """
+
+    inputs: tuple[str, ...]
+    size: int
+    seed: int = 0
+    sobol: bool = False
+    own_noise: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse a Sobol design that is none."""
+        if self.sobol and not self.inputs:
+            raise UsageError("--sobol", "has nothing that varies", "state distributions in --vary")
+        if self.sobol and self.size.bit_count() != 1:
+            near = 2 ** (self.size.bit_length() - 1)
+            raise UsageError("--count", f"is {self.size}, the base of a Sobol design", f"give {near} or {2 * near}")
+
+    def __len__(self) -> int:
+        """Return the number of rigs."""
+        return self.size * self.group
+
+    @property
+    def group(self) -> int:
+        """Rigs of one base point: A, A with each input from B, B."""
+        return len(self.inputs) + 2 if self.sobol else 1
+
+    @property
+    def independent(self) -> Array:
+        """Which rigs are independent draws, (N,): of a Sobol design A and B."""
+        place = np.arange(len(self)) % self.group
+        return np.asarray((place == 0) | (place == self.group - 1))
+
+    @property
+    def problem(self) -> dict[str, Any]:
+        """The unit cube as SALib takes it."""
+        return {"num_vars": len(self.inputs), "names": list(self.inputs), "bounds": [[0.0, 1.0]] * len(self.inputs)}
+
+    @cached_property
+    def points(self) -> Array:
+        """Saltelli's sample, (N, d)."""
+        from SALib.sample import sobol
+
+        return np.asarray(sobol.sample(self.problem, self.size, calc_second_order=False, seed=self.seed))
+
+    @overload
+    def __getitem__(self, place: int) -> Unit: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Unit]: ...
+    def __getitem__(self, place: int | slice) -> Unit | list[Unit]:
+        """Draw one rig, or some."""
+        if isinstance(place, slice):
+            return [self[k] for k in range(len(self))[place]]
+        k = range(len(self))[place]
+        own, shared = (np.random.default_rng([self.seed, word, n]) for word, n in ((1, k), (2, 0)))
+        shares = self.points[k].tolist() if self.sobol else own.random(len(self.inputs)).tolist()
+        noise = own if self.own_noise and not self.sobol else shared
+        return Unit(tuple(shares), int(noise.integers(2**63)))
+
+    def __iter__(self) -> Iterator[Unit]:
+        """Draw one rig after the other."""
+        return (self[k] for k in range(len(self)))
