@@ -133,8 +133,11 @@ def held(column: Array, rows: Flags) -> Iterator[tuple[int, int]]:
 
 def contradicted(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, float]:
     """Those runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel."""
+    from scipy.ndimage import median_filter
+
     assert log.v is not None
-    q, v, steps = log.q[:, j], log.v[:, j], np.diff(log.t)
+    # A lone wild rate is an outlier; it says nothing of where the angle went.
+    q, v, steps = log.q[:, j], median_filter(log.v[:, j], 3, mode="nearest"), np.diff(log.t)
     # A hole in the log tells nothing of what the rate was in it.
     whole = steps < 4.5 * log.dt
     apart = np.append(0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0)))
