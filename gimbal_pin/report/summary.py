@@ -264,6 +264,6 @@ def about_parameters(found: Identified) -> str:
     """Say how many parameters the log tells from zero."""
     blind, count = int(np.sum(np.abs(found.estimate.theta) <= SURE * found.estimate.std)), len(found.names)
     if not blind:
-        return f"All {count} parameters are told from zero."
-    seen, hidden = (f"{some} {'is' if some == 1 else 'are'}" for some in (count - blind, blind))
-    return f"Of {count} parameters {seen} told from zero; {hidden} too small for this log to show."
+        return f"All {count} parameters differ significantly from zero."
+    seen, hidden = count - blind, f"{blind} {'is' if blind == 1 else 'are'} too small for this log to show"
+    return f"{seen} of {count} parameters differ{'s' * (seen == 1)} significantly from zero; {hidden}."
