@@ -338,23 +338,26 @@ def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
     """White noise on the angles: least squares is wrong by many of its deviations, the answer by few of its own.
 
     Without a reference each half of the samples is the other's instrument, as noisy as what it stands for: such an
-    answer scatters more, by what its deviations say of it, and on one log it need only be nearer.
+    answer scatters more, by what its deviations say of it, and need only be nearer over several draws of the noise.
     """
     rig, log = bench("thesis")
     known = replace(log, v=None, q_ref=log.q_ref if reference else None)
-    noisy = corrupted(known, "acceleration-noise", angle=0.01)
-    found = CHECKS["acceleration-noise"](rig, noisy, FILTER)
-    assert found is not None and found.fault.makes_physics_unreliable
-    clean, plain = (weighted(rows_at(probe(rig, one, FILTER), 4.0)) for one in (log, noisy))
-    made = probe(rig, log, FILTER)
-    assert [parameter.name for parameter in found.fault.answer] == list(made.names)
-    answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
-    wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()
-    right = np.abs((answer - clean.theta) / np.hypot(std, clean.std)).max()
-    assert wrong > 3 and right < (2.5 if reference else 3.0)
+    clean, made = weighted(rows_at(probe(rig, log, FILTER), 4.0)), probe(rig, log, FILTER)
     A = np.concatenate([block.A for block in rows_at(made, 4.0)])
-    errors = [np.sqrt(np.mean((A @ (theta - clean.theta)) ** 2)) for theta in (answer, plain.theta)]
-    assert errors[0] < (0.6 if reference else 1.0) * errors[1]
+    errors = []
+    for seed in range(1 if reference else 3):
+        noisy = corrupted(known, "acceleration-noise", seed=seed, angle=0.01)
+        found = CHECKS["acceleration-noise"](rig, noisy, FILTER)
+        assert found is not None and found.fault.makes_physics_unreliable
+        plain = weighted(rows_at(probe(rig, noisy, FILTER), 4.0))
+        assert [parameter.name for parameter in found.fault.answer] == list(made.names)
+        answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
+        wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()
+        right = np.abs((answer - clean.theta) / np.hypot(std, clean.std)).max()
+        assert wrong > 3 and right < (2.5 if reference else 3.0)
+        errors.append([np.sqrt(np.mean((A @ (theta - clean.theta)) ** 2)) for theta in (answer, plain.theta)])
+    mine, plains = np.median(errors, axis=0)
+    assert mine < (0.6 if reference else 1.0) * plains
 
 
 def test_a_coarse_encoder_is_told_with_its_step() -> None:
