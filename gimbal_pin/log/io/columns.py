@@ -141,11 +141,12 @@ def read_groups(
     Raises:
         LogError: A column is missing or there twice, a value is no number or no machine's, or time does not increase.
     """
-    known = {**{column: Source(column) for column in table.columns}, **sources}
-    there = {c: source for c, source in known.items() if source.place or source.column in table.columns}
+    columns = dict.fromkeys(table.columns)
+    known = {**{column: Source(column) for column in columns}, **sources}
+    there = {c: source for c, source in known.items() if source.place or source.column in columns}
     present = {c: there[c] for group in groups.values() for c in group.columns if c in there}
     check_header(table, groups, present)
-    wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in table.columns]
+    wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in columns]
     raw = table.read(wanted or table.columns[:1])
     raw.setdefault(ROW, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
     for group in groups.values():

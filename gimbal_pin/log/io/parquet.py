@@ -22,14 +22,15 @@ class Columns(Mapping[str, Array]):
 
     name: str
     file: Any
+    names: tuple[str, ...]
 
     def __len__(self) -> int:
         """Number of columns."""
-        return len(self.file.schema_arrow.names)
+        return len(self.names)
 
     def __iter__(self) -> Iterator[str]:
         """Names as in the schema."""
-        return iter(self.file.schema_arrow.names)
+        return iter(self.names)
 
     def __getitem__(self, column: str) -> Array:
         """Return a column as float64, nan where a value is missing; `LogError` if it is damaged or no numbers."""
@@ -57,7 +58,7 @@ def open_parquet(path: Path) -> ArrayTable:
     groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
     check_size(path, sum(group.total_byte_size for group in groups), LogError)
     check_size(path, 8 * sum(group.num_rows for group in groups), LogError)
-    return ArrayTable(str(path), Columns(str(path), file), row="row")
+    return ArrayTable(str(path), Columns(str(path), file, tuple(file.schema_arrow.names)), row="row")
 
 
 def write_parquet(columns: Mapping[str, Array], path: Path) -> None:

@@ -65,7 +65,8 @@ def time_of(table: Table) -> str:
     if (name := time_in(table.columns)) is not None:
         return name
     first = table.columns[0]
-    if (np.diff(table.read([first])[first]) > 0).all():
+    values = table.read([first])[first]
+    if (values[1:] > values[:-1]).all():
         return first
     mend = "name the column of its times t in the header"
     raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
