@@ -14,10 +14,10 @@ from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.simulation import Sensors, simulate
 from gimbal_pin.estimation.identification import Identified, given_beta, identify
-from gimbal_pin.estimation.rows import Channels, Filtering, Rows, Stretch
 from gimbal_pin.excitation import excite
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.regression import Design, Filtering, Samples, Segment
 from gimbal_pin.rig.rig import Rig
 
 EXACT = Filtering(alignment=0.0)
@@ -51,9 +51,9 @@ def prescribed(model: Model, seed: int = 0, seconds: float = 20.0, torque_noise:
     return Log(f"prescribed {seed}", model.rig.joints, motion.t, motion.q, motion.v, tau + noise)
 
 
-def rows_of(rig: Rig, log: Log, filtering: Filtering = EXACT, base: BaseMotion = "fixed") -> Rows:
+def rows_of(rig: Rig, log: Log, filtering: Filtering = EXACT, base: BaseMotion = "fixed") -> Design:
     """The rows of one log for base parameters, Coulomb and viscous friction."""
-    return Rows(rig, reduce(rig, base=base), friction_effects(rig.joints), (log,), filtering)
+    return Design(rig, reduce(rig, base=base), friction_effects(rig.joints), (log,), filtering)
 
 
 def true_theta(rig: Rig, base: BaseMotion = "fixed") -> Array:
@@ -78,15 +78,15 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
     """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
     true, measured = truth(nominal(rig), log, tau), np.asarray(log.tau)
 
-    def channels(stretch: Stretch, _: Filtering, first: int, last: int, carrier: str | None) -> Channels:
+    def channels(stretch: Segment, _: Filtering, first: int, last: int, carrier: str | None) -> Samples:
         assert carrier is None
         begin = round((stretch.start - log.t[0]) / log.dt) + first
         part = slice(begin, begin + last - first)
-        return Channels(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
+        return Samples(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
 
     with (
-        patch("gimbal_pin.estimation.rows.blocks.smoothed", channels),
-        patch("gimbal_pin.estimation.rows.blocks.standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
+        patch("gimbal_pin.regression.design.smooth_samples", channels),
+        patch("gimbal_pin.regression.design.find_standstill", lambda channels, _: np.abs(channels.v) < 1e-12),
     ):
         return identify(rig, [log])
 

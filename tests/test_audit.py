@@ -28,9 +28,9 @@ from gimbal_pin.estimation.audit.clock import ticks
 from gimbal_pin.estimation.audit.outliers import garbage
 from gimbal_pin.estimation.audit.probe import probe, rows_at, spoils_torque
 from gimbal_pin.estimation.estimators import weighted
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 

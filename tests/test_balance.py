@@ -16,8 +16,8 @@ from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.estimation.balance import COUNT, MINIMISED, Balance, balance, reported
 from gimbal_pin.estimation.identification import Identified, identify
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from gimbal_pin.dynamics.imu import noisy, readings
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.calibration import gyro_rates, mountings, rectified
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import profile_s
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier

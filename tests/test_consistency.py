@@ -15,8 +15,8 @@ from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, joint_weights, residual_power
 from gimbal_pin.estimation.estimators.physical import MOST, anchored, everywhere, program
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.rows import Regression, over_phi, regression
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import DesignBlocks, compute_blocks, map_phi_to_base
 from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
 from gimbal_pin.rig.inertia import physical, pseudo_inertia
 from gimbal_pin.rig.rig import Rig
@@ -25,7 +25,7 @@ from tests.rigs import taken_by_all
 
 
 def mixing_of(rig: Rig) -> Array:
-    return over_phi(rig, reduce(rig))
+    return map_phi_to_base(rig, reduce(rig))
 
 
 def oracle(mixing: Array, rows: Array, target: Array) -> float:
@@ -81,12 +81,12 @@ def loud(rig: Rig, seed: int) -> Log:
     return prescribed(nominal(rig), seed, 8.0, torque_noise=1.0)
 
 
-def posed(rig: Rig, seed: int) -> tuple[Regression, Array, Array]:
+def posed(rig: Rig, seed: int) -> tuple[DesignBlocks, Array, Array]:
     """A loud log's rows, what the physical fit minimises with its answer's weights, and the data's part of that."""
-    blocks = regression(rows_of(rig, loud(rig, seed)))
+    blocks = compute_blocks(rows_of(rig, loud(rig, seed)))
     factors, count = factor(blocks), effective_rows(blocks)
     scale = joint_weights(residual_power(factors, physical_fit(blocks).theta, count))
-    stack = program(factors, everywhere(blocks.rows, factors.shape[2] - 1), scale, count)
+    stack = program(factors, everywhere(blocks.design, factors.shape[2] - 1), scale, count)
     return blocks, stack, stack[: factors.shape[0] * factors.shape[1]]
 
 
@@ -94,7 +94,7 @@ def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
     """The residual of the program is a semidefinite solver's; the projected estimate's is no better."""
     rig = Rig.load("thesis")
     blocks, stack, _ = posed(rig, 1)
-    found, free, mixing = physical_fit(blocks), weighted(blocks), blocks.rows.mixing
+    found, free, mixing = physical_fit(blocks), weighted(blocks), blocks.design.mixing
 
     def cost(theta: Array) -> float:
         return float(np.linalg.norm(stack @ np.append(theta, -1.0)))
@@ -132,7 +132,7 @@ def test_what_no_log_shows_is_held_by_nothing() -> None:
 
 def test_without_noise_the_constraint_changes_nothing() -> None:
     rig = Rig.load("turret")
-    blocks = regression(rows_of(rig, prescribed(nominal(rig))))
+    blocks = compute_blocks(rows_of(rig, prescribed(nominal(rig))))
     theta = weighted(blocks).theta
     assert np.allclose(physical_fit(blocks).theta, theta, atol=1e-5 * np.abs(theta).max())
 

@@ -21,8 +21,8 @@ from gimbal_pin.dynamics.model import Estimated, Model, nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import find_base_columns
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 
@@ -35,7 +35,7 @@ def known(share: float, name: str = "turret") -> Model:
     rig = Rig.load(name)
     reduction, model = reduce(rig), nominal(rig)
     names = reduction.base_names + tuple(f"{j}.{k}" for j in rig.joints for k in ("Fs", "Fv"))
-    size = np.abs(rig.phi[columns_of(rig, reduction)])
+    size = np.abs(rig.phi[find_base_columns(rig, reduction)])
     root = np.zeros((len(names), len(names)))
     mix = np.random.default_rng(1).standard_normal((len(size), len(size)))
     root[: len(size), : len(size)] = share * size[:, None] * mix / np.linalg.norm(mix, axis=1)[:, None]

@@ -15,8 +15,8 @@ from gimbal_pin.estimation.estimators.closed_loop import runs
 from gimbal_pin.estimation.estimators.colour import colour, coloured, cramer_rao
 from gimbal_pin.estimation.estimators.hausman import LEVEL, NOISY, BiasCheck, check_bias, noise_share
 from gimbal_pin.estimation.identification import given_beta, greatest_base_motion
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, regression
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
 from tests.test_moving_log import carried, swaying
@@ -40,26 +40,26 @@ def log(turret: Rig) -> Log:
 
 
 @pytest.fixture(scope="module")
-def coarse(turret: Rig, log: Log) -> Regression:
+def coarse(turret: Rig, log: Log) -> DesignBlocks:
     """Encoders of 15 bits, differentiated twice under a cutoff that lets their noise in."""
-    return regression(rows_of(turret, quantised(log, 15), WIDE))
+    return compute_blocks(rows_of(turret, quantised(log, 15), WIDE))
 
 
 @pytest.fixture(scope="module")
-def quiet(turret: Rig, log: Log) -> Regression:
+def quiet(turret: Rig, log: Log) -> DesignBlocks:
     """The same with exact angles."""
-    return regression(rows_of(turret, replace(log, v=None), WIDE))
+    return compute_blocks(rows_of(turret, replace(log, v=None), WIDE))
 
 
-def heaviest(rig: Rig, blocks: Regression) -> tuple[Array, Array]:
+def heaviest(rig: Rig, blocks: DesignBlocks) -> tuple[Array, Array]:
     """Base parameters that move a fifth of some joint's torque, and the truth."""
-    truth = given_beta(rig, blocks.rows.reduction)
+    truth = given_beta(rig, blocks.design.reduction)
     A, b = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("A", "b"))
     share = np.sqrt(np.mean(A[:, :, : len(truth)] ** 2, axis=0) / np.mean(b**2, axis=0)[:, None]) * np.abs(truth)
     return share.max(axis=0) >= 0.2, truth
 
 
-def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turret: Rig, coarse: Regression) -> None:
+def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turret: Rig, coarse: DesignBlocks) -> None:
     heavy, truth = heaviest(turret, coarse)
 
     def worst(theta: Array) -> float:
@@ -69,7 +69,7 @@ def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turr
     assert worst(idim(coarse).theta) < 0.03 and worst(output_error(coarse).theta) < 0.03
 
 
-def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: Regression, quiet: Regression) -> None:
+def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: DesignBlocks, quiet: DesignBlocks) -> None:
     flagged, clear = check_bias(coarse, "noisy"), check_bias(quiet, "always")
     assert flagged is not None and flagged.test is not None and flagged.noise > NOISY
     assert (
@@ -81,7 +81,7 @@ def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: Regress
     assert clear is not None and clear.test is not None and clear.test.p_value > LEVEL and not clear.test.biased
 
 
-def test_little_noise_is_not_worth_a_test_and_nobody_asked_gets_none(quiet: Regression) -> None:
+def test_little_noise_is_not_worth_a_test_and_nobody_asked_gets_none(quiet: DesignBlocks) -> None:
     found = check_bias(quiet, "noisy")
     assert found is not None and found.test is None and found.noise < NOISY and found.to_dict()["biased"] is None
     assert check_bias(quiet, "never") is None
@@ -97,13 +97,13 @@ def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
     assert not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
 
 
-def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: Regression) -> None:
+def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: DesignBlocks) -> None:
     found = hausman(coarse, [block.A for block in coarse])
     assert found.p_value == 1.0 and found.change < 1e-9
 
 
 def test_noise_share_goes_with_the_encoders_step(turret: Rig, log: Log) -> None:
-    fine, rough = (noise_share(quantised(log, bits), EXACT, regression(rows_of(turret, log))) for bits in (16, 12))
+    fine, rough = (noise_share(quantised(log, bits), EXACT, compute_blocks(rows_of(turret, log))) for bits in (16, 12))
     assert rough / fine == pytest.approx(16.0, rel=0.2)
 
 
@@ -123,15 +123,15 @@ def test_lost_samples_leave_instruments_and_rows_of_one_shape(turret: Rig, log: 
         some[begin : begin + lost] = False
     torn = quantised(log, bits)
     torn = replace(torn, t=torn.t[some], q=torn.q[some], tau=np.asarray(torn.tau)[some], v=None)
-    blocks = regression(rows_of(turret, torn, EXACT))
+    blocks = compute_blocks(rows_of(turret, torn, EXACT))
     free = weighted(blocks)
     assert np.all(np.abs(idim(blocks).theta - free.theta) < 6 * free.std)
 
 
-def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: Regression) -> None:
+def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: DesignBlocks) -> None:
     heavier = turret.with_phi(1.3 * turret.phi)
     rows = replace(quiet.rows, rig=heavier)
-    blocks = Regression(rows, quiet.blocks)
+    blocks = DesignBlocks(rows, quiet.blocks)
     free, given, width = weighted(blocks), given_beta(heavier, rows.reduction), len(rows.mixing)
     loose, tight = Ridge(1e4)(blocks), Ridge(1e-9)(blocks)
     assert np.allclose(loose.theta, free.theta, atol=1e-2 * free.std.min())
@@ -140,7 +140,7 @@ def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: Regression) -
 
 
 @pytest.mark.parametrize("name", ["instrumental", "output-error", "ridge", "physical"])
-def test_rows_mixed_from_several_rigs_are_refused(name: str, quiet: Regression) -> None:
+def test_rows_mixed_from_several_rigs_are_refused(name: str, quiet: DesignBlocks) -> None:
     with pytest.raises(UsageError, match="several payloads"):
         ESTIMATORS[name](list(quiet))
 
@@ -176,7 +176,7 @@ def test_estimators_that_simulate_know_a_base_that_moves() -> None:
     rig = Rig.load("turret")
     log = carried(nominal(rig), swaying(1e-3 * np.arange(6001)), 6.0)
     assert greatest_base_motion(rig, [log]) == "rotating"
-    blocks = regression(rows_of(rig, log, base="rotating"))
+    blocks = compute_blocks(rows_of(rig, log, base="rotating"))
     first = weighted(blocks).theta
     assert np.abs(idim(blocks).theta - first).max() < 1e-3 * np.abs(first).max()
     assert np.abs(output_error(blocks).theta - first).max() < 5e-3 * np.abs(first).max()

@@ -23,7 +23,7 @@ from time import monotonic
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.cli.excite import to_show
@@ -46,7 +46,7 @@ from gimbal_pin.excitation import (
 )
 from gimbal_pin.excitation.adjoint import links, regressor_gradient
 from gimbal_pin.excitation.clearance import Clearance
-from gimbal_pin.excitation.columns import Columns, sliding
+from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.design import cleared
 from gimbal_pin.excitation.interior import descent
@@ -444,15 +444,6 @@ def test_information_of_two_logs_adds_up(seed: int) -> None:
     before = Determinant(0.3)
     after = Determinant(before.information(first))
     assert after.value(second) == pytest.approx(before.value(np.vstack([first, second])))
-
-
-@given(v=st.floats(-1.0, 1.0), a=st.floats(-5.0, 5.0), step=st.floats(0.01, 0.5))
-@settings(max_examples=50)
-def test_sliding_is_the_mean_sign_of_a_straight_rate(v: float, a: float, step: float) -> None:
-    assume(v == 0.0 or abs(v) > 1e-9)  # slower is still
-    around = (np.arange(20_000) + 0.5) / 20_000 * step - step / 2
-    one = Motion(np.zeros(1), *(np.array([[x]]) for x in (0.0, v, a)))
-    assert sliding(one, step)[0, 0] == pytest.approx(np.mean(np.sign(v + a * around)), abs=2e-4)
 
 
 def test_yardstick_does_not_depend_on_what_is_mounted() -> None:

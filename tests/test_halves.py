@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.estimation.identification import Identified, identify, refitted
 from gimbal_pin.estimation.payload_change import halves, score
-from gimbal_pin.estimation.rows import Block, Filtering
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, Filtering
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed

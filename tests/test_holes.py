@@ -16,9 +16,9 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.audit import CORRUPTIONS
 from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.rows import Filtering, smoothed, standstill, stretches
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.missing_samples import LONGEST, Filled, filled, holes, inside, resolution
+from gimbal_pin.regression import Filtering, find_standstill, smooth_samples, split_segments
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 
@@ -92,11 +92,11 @@ def test_holes_that_are_long_or_in_fast_motion_stay(pattern: tuple[int, int, flo
 @settings(max_examples=10)
 def test_nothing_is_fitted_in_a_hole(pattern: tuple[int, int, float]) -> None:
     log = holed(recorded(), pattern)
-    for stretch in stretches(log, CUTOFF, across=0.05):
-        channels = smoothed(stretch, Filtering(), 0, stretch.length)
+    for stretch in split_segments(log, CUTOFF, across=0.05):
+        channels = smooth_samples(stretch, Filtering(), 0, stretch.length)
         if channels.lost is None:
             continue
-        assert np.all(standstill(channels, Filtering())[channels.lost])
+        assert np.all(find_standstill(channels, Filtering())[channels.lost])
         k = np.clip(np.searchsorted(log.t, channels.t, side="right") - 1, 0, len(log) - 2)
         hole = np.isin(k, holes(log, CUTOFF))
         between = np.minimum(channels.t - log.t[k], log.t[k + 1] - channels.t) > 1e-9
@@ -112,7 +112,7 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
     closed = filled(lossy, CUTOFF).closed
     kept = taken(log, np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
     second = identify(RIG, [lossy], holdout="none").estimate
-    with patch("gimbal_pin.estimation.rows.channels.filled", lambda *_: Filled(kept, closed)):
+    with patch("gimbal_pin.regression.samples.filled", lambda *_: Filled(kept, closed)):
         first = identify(RIG, [kept], holdout="none").estimate
     assert first.rows == second.rows
     assert np.all(np.abs(second.theta - first.theta) < 0.5 * first.std)
@@ -142,4 +142,4 @@ def test_a_log_in_shreds_is_judged_by_its_samples() -> None:
 
 def test_lone_holes_of_a_tenth_of_a_second_still_part_a_log() -> None:
     log = CORRUPTIONS["clock"](recorded(), np.random.default_rng(0), jitter=0.0, holes=3)
-    assert len(list(stretches(log, CUTOFF))) == len(holes(log, CUTOFF)) + 1
+    assert len(list(split_segments(log, CUTOFF))) == len(holes(log, CUTOFF)) + 1

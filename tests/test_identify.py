@@ -9,16 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics.model import friction_effects, nominal
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.audit import CORRUPTIONS
 from gimbal_pin.estimation.estimators import ESTIMATORS, ols, robust, weighted
 from gimbal_pin.estimation.estimators.least_squares import factor
 from gimbal_pin.estimation.identification import given_beta, identify, split
-from gimbal_pin.estimation.rows import Block, Channels, Filtering, Rows, blocks, mask, regression, smoothed, stretches
-from gimbal_pin.log import signals
 from gimbal_pin.log.log import Log
+from gimbal_pin.regression import (
+    Block,
+    Filtering,
+)
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
@@ -66,27 +68,6 @@ def test_a_rotor_that_the_rig_states_is_known_and_stays_in_the_model(turret: Rig
     found = identify(geared, [log], estimator=ESTIMATORS[estimator], filtering=EXACT)
     np.testing.assert_allclose(found.estimate.theta, planted(geared), atol=off)
     np.testing.assert_allclose(found.model.armature, 0.0072)
-
-
-def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(turret: Rig) -> None:
-    """Any mask before the filter keeps A θ = b: with the true state the planted parameters leave no residual."""
-    model, motion = nominal(turret), fourier(turret, 3, 10.0)
-    tau = model.inverse(motion.q, motion.v, motion.a)
-    smoothed = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
-    channels = Channels(motion.t, motion.q, motion.v, motion.a, smoothed, np.full(turret.n, 0.02))
-    rows = Rows(turret, reduce(turret), friction_effects(turret.joints), (), EXACT)
-    made = rows.block(channels, slice(350, -350, 50), 1000.0)
-    assert made.share.min() < 0.5 < made.share.max()
-    assert np.abs(made.A @ planted(turret) - made.b).max() < 1e-8
-
-
-@given(st.integers(1, 60), st.integers(2, 80))
-def test_the_mask_is_zero_at_standstill_and_one_far_away(width: int, taper: int) -> None:
-    still = np.zeros((1000, 1), bool)
-    still[500 : 500 + width] = True
-    weight = mask(still, taper)[:, 0]
-    assert np.all(weight[still[:, 0]] == 0)
-    assert np.all(weight[: 500 - 3 * taper - 3] == 1) and np.all(weight >= 0) and np.all(weight <= 1)
 
 
 def test_swings_to_and_fro_keep_their_turns(turret: Rig) -> None:
@@ -150,25 +131,6 @@ def test_outliers_do_not_move_the_robust_estimate() -> None:
     assert np.abs(robust([made]).theta - theta).max() < 0.01 < np.abs(ols([made]).theta - theta).max()
 
 
-def test_trajectories_are_never_joined(turret: Rig) -> None:
-    """Rows of two logs are the rows of each, whatever the jump between them."""
-    logs = tuple(prescribed(nominal(turret), seed=seed, seconds=6.0) for seed in (1, 2))
-    make = Rows(turret, reduce(turret), friction_effects(turret.joints), logs, EXACT)
-    both = regression(make)
-    apart = [part for log in logs for part in regression(replace(make, logs=(log,)))]
-    assert len(both) == len(apart)
-    assert all(np.array_equal(x.A, y.A) and np.array_equal(x.b, y.b) for x, y in zip(both, apart))
-
-
-def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    make = Rows(turret, reduce(turret), friction_effects(turret.joints), (clean,), EXACT)
-    whole = np.concatenate([part.A for part in regression(make)])
-    monkeypatch.setattr(blocks, "CHUNK", 1777)
-    cut = np.concatenate([part.A for part in regression(make)])
-    assert whole.shape == cut.shape
-    assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.settling` promises
-
-
 def test_lost_samples_and_jitter_do_not_move_the_parameters(turret: Rig, clean: Log) -> None:
     rng = np.random.default_rng(2)
     keep = np.sort(rng.permutation(len(clean))[: int(0.97 * len(clean))])
@@ -176,25 +138,6 @@ def test_lost_samples_and_jitter_do_not_move_the_parameters(turret: Rig, clean: 
     holed = Log("holed", clean.joints, clean.t[keep], clean.q[keep], clean.v[keep], clean.tau[keep])
     found = identify(turret, [holed], filtering=EXACT).estimate.theta
     assert np.abs(found - planted(turret)).max() < 2e-3 * np.abs(planted(turret)).max()
-
-
-def test_the_rate_fuses_angle_and_gyro(turret: Rig) -> None:
-    """Angle and rate together give a better rate than either alone, and a gyro's bias does not get through."""
-    motion, rng = fourier(turret, 0, 8.0), np.random.default_rng(0)
-    q = motion.q + 3e-5 * rng.standard_normal(motion.q.shape)
-    v = motion.v + 2e-3 * rng.standard_normal(motion.v.shape) + 0.01
-    tau = np.zeros_like(q)
-
-    def error(log: Log) -> float:
-        stretch = next(stretches(log, 4.0))
-        smooth = smoothed(stretch, EXACT, 0, stretch.length)
-        return float(np.sqrt(np.mean((smooth.v - motion.v)[1000:-1000] ** 2)))
-
-    both = error(Log("both", turret.joints, motion.t, q, v, tau))
-    angle_alone = error(Log("angle", turret.joints, motion.t, q, None, tau))
-    rate_alone = 2e-3 * signals.noise_gain(signals.lowpass(32.0, 1000.0), 1000.0, 0)
-    assert both < 0.7 * angle_alone
-    assert both < 0.9 * rate_alone < 0.01 / 10  # the crossover at 10.6 Hz leaves 88 % of the gyro's noise
 
 
 def test_deviations_are_honest(turret: Rig) -> None:

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.estimators import Estimate, ols, weighted
 from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
-from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block
 
 
 def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:

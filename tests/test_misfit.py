@@ -21,9 +21,9 @@ from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import given_beta, identify
 from gimbal_pin.estimation.identification.misfit import GROUPS, misfit, with_misfit
 from gimbal_pin.estimation.model_file import read_model, write_extended, write_model
-from gimbal_pin.estimation.rows import regression
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import compute_blocks
 from gimbal_pin.report import text
 from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import Rig
@@ -75,7 +75,7 @@ def rippling(log: Log, size: float) -> Log:
 
 def deviations_off(rig: Rig, log: Log) -> tuple[Array, Array]:
     """Errors in deviations without and with what the model misses."""
-    blocks = regression(rows_of(rig, log))
+    blocks = compute_blocks(rows_of(rig, log))
     plain = weighted(blocks)
     held, _ = with_misfit(blocks, plain)
     assert np.array_equal(held.theta, plain.theta)

@@ -23,12 +23,12 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.estimation.audit.stuck_channel import denied_torque
 from gimbal_pin.estimation.identification import given_beta, greatest_base_motion, identify
-from gimbal_pin.estimation.rows import base_motion
 from gimbal_pin.log.io import read_log, write_motion
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion, Platform, rotations
 from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.verify import Asked, modelled
+from gimbal_pin.regression import classify_base_motion
 from gimbal_pin.report import text
 from gimbal_pin.report.sections.diagnosis import diagnosis as page
 from gimbal_pin.report.summary import missed
@@ -279,7 +279,7 @@ def test_a_torque_that_sticks_while_the_base_moves_is_told_by_what_the_rest_of_t
     log = carried(nominal(rig), None, 12.0)
     log = replace(log, imus={rig.base: Imu(platform.w, platform.f)})
     rest = taken(log, np.flatnonzero(still))
-    assert base_motion(rig, rest) == "fixed" != base_motion(rig, log)
+    assert classify_base_motion(rig, rest) == "fixed" != classify_base_motion(rig, log)
     assert 0.0 <= denied_torque(rig, log, 0, ~still, EXACT) < np.inf
 
 

@@ -27,7 +27,6 @@ from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimation.estimators import Estimate, weighted
 from gimbal_pin.estimation.identification import given_beta, identify
 from gimbal_pin.estimation.model_file import read_model
-from gimbal_pin.estimation.rows import Block, Filtering
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.io.follow import follow, whole_lines
 from gimbal_pin.log.log import Array, Log, Motion
@@ -37,6 +36,7 @@ from gimbal_pin.online.causal import Blockwise, Row
 from gimbal_pin.online.change import LOOK, Watch, scores_without_transient
 from gimbal_pin.online.learning import values, with_rows_of
 from gimbal_pin.online.recursive import LAGS, Known, Moments, loosened, solved
+from gimbal_pin.regression import Block, Filtering
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, heard, refused

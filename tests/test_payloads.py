@@ -20,9 +20,9 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.estimation.identification import Identified, given_beta, identify
 from gimbal_pin.estimation.payloads import Carried, Several, identify_new, identify_several, stated
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io import read_log, write_log
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed

@@ -17,7 +17,7 @@ from gimbal_pin.dynamics.base_parameters import base
 from gimbal_pin.dynamics.checking import check
 from gimbal_pin.dynamics.reduction import reduce, samples
 from gimbal_pin.dynamics.regressor import rnea
-from gimbal_pin.estimation.rows import over_phi
+from gimbal_pin.regression import map_phi_to_base
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.urdf import parse
 from tests.mujoco_peer import rigid_bodies, torque
@@ -126,7 +126,7 @@ def test_public_rigs_are_sound_and_known(name: str) -> None:
 @pytest.mark.parametrize("name", INERTIAL)
 def test_other_bodies_with_the_same_base_parameters_ask_for_the_same_torques(name: str) -> None:
     own = rig(name)
-    mixing = over_phi(own, reduce(own))
+    mixing = map_phi_to_base(own, reduce(own))
     null = np.linalg.svd(mixing)[2][np.linalg.matrix_rank(mixing) :]
     phi = own.phi + null.T @ np.random.default_rng(2).normal(size=len(null)) * np.abs(own.phi).max()
     q, v, a = samples(own, 50)

@@ -25,9 +25,9 @@ from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Sensors
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.estimation.identification import Identified, identify
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io.files import to_json
 from gimbal_pin.log.log import Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.report import format as numbers
 from gimbal_pin.report import html, pages, plots, tables, text
 from gimbal_pin.report.evaluation import Evaluated, Part, evaluate, known

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics.model import friction_effects, nominal
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.estimators.components import fisher, pieces
 from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.estimation.rows import Block, Filtering, Rows, blocks, excerpt
 from gimbal_pin.log.log import PAUSE, Log
-from gimbal_pin.rig.files import bundled_rigs
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.regression import Block, Filtering, subsample_log
 from tests.bench_logs import prescribed
 from tests.rigs import chain
 
@@ -35,8 +30,8 @@ def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float
     """In order, apart, as long as asked, evenly over the log with both ends, wherever its clock starts."""
     dt = 0.005
     log, moved = (counted(round(times * used / dt) + count, dt, start) for start in (0.0, shift))
-    rows = excerpt(log, used, count).log.q[:, 0]
-    assert np.array_equal(rows, excerpt(moved, used, count).log.q[:, 0])
+    rows = subsample_log(log, used, count).log.q[:, 0]
+    assert np.array_equal(rows, subsample_log(moved, used, count).log.q[:, 0])
     parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1.0) + 1)
     assert len(parts) == count and {len(part) for part in parts} == {round(used / count / dt)}
     assert rows[0] == 0 and rows[-1] == len(log) - 1 and np.all(np.diff(rows) > 0)
@@ -48,28 +43,13 @@ def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float
 @example(1)
 def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
     log = counted(samples, 0.01)
-    assert excerpt(log).log is log and not excerpt(log).note
+    assert subsample_log(log).log is log and not subsample_log(log).note
 
 
 def test_what_is_left_out_of_a_long_log_is_a_pause() -> None:
-    found = excerpt(counted(130_000, 0.005))
+    found = subsample_log(counted(130_000, 0.005))
     steps = np.diff(found.log.t)
     assert np.all((steps < 0.006) | (steps > PAUSE)) and "8 stretches of 15 s out of 10.8 min" in found.note
-
-
-@pytest.mark.parametrize("name", bundled_rigs())
-def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parameters of a noisy log move by less than a twentieth of their deviations."""
-    rig = Rig.load(name)
-    log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.02)
-    noise = 1e-5 * np.random.default_rng(0).standard_normal(log.q.shape)
-    rows = Rows(rig, reduce(rig), friction_effects(rig.joints), (replace(log, q=log.q + noise),), Filtering())
-    thin = list(rows)
-    monkeypatch.setattr(blocks, "thinning", lambda *_: 1)
-    full = list(rows)
-    assert np.array_equal(*(np.concatenate([block.t for block in some]) for some in (thin, full)))
-    few, all_ = weighted(thin), weighted(full)
-    assert 0 < np.max(np.abs(few.theta - all_.theta) / all_.std) < 0.05
 
 
 def test_a_chain_of_twenty_joints_gives_its_parameters_back() -> None:

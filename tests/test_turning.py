@@ -22,9 +22,9 @@ from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.base import Term
 from gimbal_pin.effects.presliding import Presliding
-from gimbal_pin.estimation.rows import impulse, sliding, stretches
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.signals import lowpass, zero_phase
+from gimbal_pin.regression import compute_direction, compute_lost_impulse, split_segments
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import prescribed
 
@@ -42,7 +42,7 @@ LATE = 14.0
 def test_sliding_is_the_mean_sign_over_a_sample(v: float, a: float, dt: float, seed: int) -> None:
     draws = 20_000
     s = dt * (np.arange(draws) + np.random.default_rng(seed).uniform(size=draws)) / draws - dt / 2
-    told = float(sliding(np.array([[v]]), np.array([[a]]), dt)[0, 0])
+    told = float(compute_direction(np.array([[v]]), np.array([[a]]), dt)[0, 0])
     assert told == pytest.approx(float(np.mean(np.sign(v + a * s))), abs=2e-3)
 
 
@@ -114,8 +114,8 @@ def test_the_smoother_shifts_a_turn_by_the_jump_of_the_acceleration(share: float
     late = np.interp(0.0, zero_phase(v[:, None], sections)[near, 0], t[near])
     assert late == pytest.approx(smear(BAND) * share, rel=0.05)
     jumping = Log("jump", ("one",), t + 0.5, v[:, None], None, share * np.sign(t)[:, None])
-    stretch = next(stretches(jumping, BAND.cutoff))
-    lost = impulse(stretch, EXACT, jumping.t)
+    stretch = next(split_segments(jumping, BAND.cutoff))
+    lost = compute_lost_impulse(stretch, EXACT, jumping.t)
     assert lost[2000, 0] == pytest.approx(-smear(BAND) * share, rel=0.05)
 
 

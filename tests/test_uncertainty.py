@@ -27,8 +27,8 @@ from gimbal_pin.estimation.estimators.components import (
     scoring,
 )
 from gimbal_pin.estimation.identification import Identified, identify
-from gimbal_pin.estimation.rows import Block, over_phi, regression
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, compute_blocks, map_phi_to_base
 from gimbal_pin.rig.consistency import likeliest, spread
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.inertia import pseudo_inertia
@@ -72,7 +72,7 @@ def test_repetition_changes_deviations_alone_and_follows_its_seed(found: Identif
 def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None:
     rig = Rig.load("turret")
     log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.1)
-    blocks = regression(rows_of(rig, log))
+    blocks = compute_blocks(rows_of(rig, log))
     told = Bootstrap(physical, np.random.default_rng(0), 20, 0.5)(blocks)
     assert told.phi is not None and np.all(told.std < 3 * physical(blocks).std) and told.std.min() > 0
     with pytest.raises(DataError, match="fewer than"):
@@ -114,7 +114,7 @@ def test_slopes_are_those_of_the_figures(seed: int) -> None:
 def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: float) -> None:
     """``K C Kᵀ = (P⁻¹ + (K G Kᵀ)⁻¹)⁻¹``, by Woodbury ``P - P (P + K G Kᵀ)⁻¹ P``: never wider than either alone."""
     rig = Rig.load(name, "cinema")
-    mixing = over_phi(rig, reduce(rig))
+    mixing = map_phi_to_base(rig, reduce(rig))
     rng = np.random.default_rng(0)
     root = rng.standard_normal((len(mixing), len(mixing))) * 10.0 ** rng.uniform(-6, -2, len(mixing))[:, None]
     P, prior = root @ root.T, trust * mixing @ spread(rig.phi)
@@ -127,7 +127,7 @@ def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: f
 def test_intervals_of_bodies_hold_the_truth() -> None:
     """Bodies drawn as far from the URDF's as the trust says, base parameters with noise: 95 % are inside."""
     rig, trust, rng = Rig.load("turret", "cinema"), 0.1, np.random.default_rng(3)
-    mixing, root, hits = over_phi(rig, reduce(rig)), trust * spread(rig.phi), []
+    mixing, root, hits = map_phi_to_base(rig, reduce(rig)), trust * spread(rig.phi), []
     std = 1e-3 * np.abs(mixing @ rig.phi) + 1e-5
     for _ in range(25):
         true = rig.phi + root @ rng.standard_normal(root.shape[1])

@@ -31,7 +31,6 @@ from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, impossible, reordered, trials
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.rows import Filtering, Regression, Rows, regression
 from gimbal_pin.estimation.torque_time import misplaced
 from gimbal_pin.log.io import read_log, write_log
 from gimbal_pin.log.io.columns import log_columns
@@ -39,6 +38,7 @@ from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.log.io.mapping import read_mapping
 from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
+from gimbal_pin.regression import Design, DesignBlocks, Filtering, compute_blocks
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused
@@ -150,10 +150,10 @@ def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:
     """Its torque is zero, and so is what a turned sign makes of it; the other's is told all the same."""
     rig = Rig.load("turret")
     log = recorded(rig, 2)
-    blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
-    idle = Regression(blocks.rows, tuple(b._replace(A=b.A * [[[1], [0]]], b=b.b * [1, 0]) for b in blocks))
+    blocks = compute_blocks(Design(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
+    idle = DesignBlocks(blocks.design, tuple(b._replace(A=b.A * [[[1], [0]]], b=b.b * [1, 0]) for b in blocks))
     check_assignment(idle, weighted(idle))
-    turned = Regression(blocks.rows, tuple(b._replace(b=-b.b) for b in idle))
+    turned = DesignBlocks(blocks.design, tuple(b._replace(b=-b.b) for b in idle))
     with pytest.raises(LogError, match=r"tau_pan has the wrong sign"):
         check_assignment(turned, weighted(turned))
 
@@ -162,10 +162,10 @@ def test_no_sign_is_turned_that_the_given_rig_agrees_with() -> None:
     """A command far beyond a limit on one side is mostly not what acts: bodies may fit it better turned round."""
     rig = Rig.load("thesis")
     log = recorded(rig, 4)
-    blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
+    blocks = compute_blocks(Design(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
     assert np.all(agreement(blocks) > 0.9)
     assert not any("sign" in trial.words for trial in trials(blocks))
-    turned = Regression(blocks.rows, tuple(b._replace(b=b.b * [1, -1, 1]) for b in blocks))
+    turned = DesignBlocks(blocks.design, tuple(b._replace(b=b.b * [1, -1, 1]) for b in blocks))
     np.testing.assert_allclose(agreement(turned), agreement(blocks) * [1, -1, 1])
     assert [trial.words for trial in trials(turned) if "sign" in trial.words] == [
         "tau_roll has the wrong sign (or the angle has)"
@@ -436,7 +436,9 @@ def test_joints_that_could_change_places_are_not_said_to_have(tmp_path: Path) ->
     rig = Rig.load(tmp_path / "twins.urdf")
     log = recorded(rig, 5)
     rough = np.asarray(log.tau) + 2 * np.std(log.tau, axis=0) * np.sin(40 * log.q)
-    blocks = regression(Rows(rig, reduce(rig), friction_effects(rig.joints), (replace(log, tau=rough),), Filtering()))
+    blocks = compute_blocks(
+        Design(rig, reduce(rig), friction_effects(rig.joints), (replace(log, tau=rough),), Filtering())
+    )
     assert impossible(blocks, weighted(blocks)) and not list(reordered(blocks))
 
 

@@ -13,7 +13,7 @@ from gimbal_pin.errors import UsageError
 if TYPE_CHECKING:
     from gimbal_pin.estimation.estimators import Estimator
     from gimbal_pin.estimation.payloads import Several
-    from gimbal_pin.estimation.rows import Filtering
+    from gimbal_pin.regression import Filtering
 
 
 @dataclass(frozen=True)

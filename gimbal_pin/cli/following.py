@@ -19,9 +19,9 @@ from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.estimation.identification import Identified
-    from gimbal_pin.estimation.rows import Filtering
     from gimbal_pin.log.log import Log
     from gimbal_pin.online import Online
+    from gimbal_pin.regression import Filtering
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def identify(
     from gimbal_pin.estimation.bodies import TRUST
     from gimbal_pin.estimation.identification import refittable_effects
     from gimbal_pin.estimation.model_file import read_model
-    from gimbal_pin.estimation.rows import Filtering
+    from gimbal_pin.regression import Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
     fit = Fit(estimator_of(estimator, trusted, bootstrap, seed), holdout, filters)

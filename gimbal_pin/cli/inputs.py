@@ -15,9 +15,9 @@ from gimbal_pin.errors import UsageError
 if TYPE_CHECKING:
     from gimbal_pin.control.tuning import Stored
     from gimbal_pin.dynamics.model import Model
-    from gimbal_pin.estimation.rows import Filtering
     from gimbal_pin.log.log import Array, Imu, Log
     from gimbal_pin.log.platform import Platform
+    from gimbal_pin.regression import Filtering
     from gimbal_pin.rig.rig import Rig
 
 
@@ -139,7 +139,7 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
 
 def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:
     """Return the filter that the options ask for, None where they ask for nothing."""
-    from gimbal_pin.estimation.rows import Filtering
+    from gimbal_pin.regression import Filtering
 
     if cutoff is None and alignment is None:
         return None

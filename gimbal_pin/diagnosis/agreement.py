@@ -20,8 +20,8 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.estimation.audit import Fault
-from gimbal_pin.estimation.rows import Filtering, Flags
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.rig.rig import Rig
 
 NAME = "logs-disagree"

@@ -15,9 +15,9 @@ from scipy.ndimage import median_filter
 from scipy.signal import welch
 
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part
-from gimbal_pin.estimation.rows import Filtering, Flags, dilated, mask, settling
 from gimbal_pin.log.limited import MOSTLY, near_limit
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, Flags, build_mask, compute_settling_time, dilate_flags
 from gimbal_pin.rig.rig import Rig
 
 BAND = Filtering(cutoff=12.0, smoothing=2.5)
@@ -78,8 +78,8 @@ def alternate(evidence: Evidence, filtering: Filtering) -> tuple[Evidence, Evide
 
 def open_in(part: Part, block: Flags, filtering: Filtering) -> Part:
     """Return a part whose gate is open in some blocks only, (m,); elsewhere no rollout goes, either."""
-    reach = round(settling(filtering) / 2 / part.dt)
-    shut = dilated(~block[:, None], reach)
-    gate = part.gate * mask(shut, round(TAPER / filtering.cutoff / part.dt))
+    reach = round(compute_settling_time(filtering) / 2 / part.dt)
+    shut = dilate_flags(~block[:, None], reach)
+    gate = part.gate * build_mask(shut, round(TAPER / filtering.cutoff / part.dt))
     lost = ~block if part.channels.lost is None else part.channels.lost | ~block
     return part._replace(gate=np.asfortranarray(gate), channels=part.channels._replace(lost=lost))

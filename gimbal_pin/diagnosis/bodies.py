@@ -22,8 +22,8 @@ from gimbal_pin.dynamics.reduction import samples
 from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.rig import Rig
 
 STEP = 1e-6
@@ -139,7 +139,7 @@ class Bodies:
     @cached_property
     def torques(self) -> tuple[Array, Array, Array]:
         """Base columns over these, (m, b), their pseudo-inverse, and the given rig's torque, (m,)."""
-        rig, places = self.found.rig, columns_of(self.found.rig, self.found.reduction)
+        rig, places = self.found.rig, find_base_columns(self.found.rig, self.found.reduction)
         columns = regressor(rig, *self.motion)[:, :, places].reshape(-1, len(places))
         return columns, np.linalg.pinv(columns), rnea(rig, *self.motion).ravel()
 

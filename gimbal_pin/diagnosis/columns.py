@@ -14,8 +14,8 @@ from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -76,7 +76,7 @@ class Columns:
 
 def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
     """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
-    places = columns_of(evidence.rig, reduction)
+    places = find_base_columns(evidence.rig, reduction)
     channels = [part.channels for part in evidence.parts]
     full = [regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
     return evidence.whiten_all(full), full

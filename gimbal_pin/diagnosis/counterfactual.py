@@ -22,10 +22,10 @@ from gimbal_pin.diagnosis.result import MEASURED, Finding
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.eccentricity import Eccentricity
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import LEANS, BaseMotion, Platform
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import GRAVITY, Rig
 
 NAME = "encoder-offset"

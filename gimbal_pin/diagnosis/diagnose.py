@@ -27,11 +27,11 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.audit import Audit, Fault, audit
 from gimbal_pin.estimation.channel_assignment import check_assignment_of_logs
 from gimbal_pin.estimation.identification import check_log, greatest_base_motion, split
-from gimbal_pin.estimation.rows import Filtering, excerpt
 from gimbal_pin.estimation.torque_time import misplaced, mistimed, told
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.io.columns import MOVED, asked_to_rest
 from gimbal_pin.log.log import Log
+from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
@@ -53,13 +53,13 @@ def diagnose(
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
-    Of a long log some stretches are looked at, see `rows.excerpt`; a note says which. The band is `band.usual` where no
+    Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.usual` where no
     filtering is given. `rng` may be a seed; None: a fresh one, whose seed is in the result.
 
     Args and errors: as `examined`.
     """
     logs = [log.ordered(rig) for log in logs]
-    shown = [excerpt(log) for log in logs]
+    shown = [subsample_log(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
     generator, seed = seeded(rng)
     found = examined(rig, [one.log for one in shown], causes, generator, holdout, band)

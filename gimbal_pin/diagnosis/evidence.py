@@ -23,26 +23,26 @@ from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.seen import Seen
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.rows import (
-    Channels,
-    Filtering,
-    Flags,
-    Logged,
-    Stretch,
-    dilated,
-    impulse,
-    mask,
-    memory,
-    moving_base_link,
-    settling,
-    sliding,
-    slow,
-    smoothed,
-    stretches,
-    thinning,
-)
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.regression import (
+    Filtering,
+    Flags,
+    Samples,
+    Segment,
+    UnfilteredTorque,
+    build_mask,
+    compute_decimation,
+    compute_direction,
+    compute_lost_impulse,
+    compute_settling_time,
+    count_smoother_memory,
+    dilate_flags,
+    find_moving_base,
+    find_slow_samples,
+    smooth_samples,
+    split_segments,
+)
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -87,7 +87,7 @@ class Part(NamedTuple):
         late: By how much later than it was smoothed each joint's torque was found to act, s, (n,).
     """
 
-    channels: Channels
+    channels: Samples
     temperature: Array
     gate: Array
     whitener: Array
@@ -98,7 +98,7 @@ class Part(NamedTuple):
     impulse: Array
     corner: Array | float = 0.0
     losses: tuple[Losses, ...] | None = None
-    logged: Logged | None = None
+    logged: UnfilteredTorque | None = None
     late: Array | float = 0.0
 
     def __repr__(self) -> str:
@@ -145,7 +145,7 @@ class Part(NamedTuple):
     @property
     def slide(self) -> Array:
         """Mean direction of each joint over each sample, in [-1, 1], (m, n)."""
-        return sliding(self.channels.v + self.corner, self.channels.a, self.dt)
+        return compute_direction(self.channels.v + self.corner, self.channels.a, self.dt)
 
     @property
     def time(self) -> Array:
@@ -289,7 +289,7 @@ def judged(
         found = gather(rig, logs, filtering, origins, wholes=wholes)
         if found.seconds >= COVERED * whole:
             return found
-    return gather(rig, logs, filtering, origins, settling(filtering), SHARP, wholes)
+    return gather(rig, logs, filtering, origins, compute_settling_time(filtering), SHARP, wholes)
 
 
 def gather(
@@ -318,7 +318,7 @@ def gather(
     found = [
         part(rig, stretch, filtering, origins[log.name], taper, wholes.get(log.name))
         for log in logs
-        for stretch in stretches(log, filtering.cutoff, across)
+        for stretch in split_segments(log, filtering.cutoff, across)
     ]
     parts = tuple(one for one in found if one is not None)
     if not parts:
@@ -329,26 +329,26 @@ def gather(
 
 def part(
     rig: Rig,
-    stretch: Stretch,
+    stretch: Segment,
     filtering: Filtering,
     origin: float,
     taper: float = TAPER,
     whole: Log | None = None,
 ) -> Part | None:
     """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
-    step = thinning(filtering, stretch.dt)
+    step = compute_decimation(filtering, stretch.dt)
     # The last few samples go where that makes the Fourier transforms quick.
     half = fft.prev_fast_len(max(stretch.length // (2 * step), 1), real=True)
     length = 2 * step * half
-    if 4 * int(np.ceil(settling(filtering) / stretch.dt)) > length:
+    if 4 * int(np.ceil(compute_settling_time(filtering) / stretch.dt)) > length:
         return None
-    channels = smoothed(stretch, filtering, 0, length, moving_base_link(rig, stretch.log))
+    channels = smooth_samples(stretch, filtering, 0, length, find_moving_base(rig, stretch.log))
     gate = gated(channels, filtering, taper)
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
-    shock = at_turns(impulse(stretch, filtering, channels.t), channels.v)[rows]
-    logged = Logged.of(stretch, filtering, channels.t, step)
-    channels = channels.every(rows)
+    shock = at_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[rows]
+    logged = UnfilteredTorque.of(stretch, filtering, channels.t, step)
+    channels = channels.select(rows)
     gate = gate[rows]
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)
@@ -409,12 +409,12 @@ def at_turns(values: Array, v: Array) -> Array:
     return out
 
 
-def gated(channels: Channels, filtering: Filtering, taper: float = TAPER) -> Array:
+def gated(channels: Samples, filtering: Filtering, taper: float = TAPER) -> Array:
     """Return the weight of each sample, (m, n): zero near standstill and where the filters settle, one elsewhere."""
     dt = float(channels.t[1] - channels.t[0])
-    still = dilated(slow(channels, CLEAR), memory(channels, filtering))
-    edge = int(np.ceil(settling(filtering) / dt))
-    return mask(still, round(taper / filtering.cutoff / dt)) * fade(len(channels.t), edge)[:, None]
+    still = dilate_flags(find_slow_samples(channels, CLEAR), count_smoother_memory(channels, filtering))
+    edge = int(np.ceil(compute_settling_time(filtering) / dt))
+    return build_mask(still, round(taper / filtering.cutoff / dt)) * fade(len(channels.t), edge)[:, None]
 
 
 def fade(length: int, edge: int) -> Array:

@@ -18,9 +18,9 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.simulation import Controller, simulate
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
 Figures = Mapping[str, Mapping[str, float]]

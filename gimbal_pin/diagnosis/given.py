@@ -18,8 +18,8 @@ from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
 from gimbal_pin.estimation.identification.misfit import discrepancy, misfit, moved
-from gimbal_pin.estimation.rows import columns_of, over_phi
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import find_base_columns, map_phi_to_base
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.rig import Rig
@@ -134,7 +134,7 @@ class Difference:
     @cached_property
     def responses(self) -> Array:
         """Change of the base parameters per change of each entry of `Rig.phi`, (b, 10 n)."""
-        return over_phi(self.rig, self.reduction)
+        return map_phi_to_base(self.rig, self.reduction)
 
     @cached_property
     def whitener(self) -> Array:
@@ -392,7 +392,7 @@ def given(found: Difference) -> Given | None:
         own[:, PRODUCTS], np.hstack([diagonal, open_[:, 6:], hidden[:, len(mass.value) :]]), SHOWN * moment
     )
     total = rig.phi[mine] + placed(0.0)
-    about = inertia_columns(rig, np.zeros((1, rig.n)), body)[0, body, columns_of(rig, found.reduction)]
+    about = inertia_columns(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
     off = float(np.linalg.norm(np.cross(turning_axis(rig, body), total[MOMENTS])))
     turns = float(about @ (given_beta(rig, found.reduction) + found.change))
     real = whole > 0 and possible(turns, float(total[0]), off)

@@ -29,7 +29,6 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.base import AMBIENT
-from gimbal_pin.estimation.rows import Channels
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Determinant
@@ -38,6 +37,7 @@ from gimbal_pin.excitation.fourier import LONGEST, Series
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.excitation.problem import Problem as Limits
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.regression import Samples
 
 REPEATS, HARMONICS = (1, 2, 4, 8), 10
 """How often a series repeats, and its harmonics: in 20 s `excite`'s own, and by octaves up to 4 Hz, which a position
@@ -138,7 +138,7 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     logs, like = known.evidence, max(known.evidence.parts, key=lambda part: part.rows)
     dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 2), replace(BAND, cutoff=logs.band)
     t, q, v, a = (values[:length] for values in (motion.t, motion.q, motion.v, motion.a))
-    channels = Channels(t, q, v, a, model.inverse(q, v, a, t=t), like.channels.rate_std)
+    channels = Samples(t, q, v, a, model.inverse(q, v, a, t=t), like.channels.rate_std)
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])

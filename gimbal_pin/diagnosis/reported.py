@@ -24,8 +24,8 @@ from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.audit import Audit
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
 

@@ -15,8 +15,16 @@ from numpy.typing import NDArray
 from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, fade
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.regressor import rnea
-from gimbal_pin.estimation.rows import Filtering, Flags, dilated, mask, memory, settling, slow
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import (
+    Filtering,
+    Flags,
+    build_mask,
+    compute_settling_time,
+    count_smoother_memory,
+    dilate_flags,
+    find_slow_samples,
+)
 
 SMEAR = 2.0 / 3.0
 """``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners: to
@@ -61,9 +69,9 @@ def swift(part: Part, state: State, friction: Array, delays: Array, floors: list
     accelerates the joint. `rounded` makes up for it but for that share of it, or where it is not `timed` for none of
     it; the rate's noise shifts the moment by the rest, and δ is the time by which the torque acts `apart`.
     """
-    c, reach = part.channels, memory(part.channels, filtering)
+    c, reach = part.channels, count_smoother_memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
-    at, joint = np.nonzero(slow(c, CLEAR)[reach:-reach])
+    at, joint = np.nonzero(find_slow_samples(c, CLEAR)[reach:-reach])
     at += reach
     before, after = c.v[at - reach, joint], c.v[at + reach, joint]
     least = CLEAR * c.rate_std[joint]
@@ -78,7 +86,7 @@ def swift(part: Part, state: State, friction: Array, delays: Array, floors: list
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
     out[at, joint] = error <= QUIET * np.array(floors)[joint]
     if c.lost is not None:
-        out &= ~dilated(c.lost[:, None], reach)
+        out &= ~dilate_flags(c.lost[:, None], reach)
     return out
 
 
@@ -118,7 +126,7 @@ def rounded(part: Part, turns: Flags, state: State, friction: Array, filtering: 
     the smoother takes off the torque's impulse. Without p the smoothed rate is zero late by F_c/T of its time.
     """
     c, out = part.channels, np.zeros(part.channels.v.shape)
-    at, joint = np.nonzero(dilated(turns, memory(c, filtering)) & timed(state))
+    at, joint = np.nonzero(dilate_flags(turns, count_smoother_memory(c, filtering)) & timed(state))
     inertia = np.abs(accelerating(state, c.q[at], np.ones(len(at)), joint))
     lost = smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
     out[at, joint] = lost / inertia
@@ -135,8 +143,8 @@ def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> A
 
 def regated(part: Part, turns: Flags, filtering: Filtering) -> Part:
     """Open the gate at some turns; elsewhere, and where it was shut for what lies between these samples, it stays."""
-    c, still = part.channels, slow(part.channels, CLEAR)
-    reach, taper = memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)
-    shut, open_ = (mask(dilated(where, reach), taper) for where in (still, still & ~turns))
-    edges = fade(len(still), int(np.ceil(settling(filtering) / part.dt)))[:, None]
+    c, still = part.channels, find_slow_samples(part.channels, CLEAR)
+    reach, taper = count_smoother_memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)
+    shut, open_ = (build_mask(dilate_flags(where, reach), taper) for where in (still, still & ~turns))
+    edges = fade(len(still), int(np.ceil(compute_settling_time(filtering) / part.dt)))[:, None]
     return part._replace(gate=np.asfortranarray(np.minimum(part.gate + (open_ - shut) * edges, 1.0)))

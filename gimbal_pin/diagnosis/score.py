@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gimbal_pin.diagnosis.fit import Fit, Placed, Shown
-from gimbal_pin.estimation.rows import Flags
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""

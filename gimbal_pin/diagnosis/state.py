@@ -19,8 +19,8 @@ from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
 from gimbal_pin.estimation.identification import given_beta
-from gimbal_pin.estimation.rows import Flags, columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags, find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -69,7 +69,7 @@ class Problem:
     @cached_property
     def resting(self) -> list[Array]:
         """Base columns of each joint's torque while that joint does not accelerate, (m, n, b) per part."""
-        rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
+        rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
         channels = [part.channels for part in self.evidence.parts]
         out: list[Array] = [np.empty_like(full) for full in self.rigid_full]
         for j, others in enumerate(1.0 - np.eye(rig.n)):
@@ -96,7 +96,7 @@ class Problem:
     @cached_property
     def masses(self) -> list[list[Array]]:
         """Base columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
-        rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
+        rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
         every = [part.channels.q for part in self.evidence.parts]
         return [[inertia_columns(rig, q, j)[:, :, places] for q in every] for j in range(rig.n)]
 
@@ -107,7 +107,7 @@ class Problem:
     @cached_property
     def inertia(self) -> Array:
         """Base parameters → mean over some poses of each joint's inertia about its axis, (n, b)."""
-        rig, places = self.evidence.rig, columns_of(self.evidence.rig, self.reduction)
+        rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
         q = np.concatenate([part.channels.q for part in self.evidence.parts])
         some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
         rows = [inertia_columns(rig, some, j)[:, j, places] for j in range(rig.n)]
@@ -316,7 +316,7 @@ def refitted(problem: Problem, theta: Array) -> Rig:
     """Return the rig with the fitted base parameters."""
     rig, reduction = problem.evidence.rig, problem.reduction
     phi = rig.phi.copy()
-    phi[columns_of(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(rig, reduction)
+    phi[find_base_columns(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(rig, reduction)
     return rig.with_phi(phi)
 
 

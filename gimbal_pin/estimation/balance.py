@@ -13,8 +13,8 @@ from gimbal_pin.dynamics.regressor import regressor
 from gimbal_pin.effects.rig_effect import describe_way, facing, payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.identification import Identified
-from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.rig import PHI
 
 COUNT = 400
@@ -130,7 +130,7 @@ def balance(found: Identified, mass: float | None = None, loose: float = 0.0) ->
     q = poses(rig, COUNT)
     still = np.zeros_like(q)
     full = regressor(rig, q, still, still)
-    gravity = full[:, :, columns_of(rig, found.reduction)]
+    gravity = full[:, :, find_base_columns(rig, found.reduction)]
     moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
     weighs = float(inertia.mass) if mass is None else mass
     per_way = weighs * full[:, :, moments] @ facing(rig)

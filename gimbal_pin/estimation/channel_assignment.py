@@ -19,10 +19,10 @@ from gimbal_pin.estimation.audit.base import Fault
 from gimbal_pin.estimation.estimators import Estimate, weighted
 from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, solve
 from gimbal_pin.estimation.estimators.physical import bounded
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, regression
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
 from gimbal_pin.log.source import remapped
+from gimbal_pin.regression import Block, Design, DesignBlocks, Filtering, compute_blocks
 from gimbal_pin.rig.consistency import LEANT
 from gimbal_pin.rig.rig import Rig
 
@@ -60,7 +60,7 @@ class Trial(NamedTuple):
     whole: bool = False
 
 
-def check_assignment(blocks: Regression, estimate: Estimate, name: str = "") -> None:
+def check_assignment(blocks: DesignBlocks, estimate: Estimate, name: str = "") -> None:
     """Raise `LogError` if bodies that can exist explain the torque far better with other signs or columns exchanged.
 
     Args:
@@ -69,10 +69,10 @@ def check_assignment(blocks: Regression, estimate: Estimate, name: str = "") -> 
         name: What to call their logs; nothing: as the first of them.
     """
     if (found := put_right(blocks, estimate)) is not None:
-        raise LogError(name or blocks.rows.logs[0].name, found.words, found.mend)
+        raise LogError(name or blocks.design.logs[0].name, found.words, found.mend)
 
 
-def put_right(blocks: Regression, estimate: Estimate) -> Trial | None:
+def put_right(blocks: DesignBlocks, estimate: Estimate) -> Trial | None:
     """Return what explains the torque of some rows far better, or None.
 
     Tested only where the estimate is impossible: it makes inertia or friction drive the joints, or misses the torque of
@@ -100,7 +100,7 @@ def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, fi
         LogError: As `check_assignment`, of signs and of torques that have changed places.
     """
     parts = tuple(map(beginning, logs))
-    blocks = regression(Rows(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
+    blocks = compute_blocks(Design(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
     if not blocks or effective_rows(blocks).min() <= blocks[0].A.shape[2]:
         return None
     found = put_right(blocks, weighted(blocks))
@@ -117,9 +117,9 @@ def beginning(log: Log) -> Log:
     return log.part(slice(0, int(np.searchsorted(log.t, log.t[0] + EXAMINED))))
 
 
-def impossible(blocks: Regression, estimate: Estimate) -> bool:
+def impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
     """Whether a fit says what no rig can be: see `check_assignment`."""
-    rows, count = blocks.rows, len(blocks.rows.reduction.independent)
+    rows, count = blocks.design, len(blocks.design.reduction.independent)
     if np.any(estimate.residual_std > POOR * torque_size(blocks)):
         return True
     pushing = estimate.theta[count : count + 2 * rows.rig.n].reshape(rows.rig.n, 2)
@@ -129,19 +129,19 @@ def impossible(blocks: Regression, estimate: Estimate) -> bool:
     return bool(np.linalg.eigvalsh(mass_matrices(rows, estimate.theta[:count])).min() <= 0)
 
 
-def mass_matrices(rows: Rows, beta: Array) -> Array:
+def mass_matrices(rows: Design, beta: Array) -> Array:
     """``D(q)`` of base parameters over the rig's poses, (N, n, n): column j is what a unit acceleration of j takes."""
-    rig, q = rows.rig.with_phi(rows.phi(beta)), spread(rows.rig).q
+    rig, q = rows.rig.with_phi(rows.to_bodies(beta)), spread(rows.rig).q
     matrices = np.stack([inertia(rig, q, j) for j in range(rig.n)], axis=2)
     return (matrices + matrices.transpose(0, 2, 1)) / 2
 
 
-def trials(blocks: Regression) -> Iterator[Trial]:
+def trials(blocks: DesignBlocks) -> Iterator[Trial]:
     """Yield every pattern of signs, and every two joints' torques exchanged where there are logs to do it in.
 
     No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent.
     """
-    rows = blocks.rows
+    rows = blocks.design
     joints, n = rows.rig.joints, rows.rig.n
     sources = rows.logs[0].sources if rows.logs else {}
     right = agreement(blocks) > AGREED
@@ -149,7 +149,7 @@ def trials(blocks: Regression) -> Iterator[Trial]:
         if np.any(right & (np.array(signs) < 0)):
             continue
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
-        turned = Regression(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
+        turned = DesignBlocks(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
         mend = remapped(sources, {name: (name, -1.0) for name in wrong})
         yield Trial(unexplained(turned), words, f"turn it: {mend}")
@@ -157,17 +157,17 @@ def trials(blocks: Regression) -> Iterator[Trial]:
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
         mend = remapped(sources, {first: (second, 1.0), second: (first, 1.0)})
-        yield Trial(unexplained(regression(exchanged(rows, pair))), words, f"exchange them: {mend}")
+        yield Trial(unexplained(compute_blocks(exchanged(rows, pair))), words, f"exchange them: {mend}")
 
 
-def reordered(blocks: Regression) -> Iterator[Trial]:
+def reordered(blocks: DesignBlocks) -> Iterator[Trial]:
     """Yield whole joints in other orders that least squares explains far better than theirs, where there are logs."""
-    rows, joints = blocks.rows, blocks.rows.rig.joints
+    rows, joints = blocks.design, blocks.design.rig.joints
     if not rows.logs:
         return
     given = left_free(blocks)
     for order in orders(rows.rig.n):
-        put = regression(ordered(rows, order))
+        put = compute_blocks(ordered(rows, order))
         if left_free(put) < BETTER * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
             to, of = (",".join(side) for side in zip(*places))
@@ -175,9 +175,9 @@ def reordered(blocks: Regression) -> Iterator[Trial]:
             yield Trial(unexplained(put), words, f"--map {to}={of}", True)
 
 
-def agreement(blocks: Regression) -> Array:
+def agreement(blocks: DesignBlocks) -> Array:
     """``<b τ> / sqrt(<b²> <τ²>)``, (n,): torques against what the given rig asks for."""
-    beta = blocks.rows.mixing @ blocks.rows.rig.phi
+    beta = blocks.design.mixing @ blocks.design.rig.phi
     expected = np.concatenate([block.A[:, :, : len(beta)] @ beta for block in blocks])
     given = np.concatenate([block.b for block in blocks])
     norms = np.linalg.norm(expected, axis=0) * np.linalg.norm(given, axis=0)
@@ -205,7 +205,7 @@ def swapped(order: Sequence[int], i: int, k: int) -> list[int]:
     return [order[k] if j == i else order[i] if j == k else order[j] for j in range(len(order))]
 
 
-def ordered(rows: Rows, order: Sequence[int]) -> Rows:
+def ordered(rows: Design, order: Sequence[int]) -> Design:
     """Return the rows of the beginnings of logs in which joint j has the angle, rate and torque of ``order[j]``."""
     logs = []
     for log in map(beginning, rows.logs):
@@ -214,7 +214,7 @@ def ordered(rows: Rows, order: Sequence[int]) -> Rows:
     return replace(rows, logs=tuple(logs))
 
 
-def left_free(blocks: Regression) -> float:
+def left_free(blocks: DesignBlocks) -> float:
     """Share of the torque that least squares does not explain, with bodies of any kind, rms over the joints."""
     if not blocks:
         return 1.0
@@ -223,19 +223,19 @@ def left_free(blocks: Regression) -> float:
     return float(np.sqrt(np.sum((factors @ np.append(theta, -1.0)) ** 2) / len(factors)))
 
 
-def in_shares(blocks: Regression) -> Array:
+def in_shares(blocks: DesignBlocks) -> Array:
     """Triangular factors of each joint's [A b], in shares of its torque's rms, (n, k + 1, k + 1)."""
     size = np.sqrt(np.maximum(effective_rows(blocks), 1.0)) * torque_size(blocks)
     return np.asarray(factor(blocks) / size[:, None, None])
 
 
-def exchanged(rows: Rows, pair: tuple[int, int]) -> Rows:
+def exchanged(rows: Design, pair: tuple[int, int]) -> Design:
     """Return the rows of logs in which two joints' torques have changed places."""
     order = swapped(range(rows.rig.n), *pair)
     return replace(rows, logs=tuple(replace(log, tau=np.asarray(log.tau)[:, order]) for log in rows.logs))
 
 
-def unexplained(blocks: Regression) -> float:
+def unexplained(blocks: DesignBlocks) -> float:
     """Share of the torque that the best bodies that can exist do not explain, rms over the joints.
 
     Errors count in shares of each joint's torque and not of its noise: a fit that is wrong by thousands of deviations
@@ -243,10 +243,10 @@ def unexplained(blocks: Regression) -> float:
     """
     factors = in_shares(blocks) / ROUGH
     try:
-        phi, friction = bounded(blocks.rows, factors.reshape(-1, factors.shape[2]), LEANT)
+        phi, friction = bounded(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT)
     except np.linalg.LinAlgError:  # so far from all bodies that numbers end: they explain nothing
         return 1.0
-    theta = np.concatenate([blocks.rows.mixing @ phi, friction, [-1.0]])
+    theta = np.concatenate([blocks.design.mixing @ phi, friction, [-1.0]])
     return float(ROUGH * np.sqrt(np.sum((factors @ theta) ** 2) / len(factors)))
 
 

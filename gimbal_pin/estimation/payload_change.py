@@ -15,8 +15,8 @@ from gimbal_pin.estimation.estimators.least_squares import (
     reweighted,
     solve,
 )
-from gimbal_pin.estimation.rows import Block, Rows, camera_body
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, Design, find_camera_body
 
 CHANCE = 1e-3
 """Chance of a score beyond the limit on two halves of one rig."""
@@ -45,9 +45,9 @@ def half_estimate(blocks: Sequence[Block], scale: Array) -> tuple[Array, Array]:
     return theta, covariance(blocks, theta, information, scale)
 
 
-def payload_directions(rows: Rows) -> Array:
+def payload_directions(rows: Design) -> Array:
     """How the parameters of the camera's body, as far as they show, move all parameters, orthonormal, (k, r)."""
-    body = camera_body(rows.rig)
+    body = find_camera_body(rows.rig)
     own = rows.mixing[:, 10 * body : 10 * body + 10]
     left, values, _ = np.linalg.svd(own, full_matrices=False)
     out = np.zeros((len(rows.names), int(np.sum(values > 1e-9 * values[0]))))
@@ -55,7 +55,7 @@ def payload_directions(rows: Rows) -> Array:
     return out
 
 
-def compare_halves(blocks: Sequence[Block], rows: Rows) -> float:
+def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
     """``dᵀP⁻¹D (DᵀP⁻¹D)⁻¹ DᵀP⁻¹d / r`` over the limit for it: above one, the halves are of two rigs (Chow 1960).
 
     d is the difference of the two halves' parameters and P the sum of their covariances under coloured residuals; of it

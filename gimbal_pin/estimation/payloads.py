@@ -32,9 +32,9 @@ from gimbal_pin.estimation.identification import (
 from gimbal_pin.estimation.identification.checks import check_unit
 from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
-from gimbal_pin.estimation.rows import Block, Filtering, Rows, camera_body, over_phi, regression
 from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, Design, Filtering, compute_blocks, find_camera_body, map_phi_to_base
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import PHI, Rig
@@ -143,7 +143,7 @@ def parted(
     holdout: str | None,
     filters: Filtering,
     reduction: Reduction,
-) -> tuple[Rows, Sequence[Block] | None, str]:
+) -> tuple[Design, Sequence[Block] | None, str]:
     """Return training rows, held-out blocks, and how they were parted: every log at two thirds."""
     if holdout not in (None, "none", "last-third"):
         raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
@@ -151,8 +151,8 @@ def parted(
         check_log(log, filters)
         check_unit(rig, log)
     train, test, how = split(logs, holdout or "last-third", filters)
-    rows = Rows(rig, reduction, tuple(effects), train, filters)
-    return rows, regression(replace(rows, logs=test)) if test else None, how
+    rows = Design(rig, reduction, tuple(effects), train, filters)
+    return rows, compute_blocks(replace(rows, logs=test)) if test else None, how
 
 
 def rigid(block: Block, own: Carried) -> Array:
@@ -241,12 +241,12 @@ class Carried:
     @staticmethod
     def of(rig: Rig, reduction: Reduction) -> Carried:
         """Return what shows of the camera's body if all the others are known."""
-        body = camera_body(rig)
+        body = find_camera_body(rig)
         matrix, names = stacked(rig)
         mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
         own = scan(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
         places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
-        return Carried(body, own, over_phi(rig, reduction)[:, places])
+        return Carried(body, own, map_phi_to_base(rig, reduction)[:, places])
 
     def shown(self, phi: Array) -> Array:
         """What of ten parameters shows, (r,)."""
@@ -295,7 +295,7 @@ def identify_several(
     everything = (*friction_effects(rigs[reference].joints), *effects)
     parts = {name: parted(rigs[name], logs[name], everything, holdout, filters, reduction) for name in order}
     notes = {name: check_time(rigs[name], logs[name], filters) for name in order}
-    blocks = {name: regression(rows) for name, (rows, _, _) in parts.items()}
+    blocks = {name: compute_blocks(rows) for name, (rows, _, _) in parts.items()}
     for name, (rows, _, _) in parts.items():
         check_enough(rows, blocks[name])
     joint = [block for k, name in enumerate(order) for block in widened(blocks[name], own, k, len(order))]
@@ -378,7 +378,7 @@ def identify_new(
     if before.names[:width] != reduction.base_names or len(before.names) != len(rows.names):
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
     own = Carried.of(rig, reduction)
-    blocks = regression(rows)
+    blocks = compute_blocks(rows)
     check_enough(rows, blocks)
     mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.

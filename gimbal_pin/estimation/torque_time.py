@@ -17,8 +17,8 @@ from gimbal_pin.estimation.audit.base import Fault
 from gimbal_pin.estimation.audit.clock import NAME
 from gimbal_pin.estimation.audit.probe import Piece, probe, rows_at
 from gimbal_pin.estimation.estimators.least_squares import effective_rows
-from gimbal_pin.estimation.rows import Filtering, Flags, excerpt
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, Flags, subsample_log
 from gimbal_pin.rig.rig import Rig
 
 EARLIEST = -2e-2
@@ -114,7 +114,7 @@ def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
     if log.tau is None or filtering.alignment is not None:
         return ()
     slow = Filtering(cutoff=min(filtering.cutoff, Filtering().cutoff))
-    made = probe(rig, excerpt(log, EXAMINED).log, slow)
+    made = probe(rig, subsample_log(log, EXAMINED).log, slow)
     pieces = tuple(without_ends(piece) for piece in made.pieces if np.ptp(piece.t) > 4 * WIDE)
     rows = rows_at(made._replace(pieces=pieces), slow.cutoff)
     if not rows:

@@ -16,23 +16,11 @@ from gimbal_pin.excitation.adjoint import Link, links, regressor_gradient
 from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.regression import compute_direction
 from gimbal_pin.rig.rig import Rig
-
-TINY = 1e-12
-"""Rate, rad/s, under which a joint counts as still."""
 
 AFFINE = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0))
 """Rates and directions of sliding that tell the three numbers of an affine effect."""
-
-
-def sliding(motion: Motion, step: float) -> Array:
-    """Mean of sign(v) over the `step` s around each sample, in [-1, 1], (N, n): ``clip(v / (|a| step/2), -1, 1)``.
-
-    What a coarse grid sees of the sign: exact where the rate is straight over a step, and differentiable, without
-    the made-up speed of a smooth sign.
-    """
-    reach = np.abs(motion.a) * step / 2
-    return np.clip(motion.v / np.maximum(reach, TINY), -1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +110,7 @@ class Columns:
 
         Args:
             motion: The motion, N samples.
-            step: What `sliding` was given, s.
+            step: Interval over which `regression.compute_direction` takes the mean direction, s.
             left: Weights of the rows, (N n, r).
             right: Weights of the columns, (r, p).
         """
@@ -146,7 +134,8 @@ class Columns:
 
     def effects_gradient(self, motion: Motion, step: float, weights: Array) -> Array:
         """The effects' part of `gradient`; weights (N, n, coefficients)."""
-        arrays = (motion.q, motion.v, motion.a, sliding(motion, step), self.load(motion), self.weight(motion))
+        direction = compute_direction(motion.v, motion.a, step)
+        arrays = (motion.q, motion.v, motion.a, direction, self.load(motion), self.weight(motion))
         bars = np.zeros((len(arrays), *motion.q.shape))
         bars[3], bars[1] = (np.einsum("tjc,jc->tj", weights, per) for per in self.affine[1:])
         for j, place, effect in self.others:
@@ -157,7 +146,7 @@ class Columns:
                 return sum((w * b for w, b in zip(weight, effect.basis(sample))), np.zeros(len(motion)))
 
             bars[:, :, j] += slopes(total, [array[:, j] for array in arrays])
-        out = bars[:3] + sliding_gradient(motion, step, bars[3])
+        out = bars[:3] + direction_gradient(motion, step, bars[3])
         out += self.sweep(motion, self.rig.phi, bars[4]) if bars[4].any() else 0.0
         if bars[5].any():
             still = np.zeros_like(motion.q)
@@ -165,8 +154,8 @@ class Columns:
         return out
 
 
-def sliding_gradient(motion: Motion, step: float, weights: Array) -> Array:
-    """Gradient of ``sum weights * sliding`` to q, v, a, (3, N, n): nothing where it is saturated."""
+def direction_gradient(motion: Motion, step: float, weights: Array) -> Array:
+    """Gradient of ``sum weights * compute_direction`` to q, v, a, (3, N, n): nothing where it is saturated."""
     reach = np.abs(motion.a) * step / 2
     inside = np.abs(motion.v) < reach
     per_rate = np.where(inside, weights / np.where(inside, reach, 1.0), 0.0)

@@ -11,11 +11,12 @@ import numpy as np
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance
-from gimbal_pin.excitation.columns import Columns, sliding
+from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import Envelope, find_crest
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.regression import compute_direction
 
 DENSE = 240
 """Samples per period of the highest harmonic on which the limits are checked afterwards."""
@@ -102,7 +103,7 @@ class Problem:
     def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
         """`objective`, and what returns its gradient: through the columns' factors to q, v, a, and the basis to x."""
         motion = self.motion(x, self.coarse)
-        seen = self.columns.unit(motion, sliding(motion, self.step))
+        seen = self.columns.unit(motion, compute_direction(motion.v, motion.a, self.step))
         lack, too_slow = self.lack(motion)
 
         def gradient() -> Array:

@@ -1,4 +1,4 @@
-"""Samples to frames on a uniform grid to rows, causally: what `rows.Rows` does to a whole log, as it is recorded."""
+"""Samples to frames on a uniform grid to rows, causally: what `Design` does to a whole log, as it is recorded."""
 
 from __future__ import annotations
 
@@ -10,9 +10,18 @@ import numpy as np
 from scipy.signal import lfilter, sosfilt, sosfilt_zi
 
 from gimbal_pin.dynamics.reduction import samples
-from gimbal_pin.estimation.rows import MEMORY, TAPER, Channels, Filtering, Rows, mask, settling, standstill
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import (
+    MASK_TAPER,
+    SMOOTHER_MEMORY,
+    Design,
+    Filtering,
+    Samples,
+    build_mask,
+    compute_settling_time,
+    find_standstill,
+)
 from gimbal_pin.rig.brief import brief
 
 FIRST = 64
@@ -171,7 +180,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class StreamDesign:
     """What follows from the rig, the filters and the sampling interval: constants.
 
     Attributes:
@@ -188,7 +197,7 @@ class Design:
         alignment: Time by which the torque acts later than its stamp, s.
     """
 
-    rows: Rows
+    rows: Design
     dt: float
     count: int
     smoother: Blockwise
@@ -210,7 +219,7 @@ class Design:
     @property
     def taper(self) -> int:
         """Samples over which the mask opens."""
-        return round(TAPER / (self.filtering.cutoff * self.dt))
+        return round(MASK_TAPER / (self.filtering.cutoff * self.dt))
 
     @property
     def gap(self) -> float:
@@ -218,16 +227,16 @@ class Design:
         return max(4.5 * self.dt, 0.1 / self.filtering.cutoff)
 
 
-def designed(rows: Rows, dt: float) -> Design:
+def designed(rows: Design, dt: float) -> StreamDesign:
     """Return the constants for a sampling interval."""
     filtering, rate = rows.filtering, 1 / dt
     once = signals.lowpass(filtering.cutoff * filtering.smoothing, rate)
     slow = signals.lowpass(filtering.cutoff, rate)
     twice = np.concatenate([once, once])
     count = max(1, round(rate / (2 * filtering.cutoff)))
-    half = max(round(TAPER / filtering.cutoff * rate) // 2, 1)
-    reach = int(np.ceil(MEMORY / (filtering.cutoff * filtering.smoothing * dt)))
-    return Design(
+    half = max(round(MASK_TAPER / filtering.cutoff * rate) // 2, 1)
+    reach = int(np.ceil(SMOOTHER_MEMORY / (filtering.cutoff * filtering.smoothing * dt)))
+    return StreamDesign(
         rows=rows,
         dt=dt,
         count=count,
@@ -235,7 +244,7 @@ def designed(rows: Rows, dt: float) -> Design:
         lowpass=Blockwise.of(np.concatenate([slow, slow]), count, last=True),
         delay=delay(twice),
         look=reach + 2 * half + 2 * (half // 2) + 1,
-        skip=int(np.ceil(SETTLING * settling(filtering) * rate)),
+        skip=int(np.ceil(SETTLING * compute_settling_time(filtering) * rate)),
         gains=(signals.noise_gain(once, rate, 1), signals.noise_gain(once, rate, 0)),
         present=present(rows),
         alignment=dt / 2 if filtering.alignment is None else filtering.alignment,
@@ -248,11 +257,11 @@ def delay(sections: Array) -> int:
     return round(float(response @ np.arange(4096) / response.sum()))
 
 
-def present(rows: Rows) -> Array:
+def present(rows: Design) -> Array:
     """Which joint feels which column at all, (n, k)."""
     q, v, a = samples(rows.rig)
-    channels = Channels(np.zeros(len(q)), q, v, a, v, np.zeros(rows.rig.n))
-    columns = np.concatenate([rows.rigid_columns(channels), rows.effect_columns(channels)], axis=2)
+    channels = Samples(np.zeros(len(q)), q, v, a, v, np.zeros(rows.rig.n))
+    columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     return np.any(columns != 0.0, axis=0)
 
 
@@ -292,7 +301,7 @@ class Running:
     window: Array
     rates: Array
     slow: Array
-    waiting: Channels
+    waiting: Samples
     jumping: Array | None
     lowpass: Array
     passed: int = 0
@@ -300,7 +309,7 @@ class Running:
     __repr__ = brief
 
 
-def initial_state(design: Design, frame: Frame) -> Running:
+def initial_state(design: StreamDesign, frame: Frame) -> Running:
     """Return the memory at a first frame: as if the first sample had stood for ever."""
     n, first = design.rows.rig.n, frame.channels[0]
     width = int(design.present.sum()) + 2 * n
@@ -311,14 +320,14 @@ def initial_state(design: Design, frame: Frame) -> Running:
         window=np.tile(first, (CENTRAL, 1)),
         rates=np.zeros((CENTRAL, n)),
         slow=np.zeros(n),
-        waiting=Channels(np.zeros(0), nothing, nothing, nothing, nothing, np.zeros(n)),
+        waiting=Samples(np.zeros(0), nothing, nothing, nothing, nothing, np.zeros(n)),
         jumping=None,
         lowpass=design.lowpass.at_rest(np.zeros(width)),
     )
 
 
 def process_frame(
-    design: Design, running: Running | None, noise: Noise, frame: Frame
+    design: StreamDesign, running: Running | None, noise: Noise, frame: Frame
 ) -> tuple[Row | None, Running, Noise]:
     """Take one frame: its row, None while the filters settle, and the memory after it."""
     if running is None or frame.fresh:
@@ -335,7 +344,7 @@ def process_frame(
     return (row if running.passed > design.skip else None), running, noise
 
 
-def smoothed(design: Design, running: Running, noise: Noise, frame: Frame) -> dict[str, Any]:
+def smoothed(design: StreamDesign, running: Running, noise: Noise, frame: Frame) -> dict[str, Any]:
     """Smooth and differentiate a frame; return what changes in the memory, the channels appended to those waiting."""
     n, dt = design.rows.rig.n, design.dt
     filtered, smoother = design.smoother(frame.channels, running.smoother)
@@ -347,7 +356,7 @@ def smoothed(design: Design, running: Running, noise: Noise, frame: Frame) -> di
     rates = np.concatenate([running.rates, v])
     a = signals.central(rates, dt)
     late, old = CENTRAL + design.delay, running.waiting
-    waiting = Channels(
+    waiting = Samples(
         t=np.concatenate([old.t, frame.t - late * dt]),
         q=np.concatenate([old.q, window[:-CENTRAL, :n]]),
         v=np.concatenate([old.v, rates[2:-2]]),
@@ -359,8 +368,8 @@ def smoothed(design: Design, running: Running, noise: Noise, frame: Frame) -> di
     return {"smoother": smoother, "slow": slow, "waiting": waiting, **tails}
 
 
-def fused(design: Design, noise: Noise, derived: Array, rate: Array, slow: Array) -> tuple[Array, Array, Array]:
-    """Combine the angle's derivative with the measured rate, each where it is better, as `rows.fused` does.
+def fused(design: StreamDesign, noise: Noise, derived: Array, rate: Array, slow: Array) -> tuple[Array, Array, Array]:
+    """Combine the angle's derivative with the measured rate, each where it is better, as `samples.fuse_rates` does.
 
     ``v = rate + L (derived - rate)`` with a low-pass L of first order at the crossover 2π f = σ_v/σ_q, the steady
     Kalman filter of an angle and its rate; its memory is its output, so that the crossover may follow the noise.
@@ -382,16 +391,16 @@ def fused(design: Design, noise: Noise, derived: Array, rate: Array, slow: Array
     return out, last, rate_std
 
 
-def emit_row(design: Design, running: Running) -> tuple[Row, Running]:
+def emit_row(design: StreamDesign, running: Running) -> tuple[Row, Running]:
     """Turn the next frame that has waited long enough into columns, filter these, and keep the last as a row."""
     look, count, waiting = design.look, design.count, running.waiting
     here = slice(look, look + count)
-    channels = waiting.every(here)
-    moving = mask(standstill(waiting, design.filtering), design.taper)[here]
-    ahead = waiting.every(slice(look + design.delay, look + design.delay + count))
-    jumping, memory = smoothed_jumps(design, running.jumping, design.rows.effect_columns(ahead))
-    A = np.concatenate([design.rows.rigid_columns(channels), jumping], axis=2) * moving[:, :, None]
-    tau = channels.tau - design.rows.stated_torque(channels)
+    channels = waiting.select(here)
+    moving = build_mask(find_standstill(waiting, design.filtering), design.taper)[here]
+    ahead = waiting.select(slice(look + design.delay, look + design.delay + count))
+    jumping, memory = smoothed_jumps(design, running.jumping, design.rows.compute_effect_columns(ahead))
+    A = np.concatenate([design.rows.compute_rigid_columns(channels), jumping], axis=2) * moving[:, :, None]
+    tau = channels.tau - design.rows.compute_stated_torque(channels)
     flat = np.column_stack([A[:, design.present], tau * moving, moving])
     filtered, lowpass = design.lowpass(flat, running.lowpass)
     n, width = design.present.shape
@@ -399,12 +408,12 @@ def emit_row(design: Design, running: Running) -> tuple[Row, Running]:
     values[:, :-2][design.present] = filtered[-1, : -2 * n]
     values[:, -2], values[:, -1] = filtered[-1, -2 * n : -n], np.clip(filtered[-1, -n:], 0.0, 1.0)
     row = Row(float(channels.t[-1]), values, channels.v[-1].copy())
-    rest = waiting.every(slice(count, None))
+    rest = waiting.select(slice(count, None))
     state = {"waiting": rest, "jumping": memory, "lowpass": lowpass, "passed": running.passed + count}
     return row, Running(**{**vars(running), **state})
 
 
-def smoothed_jumps(design: Design, memory: Array | None, columns: Array) -> tuple[Array, Array]:
+def smoothed_jumps(design: StreamDesign, memory: Array | None, columns: Array) -> tuple[Array, Array]:
     """Smooth the effects' columns, (F, n, e), which jump where a joint turns, as the torque was smoothed."""
     felt = design.present[:, -columns.shape[2] :]
     flat = columns[:, felt]

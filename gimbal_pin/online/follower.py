@@ -27,16 +27,15 @@ from gimbal_pin.estimation.identification import (
 )
 from gimbal_pin.estimation.payload_change import payload_directions
 from gimbal_pin.estimation.payloads import estimated
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, settling
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.online.causal import (
     FIRST,
     SETTLING,
-    Design,
     Grid,
     Noise,
     Row,
     Running,
+    StreamDesign,
     designed,
     interval,
     next_frame,
@@ -57,6 +56,7 @@ from gimbal_pin.online.learning import (
     values,
 )
 from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
+from gimbal_pin.regression import Block, Design, DesignBlocks, Filtering, compute_settling_time
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -87,7 +87,7 @@ class Memory(NamedTuple):
     grid: Grid
     noise: Noise
     known: Learned
-    design: Design | None = None
+    design: StreamDesign | None = None
     running: Running | None = None
     task: Task | None = None
     pending: tuple[Log, ...] = ()
@@ -122,7 +122,7 @@ class Online:
         prior: What is known beforehand; None: nothing.
     """
 
-    rows: Rows
+    rows: Design
     directions: Array
     everything: bool = False
     fading: float = inf
@@ -159,7 +159,7 @@ class Online:
         if not fading > 0:
             raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
         everywhere = friction_effects(rig.joints) + tuple(effects)
-        rows = Rows(rig, reduce(rig), everywhere, (), filtering or Filtering())
+        rows = Design(rig, reduce(rig), everywhere, (), filtering or Filtering())
         directions = payload_directions(rows)
         prior = None if known is None else prior_of(rows, directions, known)
         return Online(rows, directions, everything, fading, prior)
@@ -214,10 +214,10 @@ class Online:
         base = len(self.rows.reduction.independent)
         doubt = np.where(np.arange(len(self.rows.names)) < base, 0.0, DOUBT)
         moved = (self.directions, doubt, self.everything, self.fading)
-        task = Task(self.rows.names, *moved, design.count * dt, SETTLING * settling(filtering))
+        task = Task(self.rows.names, *moved, design.count * dt, SETTLING * compute_settling_time(filtering))
         return memory._replace(grid=grid._replace(dt=dt), design=design, task=task)
 
-    def framed(self, memory: Memory, design: Design) -> Memory:
+    def framed(self, memory: Memory, design: StreamDesign) -> Memory:
         """Take the next frame; the same memory if there is none."""
         frame, grid = next_frame(memory.grid, design.count, design.alignment, design.gap)
         if frame is None:
@@ -270,7 +270,7 @@ class Online:
         task = memory.task
         assert task is not None, "an estimate has a task"
         block = all_moments(task, memory.known).block()
-        check_assignment(Regression(self.rows, (block,)), estimate, memory.name)
+        check_assignment(DesignBlocks(self.rows, (block,)), estimate, memory.name)
         found = assembled(self.rows, [block], estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
         swapped = any(event.what == "changed" for event in memory.events)
@@ -304,7 +304,7 @@ def appended(memory: Memory, log: Log) -> Memory:
     return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=samples, rates=rates)
 
 
-def prior_of(rows: Rows, directions: Array, model: Model) -> Prior:
+def prior_of(rows: Design, directions: Array, model: Model) -> Prior:
     """Return what a model of the gimbal with another payload leaves known."""
     known = estimated(model)
     if known.names != rows.names:

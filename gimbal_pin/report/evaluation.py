@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.estimation.identification import Identified, split
-from gimbal_pin.estimation.rows import Block, Rows, regression
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, Design, compute_blocks
 from gimbal_pin.report.format import SURE, figures, joints_of
 from gimbal_pin.report.html import toned
 from gimbal_pin.report.table import Content
@@ -93,9 +93,9 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     train, test, how = split(logs, holdout(found), found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
     rig = found.model.rig
-    rows = Rows(rig, found.reduction, effects, test or train, found.filtering)
+    rows = Design(rig, found.reduction, effects, test or train, found.filtering)
     each = [replace(rows, logs=(log,)) for log in rows.logs]
-    pairs = [(regression(one), regression(replace(one, masked=False))) for one in each]
+    pairs = [(compute_blocks(one), compute_blocks(replace(one, masked=False))) for one in each]
     theta = found.estimate.theta
     parts = tuple(part(log.name, *pair, theta) for log, pair in zip(rows.logs, pairs) if pair[0])
     blocks = [block for judged, _ in pairs for block in judged]

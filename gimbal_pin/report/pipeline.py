@@ -26,13 +26,13 @@ from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.estimators import Estimator, weighted
 from gimbal_pin.estimation.identification import Identified, identify, refittable_effects
 from gimbal_pin.estimation.model_file import write_extended, write_model
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.io import write_log, write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Asked, Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
+from gimbal_pin.regression import Filtering
 from gimbal_pin.report import pages, view
 from gimbal_pin.report.summary import Summary, summary
 from gimbal_pin.rig.brief import brief

@@ -17,8 +17,8 @@ from benchmark.timing import alternating
 from gimbal_pin.dynamics.model import Model, friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.estimation.estimators.least_squares import factor, solve
-from gimbal_pin.estimation.rows import CHUNK, Block, Channels, Filtering, Rows
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.regression import CHUNK_SAMPLES, Block, Design, Filtering, Samples
 from gimbal_pin.rig.rig import Rig
 
 ROUNDS = {60_000: 11, 600_000: 3}
@@ -58,7 +58,7 @@ def compared(model: Model, count: int, rounds: int) -> Iterator[Figure]:
 def filtering(model: Model, count: int, rounds: int) -> Iterator[Figure]:
     """Yield the rate of the whole way from a noisy log: smoothed, built, masked, filtered, decimated, solved."""
     log = noisy_log(model, count, np.random.default_rng(1))
-    rows = Rows(model.rig, reduce(model.rig), friction_effects(model.rig.joints), (log,), Filtering())
+    rows = Design(model.rig, reduce(model.rig), friction_effects(model.rig.joints), (log,), Filtering())
     ways = {"filtered": lambda: solve(factor(rows), np.ones(model.rig.n))}
     time = alternating(ways, rounds, "filtering").median("filtered")
     yield Figure(f"{count:,} samples: ours with all filtering".replace(",", " "), count / 1e3 / time, "k/s")
@@ -93,22 +93,22 @@ def bare(rig: Rig, motion: Motion) -> None:
         compute(model, data, q, v, a)
 
 
-def unfiltered(rig: Rig) -> Rows:
+def unfiltered(rig: Rig) -> Design:
     """Return the builder of our columns: base parameters, Coulomb and viscous friction."""
-    return Rows(rig, reduce(rig), friction_effects(rig.joints), (), Filtering())
+    return Design(rig, reduce(rig), friction_effects(rig.joints), (), Filtering())
 
 
-def blocks(rows: Rows, motion: Motion, tau: Array) -> Iterator[Block]:
+def blocks(rows: Design, motion: Motion, tau: Array) -> Iterator[Block]:
     """Yield our columns chunk by chunk, every sample a row."""
-    for begin in range(0, len(motion), CHUNK):
-        at = slice(begin, begin + CHUNK)
-        channels = Channels(motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], np.zeros(rows.rig.n))
-        columns = [rows.rigid_columns(channels), rows.effect_columns(channels)]
+    for begin in range(0, len(motion), CHUNK_SAMPLES):
+        at = slice(begin, begin + CHUNK_SAMPLES)
+        channels = Samples(motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], np.zeros(rows.rig.n))
+        columns = [rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)]
         A = np.concatenate(columns, axis=2)
         yield Block(channels.t, A, channels.tau, channels.q, channels.v, np.ones(channels.q.shape))
 
 
-def solution(rows: Rows, motion: Motion, tau: Array) -> Array:
+def solution(rows: Design, motion: Motion, tau: Array) -> Array:
     """Base parameters and friction coefficients by TSQR and least squares."""
     return solve(factor(blocks(rows, motion, tau)), np.ones(rows.rig.n))[0]
 

@@ -20,8 +20,8 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.estimation.estimators import hausman, idim, output_error, physical, weighted
 from gimbal_pin.estimation.estimators.closed_loop import instruments
 from gimbal_pin.estimation.identification import given_beta
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, regression
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import rows_of
 
@@ -53,9 +53,9 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
     return {"rig": rig.name, "p": p, "well": int(well.sum()), "parameters": len(truth), **errors}
 
 
-def rows(rig: Rig, log: Log, filtering: Filtering) -> Regression:
+def rows(rig: Rig, log: Log, filtering: Filtering) -> DesignBlocks:
     """Return the rows of a log."""
-    return regression(rows_of(rig, log, filtering))
+    return compute_blocks(rows_of(rig, log, filtering))
 
 
 def excited(blocks: Sequence[Block], truth: Array) -> Array:

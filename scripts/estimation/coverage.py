@@ -13,7 +13,7 @@ from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
 from gimbal_pin.estimation.estimators import ESTIMATORS, Bootstrap
 from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.rows import Filtering
+from gimbal_pin.regression import Filtering
 from tests.bench_logs import true_theta
 
 NORMAL = 1.959964

@@ -13,8 +13,8 @@ from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.estimation.estimators import ESTIMATORS
 from gimbal_pin.estimation.estimators.hausman import WhenTested
 from gimbal_pin.estimation.identification import Accuracy, Identified, accuracy, identify
-from gimbal_pin.estimation.rows import Filtering, Rows, regression
 from gimbal_pin.log.log import Log
+from gimbal_pin.regression import Design, Filtering, compute_blocks
 from gimbal_pin.rig.rig import Rig
 
 TRAIN, TESTS = "061157", ("055640", "060143")
@@ -66,7 +66,7 @@ def fit(rig: Rig, log: Log, name: str, cutoff: float, examined: WhenTested = "ne
 def predicted(found: Identified, log: Log, cutoff: float) -> Accuracy:
     """Compare what a model predicts with another log's torque."""
     effects = tuple(term.effect for term in found.model.terms)
-    rows = regression(Rows(found.model.rig, found.reduction, effects, (log,), Filtering(cutoff)))
+    rows = compute_blocks(Design(found.model.rig, found.reduction, effects, (log,), Filtering(cutoff)))
     return accuracy(found.model.rig.joints, rows, found.estimate.theta, log.name)
 
 

@@ -18,8 +18,8 @@ from gimbal_pin.estimation.estimators import physical as physical_fit
 from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.estimators.colour import autocovariance, colour, series
 from gimbal_pin.estimation.identification import accuracy, identify
-from gimbal_pin.estimation.rows import Block, Regression, regression
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, DesignBlocks, compute_blocks
 from gimbal_pin.rig.inertia import physical as can_exist
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, rows_of, true_theta
@@ -53,9 +53,9 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
     }
 
 
-def rows(rig: Rig, log: Log) -> Regression:
+def rows(rig: Rig, log: Log) -> DesignBlocks:
     """Return the rows of a log."""
-    return regression(rows_of(rig, log))
+    return compute_blocks(rows_of(rig, log))
 
 
 def bound(rig: Rig, plant: Model, log: Log) -> Array:

@@ -12,9 +12,9 @@ from gimbal_pin.dynamics.model import Estimated, Model
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Sample
-from gimbal_pin.estimation.rows import columns_of
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import MOTIONS, Platform
+from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -168,7 +168,7 @@ def estimate(model: Model) -> tuple[Estimated, Array] | None:
     for diagonal, base in itertools.product((False, True), MOTIONS):
         reduction = reduce(model.rig, diagonal, base)
         if reduction.base_names == tuple(known.names[:width]):
-            return known, columns_of(model.rig, reduction)
+            return known, find_base_columns(model.rig, reduction)
     return None
 
 

@@ -18,8 +18,8 @@ from gimbal_pin.estimation.audit import (
 )
 from gimbal_pin.estimation.audit.base import Check
 from gimbal_pin.estimation.audit.base import Fault as Fault
-from gimbal_pin.estimation.rows import Filtering
 from gimbal_pin.log.log import Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
 IN_ORDER = (

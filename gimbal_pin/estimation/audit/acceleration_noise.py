@@ -13,9 +13,9 @@ from gimbal_pin.estimation.audit.base import Examined, Fault, angle_noise, bits,
 from gimbal_pin.estimation.audit.probe import MATERIAL, Probe, probe, rows_at
 from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
 from gimbal_pin.estimation.estimators.least_squares import Estimate, weighted
-from gimbal_pin.estimation.rows import Block, Filtering, smoothed, stretches
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, Filtering, smooth_samples, split_segments
 from gimbal_pin.rig.rig import Rig
 
 NAME = "acceleration-noise"
@@ -75,12 +75,12 @@ def noise_share(log: Log, filtering: Filtering) -> Array | None:
 
     From the angle's noise or, where there is one, the rate's, by whichever says less.
     """
-    long = [part for part in stretches(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
+    long = [part for part in split_segments(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
     if not long or len(log) < 8 * PARTS:
         return None
     rate, smoothing = 1.0 / log.dt, filtering.cutoff * filtering.smoothing
     slow = signals.lowpass(filtering.cutoff, rate)
-    a = [signals.zero_phase(smoothed(part, filtering, 0, part.length).a, slow) for part in long]
+    a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
     sections = signals.lowpass(smoothing, rate)
     angle = angle_noise(log, local_noise(log.t, log.q, PARTS)) * signals.noise_gain(sections, rate, 2)

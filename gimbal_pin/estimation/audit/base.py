@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.estimation.rows import Filtering, Flags
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Imu, Log
+from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.rig.rig import Rig
 
 CHANNELS = ("q", "v", "tau")

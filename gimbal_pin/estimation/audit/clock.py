@@ -12,8 +12,8 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, channels, left_out, noted, taken
 from gimbal_pin.estimation.audit.probe import spoils_torque
-from gimbal_pin.estimation.rows import Filtering, Flags, stretches
 from gimbal_pin.log.log import PAUSE, Array, Log
+from gimbal_pin.regression import Filtering, Flags, split_segments
 from gimbal_pin.rig.rig import Rig
 
 NAME = "clock"
@@ -152,7 +152,7 @@ def worst_share(flags: Flags) -> float:
 
 def scattered(log: Log, filtering: Filtering) -> bool:
     """Whether gaps leave less than `USABLE` of the time in stretches without any."""
-    spans = [s.dt * s.length for s in stretches(log, filtering.cutoff)]
+    spans = [s.dt * s.length for s in split_segments(log, filtering.cutoff)]
     covered = sum(span for span in spans if span > 1.0 / filtering.cutoff)
     intervals = np.diff(log.t)
     return bool(covered < USABLE * np.sum(intervals[intervals < PAUSE]))

@@ -11,9 +11,9 @@ from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, Indices
-from gimbal_pin.estimation.rows import Filtering, base_motion
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, classify_base_motion
 from gimbal_pin.rig.rig import Rig
 
 NAME = "controller-formula"
@@ -64,7 +64,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     A base that moves excites the plant whatever the reference does: such a log is not judged. Where this formula is not
     found, that of the angles alone is looked for (`of_angles`).
     """
-    if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or base_motion(rig, log) != "fixed":
+    if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or classify_base_motion(rig, log) != "fixed":
         return None
     sections = signals.lowpass(BAND, 1.0)
     edge = int(signals.settling(BAND)) + LATEST

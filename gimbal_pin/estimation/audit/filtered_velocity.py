@@ -13,9 +13,9 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, noted
 from gimbal_pin.estimation.audit.probe import spoils_torque
-from gimbal_pin.estimation.rows import Filtering, stretches
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, split_segments
 from gimbal_pin.rig.rig import Rig
 
 NAME = "filtered-velocity"
@@ -102,7 +102,7 @@ def in_time(log: Log, delays: Mapping[int, float]) -> Log:
 def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
     """Return the lag in one joint's rate, or None where there is none, or none that one could see."""
     assert log.v is not None
-    longest = max(stretches(log, 1.0), key=lambda stretch: stretch.length, default=None)
+    longest = max(split_segments(log, 1.0), key=lambda stretch: stretch.length, default=None)
     if longest is None or longest.length * longest.dt < SHORTEST or np.ptp(log.q[:, j]) == 0.0:
         return None
     dt, rows = longest.dt, longest.rows

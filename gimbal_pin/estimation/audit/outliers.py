@@ -23,8 +23,8 @@ from gimbal_pin.estimation.audit.base import (
     taken,
 )
 from gimbal_pin.estimation.audit.probe import spoils_torque
-from gimbal_pin.estimation.rows import Filtering, Flags, dilated
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, Flags, dilate_flags
 from gimbal_pin.rig.rig import Rig
 
 NAME = "outliers"
@@ -152,7 +152,7 @@ def garbage(log: Log) -> list[Wild]:
                 wild &= window > OWN * rough["q"][:, j] / log.dt
             rows = np.repeat(wild, length)[: len(log)]
             if wild.any() and np.mean(rows) < PART:
-                rows = dilated(rows[:, None], length // 2)[:, 0]
+                rows = dilate_flags(rows[:, None], length // 2)[:, 0]
                 out.append(Wild(name, j, rows, float(window.max()) / spread))
     return out
 

@@ -11,24 +11,24 @@ from scipy.ndimage import gaussian_filter1d
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.estimation.estimators.least_squares import residuals, weighted
-from gimbal_pin.estimation.rows import (
-    STANDSTILL,
-    Block,
-    Channels,
-    Filtering,
-    Flags,
-    Rows,
-    Stretch,
-    base_motion,
-    dilated,
-    mask,
-    moving_base_link,
-    smoothed,
-    stretches,
-)
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.regression import (
+    STANDSTILL_DEVIATIONS,
+    Block,
+    Design,
+    Filtering,
+    Flags,
+    Samples,
+    Segment,
+    build_mask,
+    classify_base_motion,
+    dilate_flags,
+    find_moving_base,
+    smooth_samples,
+    split_segments,
+)
 from gimbal_pin.rig.rig import Rig
 
 MATERIAL = 0.01
@@ -97,9 +97,11 @@ def probe(
             noise is independent.
         base: How the base moves; None: what this log says, of which a part may say less than the whole.
     """
-    rows = Rows(rig, reduce(rig, base=base or base_motion(rig, log)), friction_effects(rig.joints), (log,), filtering)
+    rows = Design(
+        rig, reduce(rig, base=base or classify_base_motion(rig, log)), friction_effects(rig.joints), (log,), filtering
+    )
     pieces: list[Piece] = []
-    for stretch in stretches(log, filtering.cutoff):
+    for stretch in split_segments(log, filtering.cutoff):
         pad = int(np.ceil(signals.settling(filtering.cutoff * filtering.smoothing) / stretch.dt))
         if stretch.length > 4 * pad:
             model = like.pieces[len(pieces)] if like is not None else None
@@ -107,26 +109,26 @@ def probe(
     return Probe(rows.names, rows.units, tuple(pieces))
 
 
-def halved(stretch: Stretch, first: int) -> Stretch:
+def halved(stretch: Segment, first: int) -> Segment:
     """Return a stretch's grid over every second sample of its log."""
     log = stretch.log.part(slice(stretch.rows.start + first, stretch.rows.stop, 2))
     return stretch._replace(log=log, rows=slice(0, len(log)))
 
 
-def piece(rows: Rows, stretch: Stretch, pad: int, like: Piece | None) -> Piece:
+def piece(rows: Design, stretch: Segment, pad: int, like: Piece | None) -> Piece:
     """Return one stretch's columns at four times the smoother's bandwidth, without its `pad` samples at the ends."""
-    full = smoothed(stretch, rows.filtering, 0, stretch.length, moving_base_link(rows.rig, stretch.log))
+    full = smooth_samples(stretch, rows.filtering, 0, stretch.length, find_moving_base(rows.rig, stretch.log))
     band = rows.filtering.cutoff * rows.filtering.smoothing
     keep = slice(pad, stretch.length - pad, max(1, int(1.0 / (4.0 * band * stretch.dt))))
     slow, still = sliding(full, stretch, SIGN_BAND * rows.filtering.cutoff)
-    ch = full.every(keep)
-    moving = like.open if like is not None else mask(still, round(TAPER / stretch.dt))[keep]
-    tau = like.tau if like is not None else ch.tau - rows.stated_torque(ch)
-    A = np.concatenate([rows.rigid_columns(ch), rows.effect_columns(ch._replace(v=slow[keep]))], axis=2)
+    ch = full.select(keep)
+    moving = like.open if like is not None else build_mask(still, round(TAPER / stretch.dt))[keep]
+    tau = like.tau if like is not None else ch.tau - rows.compute_stated_torque(ch)
+    A = np.concatenate([rows.compute_rigid_columns(ch), rows.compute_effect_columns(ch._replace(v=slow[keep]))], axis=2)
     return Piece(ch.t, A * moving[:, :, None], tau, ch.q, ch.v, moving, stretch.dt * keep.step)
 
 
-def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, Flags]:
+def sliding(channels: Samples, stretch: Segment, band: float) -> tuple[Array, Flags]:
     """Return the rate at a low bandwidth, (m, n), and where it does not tell its sign, (m, n).
 
     The sign that dry friction takes is that of the slow motion: a rate full of vibration would leave no sample.
@@ -134,11 +136,11 @@ def sliding(channels: Channels, stretch: Stretch, band: float) -> tuple[Array, F
     sections = signals.lowpass(band, 1.0 / stretch.dt)
     slow = signals.zero_phase(channels.v, sections)
     noise = signals.noise_std(stretch.log.q[stretch.rows]) * signals.noise_gain(sections, 1.0 / stretch.dt, 1)
-    still = np.abs(slow) < np.maximum(STANDSTILL * noise, REST * np.sqrt(np.mean(slow**2, axis=0)))
+    still = np.abs(slow) < np.maximum(STANDSTILL_DEVIATIONS * noise, REST * np.sqrt(np.mean(slow**2, axis=0)))
     still[1:] |= slow[1:] * slow[:-1] < 0
     if channels.lost is not None:
         still |= channels.lost[:, None]
-    return slow, dilated(still, max(1, round(REACH / stretch.dt)))
+    return slow, dilate_flags(still, max(1, round(REACH / stretch.dt)))
 
 
 def rows_at(made: Probe, cutoff: float) -> tuple[Block, ...]:

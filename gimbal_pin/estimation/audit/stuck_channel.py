@@ -25,8 +25,8 @@ from gimbal_pin.estimation.audit.base import (
 )
 from gimbal_pin.estimation.audit.probe import probe, rows_at
 from gimbal_pin.estimation.estimators.least_squares import residuals, weighted
-from gimbal_pin.estimation.rows import Filtering, Flags, base_motion, dilated
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, Flags, classify_base_motion, dilate_flags
 from gimbal_pin.rig.rig import Rig
 
 NAME = "stuck-channel"
@@ -70,7 +70,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if not found:
         return None
     worst = max(found, key=lambda held: int(held.rows.sum()))
-    bad = dilated(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
+    bad = dilate_flags(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
     fault = fault_of(rig, log, worst, len(found))
     if bad.mean() > 0.5:
         return Examined(fault, log)
@@ -188,7 +188,7 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     """
     if rows.all():
         return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
-    logs, base = (log, taken(log, np.flatnonzero(~rows))), base_motion(rig, log)
+    logs, base = (log, taken(log, np.flatnonzero(~rows))), classify_base_motion(rig, log)
     every, fitted = (rows_at(probe(rig, one, filtering, base=base), filtering.cutoff) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return 0.0

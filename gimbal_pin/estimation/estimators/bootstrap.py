@@ -12,8 +12,8 @@ from tqdm import tqdm
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.estimators.colour import series
 from gimbal_pin.estimation.estimators.least_squares import Estimate, Estimator, effective_rows, residuals
-from gimbal_pin.estimation.rows import Block, Regression
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, DesignBlocks
 
 LEAST_SHARE = 0.3
 """A row's residual is drawn from where at least this share of its samples was not masked out."""
@@ -106,7 +106,7 @@ class ResidualBlocks:
     def again(self, blocks: Sequence[Block], theta: Array, rng: np.random.Generator) -> Sequence[Block]:
         """Return the blocks with other residuals."""
         made = tuple(self.filled(blocks, theta, rng))
-        return Regression(blocks.rows, made) if isinstance(blocks, Regression) else made
+        return DesignBlocks(blocks.design, made) if isinstance(blocks, DesignBlocks) else made
 
     def filled(self, blocks: Sequence[Block], theta: Array, rng: np.random.Generator) -> Iterator[Block]:
         """Yield blocks whose torque is the fit's and residuals from other times."""

@@ -18,22 +18,22 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.estimators.instrumental import instrumental
 from gimbal_pin.estimation.estimators.least_squares import Estimate, residuals, weighted
 from gimbal_pin.estimation.estimators.physical import physical
-from gimbal_pin.estimation.rows import (
-    Block,
-    Channels,
-    Rows,
-    Stretch,
-    moving_base_link,
-    regression,
-    rows_behind,
-    smoothed,
-    stretches,
-)
-from gimbal_pin.estimation.rows.channels import torque
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.missing_samples import filled
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.regression import (
+    Block,
+    Design,
+    Samples,
+    Segment,
+    compute_blocks,
+    find_moving_base,
+    get_design,
+    resample_torque,
+    smooth_samples,
+    split_segments,
+)
 from gimbal_pin.rig.consistency import nearest
 
 LOOP = 3.0
@@ -83,30 +83,30 @@ class Run(NamedTuple):
         return Run(self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform)
 
 
-def nearest_physical_model(rows: Rows, theta: Array, covariance: Array) -> Model:
+def nearest_physical_model(rows: Design, theta: Array, covariance: Array) -> Model:
     """Return the model that can exist nearest to parameters: its plant can be simulated, whatever these are."""
     width = len(rows.reduction.independent)
     phi = nearest(rows.rig.phi, rows.mixing, theta[:width], covariance[:width, :width]).phi
     terms = []
-    for term in rows.terms(theta):
+    for term in rows.to_terms(theta):
         limits = zip(term.values, term.effect.coefficients)
         terms.append(Term(term.effect, tuple(min(max(x, c.lower), c.upper) for x, c in limits)))
     return Model(rows.rig.with_phi(phi), (*terms, *rows.stated))
 
 
-def theta_of(rows: Rows, model: Model) -> Array:
+def theta_of(rows: Design, model: Model) -> Array:
     """Return a model's base parameters and coefficients, (k,)."""
     values = [value for term in model.terms[: len(rows.effects)] for value in term.values]
     return np.concatenate([rows.mixing @ model.rig.phi, values])
 
 
-def runs(rows: Rows, model: Model, log: Log, calm: bool) -> list[Run]:
+def runs(rows: Design, model: Model, log: Log, calm: bool) -> list[Run]:
     """Run a model along every stretch of a log, on a base that moves as the log says; `calm` as for `run`."""
-    carrier = moving_base_link(rows.rig, log)
-    return [run(rows, model, stretch, carrier, calm) for stretch in stretches(log, rows.filtering.cutoff)]
+    carrier = find_moving_base(rows.rig, log)
+    return [run(rows, model, stretch, carrier, calm) for stretch in split_segments(log, rows.filtering.cutoff)]
 
 
-def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None, calm: bool) -> Run:
+def run(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool) -> Run:
     """Run a model along one stretch.
 
     Args:
@@ -117,13 +117,13 @@ def run(rows: Rows, model: Model, stretch: Stretch, carrier: str | None, calm: b
         calm: Smooth the torque like the motion. The recording's own controller answered to its sensors' noise: what of
             the torque lies above the motion is that answer, and a motion made with it would know the noise.
     """
-    whole = smoothed(stretch, rows.filtering, 0, stretch.length, carrier)
+    whole = smooth_samples(stretch, rows.filtering, 0, stretch.length, carrier)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / stretch.dt)
     q, v = (signals.zero_phase(x, slow) for x in (whole.q, whole.v))
     step = max(1, int(STEP / stretch.dt))
     knots = np.arange(0, stretch.length, step)
     # What acts over a step is the torque's mean over it.
-    tau = torque(stretch, rows.filtering, whole.t)
+    tau = resample_torque(stretch, rows.filtering, whole.t)
     tau = signals.zero_phase(tau, slow) if calm else tau
     impulse = np.zeros_like(tau)
     impulse[1:] = np.cumsum((tau[1:] + tau[:-1]) / 2, axis=0)
@@ -157,7 +157,7 @@ def inertia(model: Model, data: pin.Data, q: Array) -> Array:
     return np.asarray(upper + np.triu(upper, 1).T + np.diag(model.armature))
 
 
-def simulated(rows: Rows, model: Model) -> tuple[Log, ...]:
+def simulated(rows: Design, model: Model) -> tuple[Log, ...]:
     """Return the logs with the model's motion in the place of the measured one: rates, and no noise.
 
     Holes that the measured motion closes are filled in them, for they would be other ones in a motion without noise.
@@ -181,7 +181,7 @@ def output_error(blocks: Sequence[Block]) -> Estimate:
     (Gautier, Janot and Vandanjon 2013 take the same derivative for torques). The noise of the recorded angles is then
     noise of the output alone, and biases nothing.
     """
-    rows = rows_behind(blocks)
+    rows = get_design(blocks)
     first = physical(blocks)
     now = followed(rows, first.theta, first.covariance)
     if now is None:
@@ -211,7 +211,7 @@ class Followed(NamedTuple):
         return float(sum(np.sum((residuals(block, self.theta) / scale) ** 2) for block in self.blocks))
 
 
-def followed(rows: Rows, theta: Array, covariance: Array) -> Followed | None:
+def followed(rows: Design, theta: Array, covariance: Array) -> Followed | None:
     """Run the bodies nearest to parameters along the logs; None where they run away."""
     model = nearest_physical_model(rows, theta, covariance)
     try:
@@ -220,7 +220,7 @@ def followed(rows: Rows, theta: Array, covariance: Array) -> Followed | None:
         return None
 
 
-def shortened(rows: Rows, now: Followed, found: Estimate) -> Followed | None:
+def shortened(rows: Design, now: Followed, found: Estimate) -> Followed | None:
     """Take a Gauss-Newton step, halved until the model follows the logs better than before; None if it never does."""
     scale, share = np.maximum(found.residual_std, 1e-12), 1.0
     cost = now.cost(scale)
@@ -232,7 +232,7 @@ def shortened(rows: Rows, now: Followed, found: Estimate) -> Followed | None:
     return None
 
 
-def errors(rows: Rows, model: Model) -> Iterator[Block]:
+def errors(rows: Design, model: Model) -> Iterator[Block]:
     """Yield the rows ``A theta = A theta_s + (q_s - q)``, rad, along what a model with theta_s does."""
     theta = theta_of(rows, model)
     for run in (run for log in rows.logs for run in runs(rows, model, log, calm=False)):
@@ -244,12 +244,12 @@ def errors(rows: Rows, model: Model) -> Iterator[Block]:
             yield block(rows, model, theta, part, slice(pad, pad + end - begin, step))
 
 
-def block(rows: Rows, model: Model, theta: Array, run: Run, keep: slice) -> Block:
+def block(rows: Design, model: Model, theta: Array, run: Run, keep: slice) -> Block:
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
     a, still = signals.differentiate(run.v, dt), np.zeros_like(run.q)
-    channels = Channels(run.t, run.q, run.v, a, still, still[0], run.platform)
-    columns = np.concatenate([rows.rigid_columns(channels), rows.effect_columns(channels)], axis=2)
+    channels = Samples(run.t, run.q, run.v, a, still, still[0], run.platform)
+    columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     data = model.rig.model.createData()
     D = np.array([inertia(model, data, q) for q in run.q])
     top, bottom = bilinear([1.0], [1.0, GAINS[1], GAINS[0]], 1.0 / dt)
@@ -273,6 +273,6 @@ def idim(blocks: Sequence[Block]) -> Estimate:
 
 def instruments(blocks: Sequence[Block], found: Estimate) -> list[Array]:
     """Return per block Z, (m, n, k), along the motion of the bodies nearest to an estimate."""
-    rows = rows_behind(blocks)
+    rows = get_design(blocks)
     model = nearest_physical_model(rows, found.theta, found.covariance)
-    return [block.A for block in regression(replace(rows, logs=simulated(rows, model)))]
+    return [block.A for block in compute_blocks(replace(rows, logs=simulated(rows, model)))]

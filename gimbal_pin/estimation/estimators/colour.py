@@ -9,8 +9,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gimbal_pin.estimation.estimators import components
-from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block
 
 ORDER = 12
 """Highest order: six periods of the cutoff."""

@@ -11,8 +11,8 @@ from scipy.linalg import toeplitz
 from scipy.special import stdtrit
 from tqdm import tqdm
 
-from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block
 
 Indices = NDArray[np.integer[Any]]
 

@@ -14,9 +14,9 @@ from gimbal_pin.estimation.estimators.colour import colours, joined_columns, sco
 from gimbal_pin.estimation.estimators.instrumental import instrumental, moments, solved
 from gimbal_pin.estimation.estimators.least_squares import joint_weights
 from gimbal_pin.estimation.estimators.physical import physical
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, regression
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks
 
 LEVEL = 0.01
 """Chance that a log on which least squares is not biased is called biased."""
@@ -169,7 +169,7 @@ class BiasCheck:
         return {"noise_share": self.noise, **said, "by_noise": self.by_noise, "sentence": self.sentence}
 
 
-def check_bias(blocks: Regression, asked: WhenTested, method: str = "") -> BiasCheck | None:
+def check_bias(blocks: DesignBlocks, asked: WhenTested, method: str = "") -> BiasCheck | None:
     """Test least squares if asked to; None for "never".
 
     The instruments are simulated with bodies fitted to the same rows.
@@ -178,13 +178,13 @@ def check_bias(blocks: Regression, asked: WhenTested, method: str = "") -> BiasC
     """
     if asked == "never":
         return None
-    rows, first = blocks.rows, blocks.rows.logs[0]
+    rows, first = blocks.design, blocks.design.logs[0]
     noise = noise_share(first, rows.filtering, blocks)
     if asked == "noisy" and noise < NOISY:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
         return BiasCheck(noise, None, f"{little} least squares (--bias tests it all the same)", method)
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
-    judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else regression(replace(rows, logs=(some,)))
+    judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else compute_blocks(replace(rows, logs=(some,)))
     try:
         return BiasCheck(noise, hausman(judged, instruments(judged, physical(judged))), method=method)
     except DataError as error:

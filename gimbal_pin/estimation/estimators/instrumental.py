@@ -9,8 +9,8 @@ import numpy as np
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.estimators.colour import coloured
 from gimbal_pin.estimation.estimators.least_squares import RANK, Estimate, effective_rows, joint_weights, residuals
-from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block
 
 PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""

@@ -14,8 +14,8 @@ from scipy.linalg.lapack import dgeqrf
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.estimators.colour import coloured
-from gimbal_pin.estimation.rows import Block, Rows, rows_behind
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, Design, get_design
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import spread
 
@@ -67,7 +67,7 @@ class Estimate:
 class Estimator(Protocol):
     """Blocks of ``A theta = b`` in, `Estimate` out; the blocks can be iterated more than once.
 
-    Most need nothing but the blocks; the others ask `rows.rows_behind` what the columns stand for.
+    Most need nothing but the blocks; the others ask `design.get_design` what the columns stand for.
     """
 
     def __call__(self, blocks: Sequence[Block]) -> Estimate:
@@ -272,7 +272,7 @@ class Ridge:
     def __call__(self, blocks: Sequence[Block]) -> Estimate:
         """Estimate theta."""
         factors, rows = factor(blocks), effective_rows(blocks)
-        belief = self.belief(rows_behind(blocks), factors.shape[2])
+        belief = self.belief(get_design(blocks), factors.shape[2])
         scale: Array = np.ones(len(factors))
         theta, _, _ = solve(factors, scale)
         for _ in range(PASSES):
@@ -284,7 +284,7 @@ class Ridge:
         out = covariance(blocks, theta, information, scale) + half.T @ half
         return Estimate(theta, out, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "ridge")
 
-    def belief(self, rows: Rows, width: int) -> Array:
+    def belief(self, rows: Design, width: int) -> Array:
         """``[P₀^-½ 0 P₀^-½ beta_0]`` as rows under the data's factors, (k + 1, k + 1)."""
         root = rows.mixing @ spread(rows.rig.phi) * self.trust
         left, values, _ = np.linalg.svd(root, full_matrices=False)

@@ -19,8 +19,8 @@ from gimbal_pin.estimation.estimators.least_squares import (
     solve,
     triangle,
 )
-from gimbal_pin.estimation.rows import Block, Rows, columns_of, rows_behind
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, Design, find_base_columns, get_design
 from gimbal_pin.rig.consistency import WEIGHTS, fitted
 
 PASSES = 3
@@ -44,7 +44,7 @@ def physical(blocks: Sequence[Block]) -> Estimate:
     least, at any price in torque elsewhere; this way there is a price. The solution is the point of a convex set next
     to β: so it is never farther from the truth than β is, in the torque of log and limits together.
     """
-    rows = rows_behind(blocks)
+    rows = get_design(blocks)
     factors, count = factor(blocks), effective_rows(blocks)
     wide = everywhere(rows, factors.shape[2] - 1)
     theta, _, condition = solve(factors, np.ones(len(factors)))
@@ -59,13 +59,13 @@ def physical(blocks: Sequence[Block]) -> Estimate:
     return Estimate(theta, deviations, np.sqrt(power), condition, length, "physical", phi)
 
 
-def everywhere(rows: Rows, width: int) -> Array:
+def everywhere(rows: Design, width: int) -> Array:
     """Each joint's triangular factor of the base columns over states that fill the rig's limits, (n, b, width).
 
     The base stands; mean squares, not sums; the columns of effects are zero.
     """
     states = spread(rows.rig)
-    Y = regressor(rows.rig, states.q, states.v, states.a)[:, :, columns_of(rows.rig, rows.reduction)]
+    Y = regressor(rows.rig, states.q, states.v, states.a)[:, :, find_base_columns(rows.rig, rows.reduction)]
     out = np.zeros((Y.shape[1], Y.shape[2], width))
     out[:, :, : Y.shape[2]] = [triangle(Y[:, j] / np.sqrt(len(Y))) for j in range(Y.shape[1])]
     return out
@@ -109,7 +109,7 @@ def anchored(data: Array, wide: Array) -> Array:
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
 
 
-def bounded(rows: Rows, stacked: Array, weights: Sequence[float] = WEIGHTS) -> tuple[Array, Array]:
+def bounded(rows: Design, stacked: Array, weights: Sequence[float] = WEIGHTS) -> tuple[Array, Array]:
     """Return the bodies and the other coefficients: those that want to leave their bounds stay on them.
 
     Friction drives nothing: its coefficients are not negative. `weights` are what `consistency.fitted` takes.

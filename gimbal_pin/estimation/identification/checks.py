@@ -8,9 +8,8 @@ import numpy as np
 
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.rows import Block, Filtering, Rows, settling
-from gimbal_pin.estimation.rows.channels import Flags
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Block, Design, Filtering, Flags, compute_settling_time
 from gimbal_pin.rig.rig import Rig
 
 LONGEST_INTERVAL = 0.2
@@ -92,14 +91,14 @@ def check_sampling(name: str, dt: float, cutoff: float) -> None:
         raise UsageError(f"{name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
 
 
-def check_enough(rows: Rows, blocks: Sequence[Block]) -> None:
+def check_enough(rows: Design, blocks: Sequence[Block]) -> None:
     """Raise `DataError` if there are fewer rows than three per parameter, or a joint moves without a torque."""
     have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
     if have < want:
         seconds = max((float(np.ptp(log.t)) for log in rows.logs if len(log)), default=0.0)
         name = rows.logs[0].name if rows.logs else "no log"
         what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
-        need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * settling(rows.filtering)
+        need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * compute_settling_time(rows.filtering)
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
     torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
     check_driven(rows.logs[0].name, rows.rig.joints, torque, used_shares(blocks) > DROWNED)

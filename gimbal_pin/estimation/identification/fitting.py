@@ -25,11 +25,11 @@ from gimbal_pin.estimation.identification.checks import check_enough, check_log,
 from gimbal_pin.estimation.identification.identified import Identified, faults
 from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.identification.validation import Validation, accuracy
-from gimbal_pin.estimation.rows import Block, Filtering, Regression, Rows, base_motion, regression
 from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
+from gimbal_pin.regression import Block, Design, DesignBlocks, Filtering, classify_base_motion, compute_blocks
 from gimbal_pin.rig.consistency import Consistent, likeliest, nearest
 from gimbal_pin.rig.rig import Rig
 
@@ -64,7 +64,7 @@ def two_thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
 
 
 def assembled(
-    rows: Rows,
+    rows: Design,
     blocks: Sequence[Block],
     estimate: Estimate,
     tested: Sequence[Block] | None,
@@ -106,18 +106,18 @@ def assembled(
     )
 
 
-def to_model(rows: Rows, estimate: Estimate) -> Model:
+def to_model(rows: Design, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
-    Bodies that were fitted are taken as they are, else those of `Rows.phi`; `consistency.nearest` has physical ones.
+    Bodies that were fitted are taken as they are, else `Design.to_bodies`; `consistency.nearest` has physical ones.
     """
     rig, width = rows.rig, len(rows.reduction.independent)
-    phi = rows.phi(estimate.theta[:width]) if estimate.phi is None else estimate.phi
+    phi = rows.to_bodies(estimate.theta[:width]) if estimate.phi is None else estimate.phi
     known = Estimated(rows.names, rows.units, estimate.theta, estimate.covariance)
-    return Model(rig.with_phi(phi), (*rows.terms(estimate.theta), *rows.stated), known)
+    return Model(rig.with_phi(phi), (*rows.to_terms(estimate.theta), *rows.stated), known)
 
 
-def nearest_physical(rows: Rows, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
+def nearest_physical(rows: Design, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
     """Return the most likely bodies, how far off the nearest are, and the change in base parameters, (b,)."""
     width = len(rows.reduction.independent)
     if estimate.phi is not None:
@@ -132,7 +132,7 @@ def given_beta(rig: Rig, reduction: Reduction) -> Array:
     return reduction.mixing @ rig.phi[columns(rig)[1]]
 
 
-Fit = Callable[[Filtering], tuple[Regression, Estimate]]
+Fit = Callable[[Filtering], tuple[DesignBlocks, Estimate]]
 
 
 def usual_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
@@ -152,7 +152,7 @@ def least_deviations(fit: Fit, filters: Filtering, names: Sequence[str]) -> Arra
         names: The parameters that were estimated.
     """
     blocks, estimate = fit(replace(filters, cutoff=max(WIDE, filters.cutoff)))
-    return cramer_rao(blocks, estimate.theta) if tuple(blocks.rows.names) == tuple(names) else None
+    return cramer_rao(blocks, estimate.theta) if tuple(blocks.design.names) == tuple(names) else None
 
 
 @one_thread()
@@ -206,17 +206,17 @@ def identify(
     parted = Parted(rig, train, test, filters, estimator, base)
     trial, left_out = parted.without_overfitted(everything)
     blocks, estimate, tested = trial
-    everything = blocks.rows.effects
+    everything = blocks.design.effects
     check_assignment(blocks, estimate)
     estimate, missed = with_misfit(blocks, estimate)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
-    found = assembled(blocks.rows, blocks, estimate, tested, how, trust)
+    found = assembled(blocks.design, blocks, estimate, tested, how, trust)
     mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
     judged = check_bias(blocks, examined, estimate.method)
     parting = None
     if examined != "never":
-        parting = payload_change.compare_halves([*blocks, *(tested or ())], blocks.rows)
+        parting = payload_change.compare_halves([*blocks, *(tested or ())], blocks.design)
     # Noise in the angles biases either half in its own way: that is said already, and is no second rig.
     noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
     notes += (payload_change.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
@@ -239,9 +239,9 @@ def identify(
 class Trial(NamedTuple):
     """A fit: the rows, what was estimated from them, and the rows that were held out."""
 
-    blocks: Regression
+    blocks: DesignBlocks
     estimate: Estimate
-    tested: Regression | None
+    tested: DesignBlocks | None
 
     @property
     def validation(self) -> Validation | None:
@@ -249,7 +249,7 @@ class Trial(NamedTuple):
         if not self.tested:
             return None
         each = ((self.blocks, "training part"), (self.tested, "held-out part"))
-        return Validation(*(accuracy(self.blocks.rows.rig.joints, x, self.estimate.theta, how) for x, how in each))
+        return Validation(*(accuracy(self.blocks.design.rig.joints, x, self.estimate.theta, how) for x, how in each))
 
 
 @dataclass(frozen=True)
@@ -266,18 +266,18 @@ class Parted:
     def fit(self, effects: tuple[Effect, ...]) -> Trial:
         """Fit with some effects."""
         blocks, estimate = fitted(self.rig, effects, self.train, self.filters, self.estimator, self.base)
-        return Trial(blocks, estimate, regression(replace(blocks.rows, logs=self.test)) if self.test else None)
+        return Trial(blocks, estimate, compute_blocks(replace(blocks.design, logs=self.test)) if self.test else None)
 
     def without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
         trial, left_out = self.fit(effects), list[Doubt]()
         always = friction_effects(self.rig.joints)
         for joint in dict.fromkeys(effect.joint for effect in effects if effect not in always):
-            mine = [one for one in trial.blocks.rows.effects if one.joint == joint and one not in always]
+            mine = [one for one in trial.blocks.design.effects if one.joint == joint and one not in always]
             full = trial.validation
             if full is None:
                 break
-            plain = self.fit(tuple(one for one in trial.blocks.rows.effects if one not in mine))
+            plain = self.fit(tuple(one for one in trial.blocks.design.effects if one not in mine))
             if plain.validation is None or full.holds_beside(plain.validation, joint):
                 continue
             trial = plain
@@ -322,14 +322,14 @@ def fitted(
     filters: Filtering,
     estimator: Estimator,
     base: BaseMotion,
-) -> tuple[Regression, Estimate]:
+) -> tuple[DesignBlocks, Estimate]:
     """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
 
     Raises:
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
-    rows = Rows(rig, reduce(rig, base=base), effects, logs, filters)
-    blocks = regression(rows)
+    rows = Design(rig, reduce(rig, base=base), effects, logs, filters)
+    blocks = compute_blocks(rows)
     check_enough(rows, blocks)
     estimate = estimator(blocks)
     if base != "fixed" and unseen(rows.names, blocks, estimate):
@@ -340,4 +340,4 @@ def fitted(
 
 def greatest_base_motion(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
     """Return the greatest motion of the base in some logs."""
-    return max((base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")
+    return max((classify_base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")

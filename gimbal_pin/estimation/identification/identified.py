@@ -20,9 +20,9 @@ from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.estimators.hausman import BiasCheck
 from gimbal_pin.estimation.identification.misfit import Misfit
 from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
-from gimbal_pin.estimation.rows import Filtering, camera_body, excerpt, over_phi
 from gimbal_pin.log.calibration import Mounting
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering, find_camera_body, map_phi_to_base, subsample_log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import Consistent
 from gimbal_pin.rig.inertia import to_urdf
@@ -41,7 +41,7 @@ MIXED = 1e-9
 
 def faults(rig: Rig, logs: Sequence[Log]) -> tuple[str, ...]:
     """Audit rectified logs as `diagnose` does, worst fault first; of long ones an `excerpt`."""
-    found = [(log.name, fault) for log in logs for fault in audit(rig, excerpt(log).log).faults]
+    found = [(log.name, fault) for log in logs for fault in audit(rig, subsample_log(log).log).faults]
     worst_first = sorted(found, key=lambda each: not each[1].makes_physics_unreliable)
     serious = [(name, fault) for name, fault in worst_first if not fault.slight]
     return tuple(
@@ -186,7 +186,7 @@ class Identified:
         """Mass, centre of mass and inertia of the nearest physical bodies, with their deviations."""
         width, rig = len(self.reduction.independent), self.model.rig
         covariance = self.estimate.covariance[:width, :width]
-        mixing = over_phi(rig, self.reduction)
+        mixing = map_phi_to_base(rig, self.reduction)
         known = self.estimate.theta[:width], covariance
         return bodies(rig.links, self.given, self.consistent.phi, mixing, *known, self.trust)
 
@@ -196,8 +196,8 @@ class Identified:
         rig, names = self.model.rig, [kind.name for kind in ALWAYS]
         base = self.reduction.mixing @ self.given[columns(rig)[1]]
         if self.swapped:
-            mine = slice(10 * camera_body(rig), 10 * camera_body(rig) + 10)
-            base = np.where(np.any(np.abs(over_phi(rig, self.reduction)[:, mine]) > MIXED, axis=1), np.nan, base)
+            mine = slice(10 * find_camera_body(rig), 10 * find_camera_body(rig) + 10)
+            base = np.where(np.any(np.abs(map_phi_to_base(rig, self.reduction)[:, mine]) > MIXED, axis=1), np.nan, base)
         others = np.full(len(self.names) - len(base), np.nan)
         at = 0
         for term in self.model.terms:

@@ -17,8 +17,8 @@ import numpy as np
 
 from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.estimators.least_squares import RANK, effective_rows, factor, joint_weights, solve, triangle
-from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block
 from gimbal_pin.rig.brief import brief
 
 ANGLES, RATES, SIGNED = 24, 12, 6

@@ -12,8 +12,8 @@ from gimbal_pin.dynamics.model import Doubt
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.estimation.estimators.colour import autocovariance, series
 from gimbal_pin.estimation.identification.checks import FAINT
-from gimbal_pin.estimation.rows import Block
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block
 from gimbal_pin.rig.brief import brief
 
 EXPLAINED = 90.0

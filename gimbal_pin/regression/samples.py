@@ -1,4 +1,4 @@
-"""A log resampled, smoothed and differentiated, stretch by stretch: what the regressor is evaluated at."""
+"""A log resampled, smoothed and differentiated, segment by segment: what the regressor is evaluated at."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from gimbal_pin.log.platform import BaseMotion, Platform
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-FINE = 200.0
+LEAST_RATE = 200.0
 """Least rate of decimated channels, samples per second."""
-CLEAR = 6.0
+LEAST_CORNERS = 6.0
 """The same in corners of the smoother."""
-SHORTEST = 8
-"""A stretch of fewer samples than this is too short to estimate noise from, and its filters leave no row."""
+SHORTEST_SEGMENT = 8
+"""A segment of fewer samples than this is too short to estimate noise from, and its filters leave no row."""
 EXCERPT_SECONDS = 120.0
-"""Time that is looked at, s, or as many rows as that has at `FINE`."""
+"""Time that is looked at, s, or as many rows as that has at `LEAST_RATE`."""
 EXCERPT_PARTS = 8
 """Stretches: 15 s each, forty times what filters lose at their ends; a drift is seen at eight times."""
 EXCERPT_FROM = 2.0
-"""Logs of so many times that are not looked at as a whole: what is left out between two stretches is then a pause."""
+"""Logs of so many times that are not looked at as a whole: what is left out between two segments is then a pause."""
 
 
 @dataclass(frozen=True)
@@ -49,22 +49,22 @@ class Filtering:
     alignment: float | None = None
 
 
-def settling(filtering: Filtering) -> float:
+def compute_settling_time(filtering: Filtering) -> float:
     """Time around a sample that its row depends on, s: both filters' memory."""
     return signals.settling(filtering.cutoff) + signals.settling(filtering.cutoff * filtering.smoothing)
 
 
-def thinning(filtering: Filtering, dt: float) -> int:
-    """Return the whole factor by which smoothed channels can be decimated: to `CLEAR` corners of the smoother, Hz.
+def compute_decimation(filtering: Filtering, dt: float) -> int:
+    """Return the whole factor by which smoothed channels can be decimated: to `LEAST_CORNERS` of the smoother.
 
     Of what folds back into the band the noise of the acceleration, which rises with f², is the largest. At a rate of r
     corners c of a smoother of `signals.ORDER` 3, run twice, it comes from near r c and has ``r² / (1 + r⁶)`` of what it
-    has at the corner: 1/1300 at 6. Columns that jump are smoothed before, at the full rate. Beside it, `FINE`.
+    has at the corner: 1/1300 at 6. Columns that jump are smoothed before, at the full rate. Beside it, `LEAST_RATE`.
     """
-    return max(1, int(1.000001 / (max(FINE, CLEAR * filtering.cutoff * filtering.smoothing) * dt)))
+    return max(1, int(1.000001 / (max(LEAST_RATE, LEAST_CORNERS * filtering.cutoff * filtering.smoothing) * dt)))
 
 
-class Stretch(NamedTuple):
+class Segment(NamedTuple):
     """Uniform grid over a part of a log: `length` samples every `dt` s from `start`.
 
     The part has no holes but those whose begin and end, s, are in `holes`, (k, 2); `log` has them filled where the
@@ -79,7 +79,7 @@ class Stretch(NamedTuple):
     holes: Array
 
 
-def stretches(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Stretch]:
+def split_segments(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Segment]:
     """Yield the parts of a log between holes; what the motion itself closes is none.
 
     Args:
@@ -87,7 +87,7 @@ def stretches(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Stretch]
         cutoff: Highest frequency that will be looked at, Hz.
         across: Holes up to so long, s, do not part it either: for those who only look at what was measured.
     """
-    if len(log) < SHORTEST:
+    if len(log) < SHORTEST_SEGMENT:
         return
     log, closed = filled(log, cutoff)
     dt, gaps = log.dt, holes(log, cutoff)
@@ -96,18 +96,18 @@ def stretches(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Stretch]
     closed = np.sort(np.concatenate([closed, ends[passed]]), axis=0)
     edges = [0, *(gaps[~passed] + 1).tolist(), len(log)]
     for first, last in itertools.pairwise(edges):
-        if last - first >= SHORTEST:
+        if last - first >= SHORTEST_SEGMENT:
             span = log.t[last - 1] - log.t[first]
             count = int(span / dt * (1 + 1e-9)) + 1
             # The grid's own interval makes it end on the last sample: an interval rounded from jitter would drift.
-            yield Stretch(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count, closed)
+            yield Segment(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count, closed)
 
 
 Flags = NDArray[np.bool_]
 
 
-class Channels(NamedTuple):
-    """A stretch of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
+class Samples(NamedTuple):
+    """A segment of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
 
     `platform` is the motion of the base, through the same filter; None where it stands upright. `lost` flags the
     samples in holes of the log, (m,), which were not measured; None where there is no hole.
@@ -126,29 +126,31 @@ class Channels(NamedTuple):
         """See `brief`."""
         return brief(self)
 
-    def every(self, rows: slice) -> Channels:
+    def select(self, rows: slice) -> Samples:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
         t, q, v, a, tau = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau))
         lost = None if self.lost is None else self.lost[rows]
-        return Channels(t, q, v, a, tau, self.rate_std, platform, lost)
+        return Samples(t, q, v, a, tau, self.rate_std, platform, lost)
 
 
-def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carrier: str | None = None) -> Channels:
-    """Return grid samples first ... last - 1 of a stretch: resampled, smoothed and differentiated.
+def smooth_samples(
+    segment: Segment, filtering: Filtering, first: int, last: int, base_link: str | None = None
+) -> Samples:
+    """Return grid samples first ... last - 1 of a segment: resampled, smoothed and differentiated.
 
     Args:
-        stretch: The stretch.
+        segment: The segment.
         filtering: Filter and alignment.
         first: First sample of the grid.
         last: The one after the last.
-        carrier: Link whose IMU says how the base moves, its rate and specific force passing the same filter.
+        base_link: Link whose IMU says how the base moves, its rate and specific force passing the same filter.
     """
-    log, dt = stretch.log, stretch.dt
+    log, dt = segment.log, segment.dt
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
-    grid = np.asarray(stretch.start + dt * np.arange(first, last), dtype=np.float64)
-    near = samples_around(stretch, filtering, grid)
+    grid = np.asarray(segment.start + dt * np.arange(first, last), dtype=np.float64)
+    near = find_log_rows(segment, filtering, grid)
     t = log.t[near]
     sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / dt)
     raw_q = signals.resample(t, log.q[near], grid)
@@ -157,34 +159,34 @@ def smoothed(stretch: Stretch, filtering: Filtering, first: int, last: int, carr
     rate_std = signals.noise_std(raw_q) * signals.noise_gain(sections, 1 / dt, 1)
     if log.v is not None:
         raw_v = signals.resample(t, log.v[near], grid)
-        v, rate_std = fused(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
-    tau = signals.zero_phase(torque(stretch, filtering, grid), sections)
-    platform = None if carrier is None else base_motion_on(log, carrier, near, grid, sections)
-    lost = inside(stretch.holes, grid) if len(stretch.holes) else None
-    return Channels(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
+        v, rate_std = fuse_rates(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
+    tau = signals.zero_phase(resample_torque(segment, filtering, grid), sections)
+    platform = None if base_link is None else resample_base_motion(log, base_link, near, grid, sections)
+    lost = inside(segment.holes, grid) if len(segment.holes) else None
+    return Samples(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
 
 
-def torque_delay(stretch: Stretch, filtering: Filtering) -> float:
+def compute_torque_delay(segment: Segment, filtering: Filtering) -> float:
     """Time by which the torque acts later than its stamp, s."""
-    return stretch.dt / 2 if filtering.alignment is None else filtering.alignment
+    return segment.dt / 2 if filtering.alignment is None else filtering.alignment
 
 
-def samples_around(stretch: Stretch, filtering: Filtering, grid: Array) -> slice:
+def find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice:
     """Rows of the log that a grid is resampled from."""
-    reach = 4 * stretch.dt + abs(torque_delay(stretch, filtering))
-    begin, end = np.searchsorted(stretch.log.t, [grid[0] - reach, grid[-1] + reach])
-    return slice(max(begin, stretch.rows.start), min(end, stretch.rows.stop))
+    reach = 4 * segment.dt + abs(compute_torque_delay(segment, filtering))
+    begin, end = np.searchsorted(segment.log.t, [grid[0] - reach, grid[-1] + reach])
+    return slice(max(begin, segment.rows.start), min(end, segment.rows.stop))
 
 
-def torque(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
+def resample_torque(segment: Segment, filtering: Filtering, grid: Array) -> Array:
     """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
-    log, near = stretch.log, samples_around(stretch, filtering, grid)
+    log, near = segment.log, find_log_rows(segment, filtering, grid)
     assert log.tau is not None
-    return signals.resample(log.t[near] + torque_delay(stretch, filtering), log.tau[near], grid)
+    return signals.resample(log.t[near] + compute_torque_delay(segment, filtering), log.tau[near], grid)
 
 
-class Logged(NamedTuple):
-    """The torque of a stretch before it was smoothed, and how another comes from it to the samples of its channels.
+class UnfilteredTorque(NamedTuple):
+    """The torque of a segment before it was smoothed, and how another comes from it to the samples of its channels.
 
     Attributes:
         t: Times at which the samples of the log act, s, (L,).
@@ -207,13 +209,15 @@ class Logged(NamedTuple):
         return brief(self)
 
     @staticmethod
-    def of(stretch: Stretch, filtering: Filtering, grid: Array, step: int) -> Logged:
-        """What `smoothed` was given to come to every `step`-th sample of a grid."""
-        log, near = stretch.log, samples_around(stretch, filtering, grid)
+    def of(segment: Segment, filtering: Filtering, grid: Array, step: int) -> UnfilteredTorque:
+        """What `smooth_samples` was given to come to every `step`-th sample of a grid."""
+        log, near = segment.log, find_log_rows(segment, filtering, grid)
         assert log.tau is not None
         cutoff = filtering.cutoff * filtering.smoothing
-        sections = signals.lowpass(cutoff, 1 / stretch.dt)
-        return Logged(log.t[near] + torque_delay(stretch, filtering), log.tau[near], grid, sections, step, cutoff)
+        sections = signals.lowpass(cutoff, 1 / segment.dt)
+        return UnfilteredTorque(
+            log.t[near] + compute_torque_delay(segment, filtering), log.tau[near], grid, sections, step, cutoff
+        )
 
     def smoothed(self, torque: Array) -> Array:
         """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,)."""
@@ -221,23 +225,23 @@ class Logged(NamedTuple):
         return np.asarray(signals.zero_phase(even, self.sections)[:: self.step, 0])
 
 
-def impulse(stretch: Stretch, filtering: Filtering, grid: Array) -> Array:
+def compute_lost_impulse(segment: Segment, filtering: Filtering, grid: Array) -> Array:
     """``∫τ dt - h * ∫τ dt``: what the smoother h takes off the torque's impulse, N m s, (m, n)."""
-    tau = torque(stretch, filtering, grid)
-    whole = cumulative_trapezoid(tau, dx=stretch.dt, axis=0, initial=0.0)
-    return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / stretch.dt))
+    tau = resample_torque(segment, filtering, grid)
+    whole = cumulative_trapezoid(tau, dx=segment.dt, axis=0, initial=0.0)
+    return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / segment.dt))
 
 
-def base_motion_on(log: Log, carrier: str, near: slice, grid: Array, sections: Array) -> Platform:
+def resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sections: Array) -> Platform:
     """Return the base's motion on a uniform grid, smoothed like the other channels."""
-    imu, t = log.imus[carrier], log.t[near]
+    imu, t = log.imus[base_link], log.t[near]
     if imu.gyro is None or imu.accel is None:
-        raise UsageError(log.name, f"lacks the gyro or the accelerometer of {carrier}", "give both, or neither")
+        raise UsageError(log.name, f"lacks the gyro or the accelerometer of {base_link}", "give both, or neither")
     w, f = (signals.zero_phase(signals.resample(t, x[near], grid), sections) for x in (imu.gyro, imu.accel))
     return Platform(grid, f, w, signals.differentiate(w, float(grid[1] - grid[0])))
 
 
-def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
+def fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
     """Combine the angle's derivative with the measured rate; return rate and its standard deviation.
 
     The derivative of an angle with white noise σ_q is the better rate below the frequency where 2π f σ_q = σ_v, the
@@ -268,15 +272,15 @@ def fused(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) 
     return out, rate_std
 
 
-def moving_base_link(rig: Rig, log: Log) -> str | None:
+def find_moving_base(rig: Rig, log: Log) -> str | None:
     """Return the base link if its IMU says that the base moves or leans; None where it stands or has no IMU."""
-    return None if base_motion(rig, log) == "fixed" else rig.base
+    return None if classify_base_motion(rig, log) == "fixed" else rig.base
 
 
-def base_motion(rig: Rig, log: Log) -> BaseMotion:
+def classify_base_motion(rig: Rig, log: Log) -> BaseMotion:
     """Return what the base does in a log, as its IMU says; "fixed" where it has none."""
     imu = log.imus.get(rig.base)
-    if imu is None or imu.gyro is None or imu.accel is None or len(log) < SHORTEST:
+    if imu is None or imu.gyro is None or imu.accel is None or len(log) < SHORTEST_SEGMENT:
         return "fixed"
     return Platform.measured(log.t, imu, log.name).motion
 
@@ -288,15 +292,15 @@ class Excerpt(NamedTuple):
     note: str = ""
 
 
-def excerpt(log: Log, used: float = EXCERPT_SECONDS, count: int = EXCERPT_PARTS) -> Excerpt:
-    """Return stretches that last `used` seconds together, spread evenly over the rows, the first and the last included.
+def subsample_log(log: Log, used: float = EXCERPT_SECONDS, count: int = EXCERPT_PARTS) -> Excerpt:
+    """Return segments that last `used` seconds together, spread evenly over the rows, the first and the last included.
 
     They are one log with pauses, so that filters end there. A log of less than `EXCERPT_FROM` times that is returned
     whole.
     """
-    rows = round(used / count / min(log.dt if len(log) > 1 else np.inf, 1.0 / FINE))
+    rows = round(used / count / min(log.dt if len(log) > 1 else np.inf, 1.0 / LEAST_RATE))
     if len(log) <= EXCERPT_FROM * count * rows:
         return Excerpt(log)
     starts = np.linspace(0, len(log) - rows, count).round().astype(int)
-    note = f"{log.name}: used {count} stretches of {rows * log.dt:.3g} s out of {len(log) * log.dt / 60:.3g} min"
+    note = f"{log.name}: used {count} segments of {rows * log.dt:.3g} s out of {len(log) * log.dt / 60:.3g} min"
     return Excerpt(log.part((starts[:, None] + np.arange(rows)).ravel()), note)

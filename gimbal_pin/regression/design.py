@@ -17,44 +17,46 @@ from gimbal_pin.dynamics.reduction import Reduction, units
 from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.rows.channels import (
-    Channels,
-    Filtering,
-    Flags,
-    Stretch,
-    moving_base_link,
-    settling,
-    smoothed,
-    stretches,
-    thinning,
-)
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression.samples import (
+    Filtering,
+    Flags,
+    Samples,
+    Segment,
+    compute_decimation,
+    compute_settling_time,
+    find_moving_base,
+    smooth_samples,
+    split_segments,
+)
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-STANDSTILL = 2.0
+STANDSTILL_DEVIATIONS = 2.0
 """A rate under this many of its own standard deviations does not tell its sign: at it one in 44 is wrong."""
-TAPER = 0.1
+MASK_TAPER = 0.1
 """Width over which the mask around a standstill opens, in periods of the cutoff. At half a period the mask takes what
 shows inertia best, the turns: on real logs of slow swings 85 % of the samples, for a model three times worse."""
-MEMORY = 0.5
+SMOOTHER_MEMORY = 0.5
 """Reach of the smoother, in periods of its cutoff."""
-CHUNK = 4096
+CHUNK_SAMPLES = 4096
 """Decimated samples whose columns are held at once."""
 
 
-def standstill(channels: Channels, filtering: Filtering) -> Flags:
+def find_standstill(channels: Samples, filtering: Filtering) -> Flags:
     """Samples at which the smoothed rate has no certain sign, or that were not measured, (m, n).
 
     It is under some of its own standard deviations, or changes its sign; what fills a hole is carried by the smoother
     to its neighbours.
     """
-    still = slow(channels)
-    return still if channels.lost is None else still | dilated(channels.lost[:, None], memory(channels, filtering))
+    still = find_slow_samples(channels)
+    if channels.lost is None:
+        return still
+    return still | dilate_flags(channels.lost[:, None], count_smoother_memory(channels, filtering))
 
 
-def slow(channels: Channels, sure: float = STANDSTILL) -> Flags:
+def find_slow_samples(channels: Samples, sure: float = STANDSTILL_DEVIATIONS) -> Flags:
     """Whether the rate is under so many deviations, or changes its sign, or was not measured, (m, n)."""
     still = np.abs(channels.v) < sure * channels.rate_std
     still[1:] |= channels.v[1:] * channels.v[:-1] < 0
@@ -63,58 +65,59 @@ def slow(channels: Channels, sure: float = STANDSTILL) -> Flags:
     return np.asarray(still)
 
 
-def memory(channels: Channels, filtering: Filtering) -> int:
+def count_smoother_memory(channels: Samples, filtering: Filtering) -> int:
     """Samples that the smoother reaches to either side."""
-    return int(np.ceil(MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
+    return int(np.ceil(SMOOTHER_MEMORY / (filtering.cutoff * filtering.smoothing * (channels.t[1] - channels.t[0]))))
 
 
-def sliding(v: Array, a: Array, dt: float) -> Array:
+def compute_direction(v: Array, a: Array, dt: float) -> Array:
     """``∫ sign(v + a s) ds / dt`` over a sample, s in ±dt/2: the mean direction while it lasts, (m, n), in [-1, 1].
 
-    The sign itself would put every turn on a sample: up to half an interval of twice the dry friction too much.
+    What a coarse grid sees of the sign: exact where the rate is straight over the interval, and differentiable. The
+    sign itself would put every turn on a sample: up to half an interval of twice the dry friction too much.
     """
     return np.clip(2 * v / np.maximum(np.abs(a) * dt, 1e-300), -1.0, 1.0)
 
 
-def mask(still: Flags, taper: int) -> Array:
+def build_mask(still: Flags, taper: int) -> Array:
     """Weight 0 at standstill, rising smoothly to 1 over `taper` samples, (m, n).
 
     A mask with sharp edges would fold the noise above the cutoff into the band that the filter keeps.
     """
     half = max(taper // 2, 1)
-    opened = 1.0 - dilated(still, 2 * half)
+    opened = 1.0 - dilate_flags(still, 2 * half)
     for _ in range(2):
         opened = uniform_filter1d(opened, 2 * (half // 2) + 1, axis=0, mode="nearest")
     return np.where(still, 0.0, np.clip(opened, 0.0, 1.0))
 
 
-def dilated(still: Flags, reach: int) -> Flags:
+def dilate_flags(still: Flags, reach: int) -> Flags:
     """Whether a sample is within `reach` samples of one of `still`, (m, n)."""
     return uniform_filter1d(still.astype(float), 2 * reach + 1, axis=0, mode="constant") > 1e-9
 
 
-def columns_of(rig: Rig, reduction: Reduction) -> Array:
+def find_base_columns(rig: Rig, reduction: Reduction) -> Array:
     """Places in `Rig.phi` of the reduction's independent columns."""
     names, places = columns(rig)
     index = dict(zip(names, places))
     return np.array([index[reduction.names[j]] for j in reduction.independent])
 
 
-def over_phi(rig: Rig, reduction: Reduction) -> Array:
+def map_phi_to_base(rig: Rig, reduction: Reduction) -> Array:
     """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
     out = np.zeros((len(reduction.independent), 10 * rig.n))
     out[:, columns(rig)[1]] = reduction.mixing
     return out
 
 
-def camera_body(rig: Rig) -> int:
+def find_camera_body(rig: Rig) -> int:
     """Return the body (from 0) that carries the camera."""
     link = rig.payload_link or rig.camera_frame
     return int(rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)].parentJoint or rig.n) - 1
 
 
 class Block(NamedTuple):
-    """Rows of one stretch of one trajectory.
+    """Design of one segment of one trajectory.
 
     Attributes:
         t: Time, s, (m,).
@@ -138,7 +141,7 @@ class Block(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Design:
     """The regression ``A theta = b`` of logs against base parameters and effects; iterating recomputes the blocks.
 
     Attributes:
@@ -184,18 +187,18 @@ class Rows:
     @property
     def mixing(self) -> Array:
         """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
-        return over_phi(self.rig, self.reduction)
+        return map_phi_to_base(self.rig, self.reduction)
 
-    def phi(self, beta: Array) -> Array:
+    def to_bodies(self, beta: Array) -> Array:
         """Bodies of these base parameters, (10 n,): the independent columns take the change, others stay as given.
 
         No other split is more right, as no torque can tell them apart.
         """
         phi = self.rig.phi.copy()
-        phi[columns_of(self.rig, self.reduction)] += beta - self.mixing @ phi
+        phi[find_base_columns(self.rig, self.reduction)] += beta - self.mixing @ phi
         return phi
 
-    def terms(self, theta: Array) -> tuple[Term, ...]:
+    def to_terms(self, theta: Array) -> tuple[Term, ...]:
         """Return the effects with their coefficients out of theta, (k,)."""
         out, at = [], len(self.reduction.independent)
         for effect in self.effects:
@@ -207,49 +210,51 @@ class Rows:
     def __iter__(self) -> Iterator[Block]:
         """Yield the blocks of every trajectory in time order."""
         for log in self.logs:
-            carrier = moving_base_link(self.rig, log)
-            for stretch in stretches(log, self.filtering.cutoff):
-                yield from self.blocks(stretch, carrier)
+            carrier = find_moving_base(self.rig, log)
+            for segment in split_segments(log, self.filtering.cutoff):
+                yield from self.build_blocks(segment, carrier)
 
-    def blocks(self, stretch: Stretch, carrier: str | None = None) -> Iterator[Block]:
-        """Yield one stretch's blocks; each is computed with enough samples around it for the filters to settle.
+    def build_blocks(self, segment: Segment, carrier: str | None = None) -> Iterator[Block]:
+        """Yield one segment's blocks; each is computed with enough samples around it for the filters to settle.
 
         Args:
-            stretch: The stretch.
-            carrier: The link whose IMU says how the base moves, see `moving_base_link`.
+            segment: The segment.
+            carrier: The link whose IMU says how the base moves, see `find_moving_base`.
         """
-        pad = int(np.ceil(settling(self.filtering) / stretch.dt))
-        thin = thinning(self.filtering, stretch.dt)
-        step, chunk = thin * max(1, round(1.0 / (2 * self.filtering.cutoff * stretch.dt * thin))), thin * CHUNK
-        for begin in range(pad, stretch.length - pad, chunk):
-            end = min(begin + chunk, stretch.length - pad)
+        pad = int(np.ceil(compute_settling_time(self.filtering) / segment.dt))
+        thin = compute_decimation(self.filtering, segment.dt)
+        step, chunk = thin * max(1, round(1.0 / (2 * self.filtering.cutoff * segment.dt * thin))), thin * CHUNK_SAMPLES
+        for begin in range(pad, segment.length - pad, chunk):
+            end = min(begin + chunk, segment.length - pad)
             first, last = begin - pad, end + pad
-            channels = smoothed(stretch, self.filtering, first, last, carrier)
+            channels = smooth_samples(segment, self.filtering, first, last, carrier)
             keep = slice(pad + -begin % step, pad + end - begin, step)
             if keep.start < keep.stop:
-                yield self.block(channels, keep, 1.0 / stretch.dt)
+                yield self.build_block(channels, keep, 1.0 / segment.dt)
 
-    def block(self, channels: Channels, keep: slice, rate: float) -> Block:
+    def build_block(self, channels: Samples, keep: slice, rate: float) -> Block:
         """Return the rows at the samples `keep` of the channels.
 
         A joint's equation holds at every sample, so it may be multiplied by any mask before the filter: the samples
         near standstill, where the direction of dry friction is unknown, are masked out, and the equation stays exact.
-        What is smooth then is decimated before the bodies' columns are computed and all is filtered, see `thinning`.
+        What is smooth is decimated, see `compute_decimation`, before the bodies' columns are computed and filtered.
         """
         begin, end, step = keep.indices(len(channels.t))
-        thin = gcd(step, thinning(self.filtering, 1.0 / rate))
+        thin = gcd(step, compute_decimation(self.filtering, 1.0 / rate))
         offset = begin % thin
         few, rows = slice(offset, None, thin), slice(begin // thin, (end - 1 - offset) // thin + 1, step // thin)
-        still = standstill(channels, self.filtering)
-        moving = mask(still, round(TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
+        still = find_standstill(channels, self.filtering)
+        moving = (
+            build_mask(still, round(MASK_TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
+        )
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         smoother = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
-        jumping = filtered(self.effect_columns(channels), smoother, few)
-        channels, moving = channels.every(few), moving[few]
+        jumping = filter_columns(self.compute_effect_columns(channels), smoother, few)
+        channels, moving = channels.select(few), moving[few]
         sections = signals.lowpass(self.filtering.cutoff, rate / thin)
-        rigid = self.rigid_columns(channels)
-        tau = channels.tau - self.unfitted(channels, rigid) - self.stated_torque(channels)
-        A = filtered(np.concatenate([rigid, jumping], axis=2), sections, rows, moving)
+        rigid = self.compute_rigid_columns(channels)
+        tau = channels.tau - self.compute_unfitted_torque(channels, rigid) - self.compute_stated_torque(channels)
+        A = filter_columns(np.concatenate([rigid, jumping], axis=2), sections, rows, moving)
         b, share = (signals.zero_phase(x, sections)[rows] for x in (tau * moving, moving))
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         return Block(
@@ -261,12 +266,12 @@ class Rows:
             np.clip(share, 0.0, 1.0),
         )
 
-    def rigid_columns(self, channels: Channels) -> Array:
+    def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""
-        places = columns_of(self.rig, self.reduction)
+        places = find_base_columns(self.rig, self.reduction)
         return regressor(self.rig, channels.q, channels.v, channels.a, channels.platform, places)
 
-    def unfitted(self, channels: Channels, rigid: Array) -> Array | float:
+    def compute_unfitted_torque(self, channels: Samples, rigid: Array) -> Array | float:
         """``Y phi - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
 
         Nothing, unless the base moves in a way that shows parameters which are not among them: these stay as given.
@@ -276,12 +281,12 @@ class Rows:
         whole = rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
         return whole - rigid @ (self.reduction.mixing @ self.rig.phi[columns(self.rig)[1]])
 
-    def stated_torque(self, channels: Channels) -> Array:
+    def compute_stated_torque(self, channels: Samples) -> Array:
         """Torque of what is known, N m, (m, n)."""
-        columns = self.effect_columns(channels, [term.effect for term in self.stated])
+        columns = self.compute_effect_columns(channels, [term.effect for term in self.stated])
         return columns @ np.array([value for term in self.stated for value in term.values])
 
-    def effect_columns(self, channels: Channels, effects: Sequence[Effect] | None = None) -> Array:
+    def compute_effect_columns(self, channels: Samples, effects: Sequence[Effect] | None = None) -> Array:
         """Columns of these effects, or of the rows' own, (m, n, e)."""
         slide, effects = np.sign(channels.v), self.effects if effects is None else effects
         width = sum(len(effect.coefficients) for effect in effects)
@@ -299,7 +304,7 @@ class Rows:
         return out
 
 
-def filtered(columns: Array, sections: Array, keep: slice, mask: Array | None = None) -> Array:
+def filter_columns(columns: Array, sections: Array, keep: slice, mask: Array | None = None) -> Array:
     """Run the sections forwards and backwards over columns, (m, n, k), and return the samples `keep`, (r, n, k).
 
     Joint by joint, and only those columns that a joint feels: of a long chain's most feel hardly half.
@@ -315,15 +320,15 @@ def filtered(columns: Array, sections: Array, keep: slice, mask: Array | None = 
 
 
 @dataclass(frozen=True, eq=False)
-class Regression(Sequence[Block]):
-    """Blocks, computed once, and the rows that they are: for estimators that must know what the columns stand for.
+class DesignBlocks(Sequence[Block]):
+    """Blocks, computed once, and the design that they are of: for estimators that must know what the columns stand for.
 
     Attributes:
-        rows: What they were computed from.
+        design: What they were computed from.
         blocks: The blocks.
     """
 
-    rows: Rows
+    design: Design
     blocks: tuple[Block, ...]
 
     @overload
@@ -341,14 +346,14 @@ class Regression(Sequence[Block]):
         return len(self.blocks)
 
 
-def rows_behind(blocks: Sequence[Block]) -> Rows:
-    """Return the rows that blocks are; `UsageError` where they are mixed from several."""
-    if not isinstance(blocks, Regression):
+def get_design(blocks: Sequence[Block]) -> Design:
+    """Return the design that blocks are of; `UsageError` where they are mixed from several."""
+    if not isinstance(blocks, DesignBlocks):
         what = "needs to know the rig behind its rows, and these are mixed from several payloads'"
         raise UsageError("this estimator", what, "use weighted, ols or robust, or identify each payload alone")
-    return blocks.rows
+    return blocks.design
 
 
-def regression(rows: Rows) -> Regression:
+def compute_blocks(design: Design) -> DesignBlocks:
     """Compute every block once and keep them: after decimation even a million samples are some 20 MB."""
-    return Regression(rows, tuple(tqdm(rows, "rows", unit="block", disable=None, leave=False, delay=2)))
+    return DesignBlocks(design, tuple(tqdm(design, "rows", unit="block", disable=None, leave=False, delay=2)))
