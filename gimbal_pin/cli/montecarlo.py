@@ -17,7 +17,7 @@ from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import affordable
 
 if TYPE_CHECKING:
-    from gimbal_pin.fleet.engine import ExecutorFactory
+    from gimbal_pin.fleet.engine import Capacity, ExecutorFactory
 
 PAGE = "report.html"
 
@@ -37,15 +37,15 @@ class Workers:
     yes: Yes = False
 
     @contextmanager
-    def running(self) -> Iterator[tuple[ExecutorFactory | None, int]]:
+    def running(self) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
         """Return what runs the rigs, None for processes of this machine, and how many at once."""
         from gimbal_pin.fleet.engine import dask_executors
 
         if self.scheduler is None:
             yield None, self.workers
             return
-        with dask_executors(self.scheduler) as (factory, threads):
-            yield factory, self.workers or threads
+        with dask_executors(self.scheduler) as (factory, capacity):
+            yield factory, self.workers or capacity
 
 
 @dataclass(frozen=True)
@@ -124,5 +124,5 @@ def montecarlo(
             workers=several,
             quiet=False,
         )
-    write_whole(f"{output}/{PAGE}", page(found).encode())
+    write_whole(output, PAGE, page(found).encode())
     present(summary(found), found.to_dict(), json)

@@ -1,8 +1,8 @@
-"""Many independent units of work on any executor: each result is a Parquet file as soon as it is there.
+"""Many independent units of work on any executor: each result is in a Parquet file as soon as it is there.
 
-The units are known by their places in a sequence, and a task is a run of units. A worker computes a task, writes its
-rows to ``parts/part-<task>.parquet`` whole or not at all, and returns nothing but their number: the coordinator holds
-no result, and a run that was killed is resumed by the files that are there.
+The units are known by their places in a sequence, and a task is a block of them. A worker computes units for
+`TASK_SECONDS`, writes their rows to ``parts/part-<first>-<last>.parquet`` whole or not at all, and returns nothing but
+their number: the coordinator holds no result, and a run that was killed is resumed by the files that are there.
 """
 
 from __future__ import annotations
@@ -10,23 +10,18 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from io import BytesIO
-from itertools import islice
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from time import monotonic
+from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
 from gimbal_pin.dynamics.threads import one_thread
@@ -40,14 +35,24 @@ Work = Callable[[Any], Mapping[str, Value]]
 """Computes one unit's record: name of a column → value. Workers import it by its name."""
 ExecutorFactory = Callable[[], Executor]
 """Makes an executor: also a second one, where a killed worker has broken the first."""
+Capacity = Callable[[], int]
+"""How many tasks run at once now: a cluster grows and shrinks."""
+Counts = tuple[int, int]
+"""How many units were computed, and how many of them failed."""
 
 PARTS, RUN, TABLE = "parts", "run.json", "results.parquet"
-IN_FLIGHT_PER_WORKER = 4
-"""Tasks handed to the executor per worker: no worker waits for the coordinator, and the queue stays short."""
+PART = re.compile(r"part-(\d+)-(\d+)\.parquet$")
 CONNECTION_TIMEOUT = 10.0
 """How long a scheduler may take to answer, s."""
-ATTEMPTS_ALONE = 3
-"""How often a task may break its worker while no other task runs, before its units are rows with that error."""
+IN_FLIGHT_PER_WORKER = 2
+"""Tasks handed to the executor per worker: no worker waits for the coordinator, and the queue stays short."""
+TASK_SECONDS = 10.0
+"""How long a worker computes before it writes, s: what a killed one costs; a thousand times what a task's way takes."""
+TASK_UNITS = 100
+"""Most units of a task: where they take a millisecond, a task takes ten times what its way does."""
+SHARED_BREAKS, BREAKS = 2, 5
+"""Broken executors after which a task runs alone, and after which its unit is a row with that error."""
+RESUME = "the same call goes on with what is missing"
 
 
 @dataclass(frozen=True)
@@ -59,35 +64,25 @@ class Run:
         units: The units' inputs, by place; may be computed on access.
         folder: Local path or any URL that fsspec knows; holds parts, `RUN` and `TABLE`.
         settings: What the results depend on, plain values: a folder of other settings is refused.
-        units_per_task: Units that a worker computes and writes together; more where a unit takes milliseconds.
     """
 
     work: Work
     units: Sequence[Any]
     folder: str
     settings: Mapping[str, object] = field(default_factory=dict)
-    units_per_task: int = 1
-
-    @property
-    def tasks(self) -> int:
-        """Number of tasks."""
-        return -(-len(self.units) // self.units_per_task)
-
-    def task(self, number: int) -> Task:
-        """The task of that number."""
-        first = number * self.units_per_task
-        inputs = tuple(self.units[k] for k in range(first, min(first + self.units_per_task, len(self.units))))
-        return Task(self.work, first, inputs, part_path(self.folder, number))
 
 
-@dataclass(frozen=True)
-class Task:
-    """A run of units for one worker: the place of the first, their inputs, and the file for their rows."""
+class Block(NamedTuple):
+    """Units `first` to ``stop - 1``, and in how many executors that broke they were in flight."""
 
-    work: Work
     first: int
-    inputs: tuple[Any, ...]
-    path: str
+    stop: int
+    breaks: int = 0
+
+    def split(self, count: int) -> list[Block]:
+        """The first `count` units and the others, each if there are any."""
+        middle = min(self.first + count, self.stop)
+        return [Block(a, b, self.breaks) for a, b in ((self.first, middle), (middle, self.stop)) if a < b]
 
 
 @dataclass(frozen=True)
@@ -99,7 +94,9 @@ class Progress:
     failed: int
 
 
-def run_units(run: Run, executor: ExecutorFactory | None = None, *, workers: int = 0, quiet: bool = False) -> Progress:
+def run_units(
+    run: Run, executor: ExecutorFactory | None = None, *, workers: int | Capacity = 0, quiet: bool = False
+) -> Progress:
     """Compute the units whose rows are not there yet, and write `TABLE` with all rows in the units' order.
 
     A unit that raises is a row with its `error`. Killed workers cost what they were computing, which is computed again.
@@ -107,7 +104,7 @@ def run_units(run: Run, executor: ExecutorFactory | None = None, *, workers: int
     Args:
         run: The units.
         executor: Makes the executor; None: `process_pool` with `workers` processes.
-        workers: How many tasks run at once; 0: the processors of this machine.
+        workers: How many tasks run at once, or what tells; 0: the processors of this machine.
         quiet: No progress bar.
 
     Raises:
@@ -115,89 +112,79 @@ def run_units(run: Run, executor: ExecutorFactory | None = None, *, workers: int
     """
     from tqdm import tqdm
 
-    workers = workers or os.cpu_count() or 1
-    factory = executor or (lambda: process_pool(workers))
+    capacity = workers if callable(workers) else partial(int, workers or os.cpu_count() or 1)
+    if not run.folder:
+        raise UsageError("folder", "has no name", "name one")
+    if "://" not in run.folder:  # workers may run elsewhere
+        run = replace(run, folder=os.path.abspath(run.folder))
     claim_folder(run)
-    missing, rows = find_missing(run)
-    failed = 0
-    with tqdm(total=len(run.units), initial=rows, desc="units", unit="unit", disable=quiet or None) as bar:
-        for done, errors in compute(run, missing, factory, IN_FLIGHT_PER_WORKER * workers):
-            failed += errors
-            bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
-            bar.update(done)
-    write_table(run)
-    return Progress(rows, len(run.units) - rows, failed)
+    failed, missing = 0, find_missing(run)
+    found = len(run.units) - sum(block.stop - block.first for block in missing)
+    try:
+        with tqdm(total=len(run.units), initial=found, desc="units", unit="unit", disable=quiet or None) as bar:
+            for done, errors in compute(run, missing, executor or partial(process_pool, capacity()), capacity):
+                failed += errors
+                bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
+                bar.update(done)
+        return Progress(found, len(run.units) - found, write_table(run))
+    except OSError as error:
+        raise UsageError(run.folder, f"cannot be written ({error})", RESUME) from error
 
 
-def compute(run: Run, missing: Iterator[int], factory: ExecutorFactory, in_flight: int) -> Iterator[tuple[int, int]]:
-    """Yield numbers of units computed and failed, task by task, in whatever order they end.
+def compute(run: Run, missing: list[Block], factory: ExecutorFactory, capacity: Capacity) -> Iterator[Counts]:
+    """Yield what tasks return, in whatever order they end.
 
-    A broken executor does not say which task broke it: all that were in flight are suspects, and run one at a time on
-    the next one. What breaks `ATTEMPTS_ALONE` executors by itself is given up.
+    Tasks get smaller as less is left, so that all workers end together. A broken executor does not say which task broke
+    it: all that were in flight go to the next one; units that were so `SHARED_BREAKS` times run one at a time.
     """
-    suspects: deque[tuple[int, int]] = deque()  # numbers of tasks, and how many executors each has broken alone
-    while True:
-        pending: dict[Future[tuple[int, int]], tuple[int, int]] = {}
-        is_cautious = bool(suspects)
-        with running(factory) as pool:
-            try:
-                while True:
-                    while len(pending) < (1 if is_cautious else in_flight):
-                        is_cautious = bool(suspects)
-                        if not suspects:
-                            suspects.extend((number, 0) for number in islice(missing, 1))
-                        if not suspects:
-                            break
-                        future = pool.submit(compute_task, run.task(suspects[0][0]))
-                        pending[future] = suspects.popleft()
-                    if not pending:
-                        return
-                    for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                        counts = collect(run, future, pending[future][0])
-                        del pending[future]
-                        yield counts
-            except BrokenExecutor as error:
-                is_alone = len(pending) == 1
-                for number, attempts in sorted(pending.values()):
-                    if is_alone and attempts + 1 >= ATTEMPTS_ALONE:
-                        yield write_failure(run.task(number), f"ended its process {attempts + 1} times ({error})")
-                    else:
-                        suspects.append((number, attempts + is_alone))
+    queue, pending = deque(missing), dict[Future[Counts], Block]()
+    while queue:
+        pool = factory()
+        try:
+            while queue or pending:
+                is_alone = bool(queue) and queue[0].breaks >= SHARED_BREAKS  # such blocks are the first of the queue
+                slots = 1 if is_alone else IN_FLIGHT_PER_WORKER * max(capacity(), 1)
+                size = sum(block.stop - block.first for block in queue) // (2 * slots) + 1
+                while queue and len(pending) < slots:
+                    block, *rest = queue[0].split(1 if is_alone else min(size, TASK_UNITS))
+                    inputs = [run.units[k] for k in range(block.first, block.stop)]
+                    pending[pool.submit(compute_task, run.work, block.first, inputs, run.folder)] = block
+                    queue.popleft()
+                    queue.extendleft(rest)
+                for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                    done, failed = collect(future)
+                    queue.extendleft(pending.pop(future).split(done)[1:])
+                    yield done, failed
+        except BrokenExecutor:
+            for block in sorted(pending.values(), key=lambda block: (block.breaks, -block.first)):
+                queue.appendleft(block._replace(breaks=block.breaks + 1))
+            if queue[0].breaks == BREAKS:
+                yield write_part(run.folder, queue.popleft().first, [{"error": f"its process ended {BREAKS} times"}])
+        finally:
+            for future in pending:
+                future.cancel()
+            pool.shutdown(wait=not pending)
+            pending.clear()
 
 
-def collect(run: Run, future: Future[tuple[int, int]], number: int) -> tuple[int, int]:
-    """What a task returned; what the executor gave up is written as rows with that error.
+def collect(future: Future[Counts]) -> Counts:
+    """Return what a task returned.
 
     Raises:
-        BrokenExecutor: A process was killed, and took the executor with it.
-        UsageError: The executor is gone.
+        BrokenExecutor: A process was killed, and took the executor or at least this task with it.
+        UsageError: The executor is gone, or a worker cannot read the task or write its rows.
     """
     try:
-        error = future.exception()
-    except CancelledError as dropped:
-        mend = "start it again; the same call goes on with what is missing"
-        raise UsageError("executor", "dropped its tasks", mend) from dropped
-    if isinstance(error, BrokenExecutor):
-        raise error
-    # Each executor has errors of its own for a task that it gives up.
-    return future.result() if error is None else write_failure(run.task(number), f"{type(error).__name__}: {error}")
+        return future.result()
+    except Exception as error:
+        if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":  # Dask's
+            raise BrokenExecutor(str(error)) from error
+        raise UsageError("executor", f"gave a task up ({error!r})", f"mend that; {RESUME}") from error
 
 
 @contextmanager
-def running(factory: ExecutorFactory) -> Iterator[Executor]:
-    """An executor that drops what has not begun when the block ends by an error."""
-    pool = factory()
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()
-
-
-@contextmanager
-def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, int]]:
-    """Executors of the Dask cluster at an address such as ``tcp://host:8786``, and how many units it runs at once.
+def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, Capacity]]:
+    """Executors of the Dask cluster at an address such as ``tcp://host:8786``, and how many tasks it runs at once.
 
     Raises:
         UsageError: Dask is not installed, or nothing answers there.
@@ -210,39 +197,50 @@ def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, int]]:
     try:
         client = Client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise UsageError(
-            f"--scheduler {address}", f"does not answer ({error})", "start 'dask scheduler' there"
-        ) from error
+        what = f"does not answer ({error})"
+        raise UsageError(f"--scheduler {address}", what, "start 'dask scheduler' there") from error
     with client:
-        yield client.get_executor, sum(client.nthreads().values())
+        yield partial(client.get_executor, pure=False), lambda: sum(client.nthreads().values())
 
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes of this machine, each of which ends with the coordinator, however that ends."""
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
+    """Processes of this machine, each of which ends with the coordinator, however that ends.
+
+    Raises:
+        UsageError: No process can be started.
+    """
+    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=end_with_parent)
+    try:
+        pool.submit(os.getpid).result()
+    except BrokenExecutor as error:
+        mend = "call this under if __name__ == '__main__', or with one worker"
+        raise UsageError("process pool", f"cannot start ({error})", mend) from error
+    return pool
 
 
 def end_with_parent() -> None:
     """Let this process end as soon as its parent has: a killed coordinator leaves no workers behind."""
-    parent = multiprocessing.parent_process()
 
     def watch() -> None:
-        if parent is not None:
+        if parent := multiprocessing.parent_process():
             parent.join()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
-def compute_task(task: Task) -> tuple[int, int]:
-    """Compute a task's units, write their rows, return how many there are and how many failed."""
+def compute_task(work: Work, first: int, units: Sequence[Any], folder: str) -> Counts:
+    """Compute units for `TASK_SECONDS`, and write their rows."""
+    end, rows = monotonic() + TASK_SECONDS, []
     with one_thread():
-        rows = [compute_unit(task.work, unit) for unit in task.inputs]
-    return write_part(task, rows)
+        for unit in units:
+            rows.append(compute_unit(work, unit))
+            if monotonic() > end:
+                break
+    return write_part(folder, first, rows)
 
 
-def compute_unit(work: Work, unit: Any) -> dict[str, Value]:
+def compute_unit(work: Work, unit: Any) -> Mapping[str, Value]:
     """The unit's record, with its `error` or None, or `error` alone where it raises."""
     try:
         return {"error": None, **work(unit)}
@@ -250,28 +248,24 @@ def compute_unit(work: Work, unit: Any) -> dict[str, Value]:
         return {"error": f"{type(error).__name__}: {error}"}
 
 
-def write_failure(task: Task, error: str) -> tuple[int, int]:
-    """Write rows of units that could not be computed."""
-    return write_part(task, [{"error": error}] * len(task.inputs))
+def write_part(folder: str, first: int, rows: Sequence[Mapping[str, Value]]) -> Counts:
+    """Write the rows of units from `first` on, each with its unit's place."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-
-def write_part(task: Task, rows: Sequence[Mapping[str, Value]]) -> tuple[int, int]:
-    """Write a task's rows, each with its unit's place, and return how many there are and failed."""
-    import pandas as pd
-
-    table = pd.DataFrame.from_records([{"unit": task.first + k, **row} for k, row in enumerate(rows)])
-    content = BytesIO()
-    table.astype({"error": "string"}).to_parquet(content, index=False)
-    write_whole(task.path, content.getvalue())
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {"unit": range(first, first + len(rows)), **{name: [row.get(name) for row in rows] for name in names}}
+    pq.write_table(pa.table(columns), content := BytesIO())
+    write_whole(folder, f"{PARTS}/part-{first:09d}-{first + len(rows) - 1:09d}.parquet", content.getvalue())
     return len(rows), sum(row["error"] is not None for row in rows)
 
 
-def write_whole(path: str, content: bytes) -> None:
-    """Put a file into its place in one step, on whatever system it lies."""
-    files, place = file_system(path)
-    staged = f"{place}.{uuid4().hex}"
+def write_whole(folder: str, name: str, content: bytes) -> None:
+    """Put a file into a folder in one step, on whatever system that lies."""
+    files, place = file_system(folder)
+    staged = f"{place}/{PARTS}/{uuid4().hex}"
     files.pipe_file(staged, content)
-    files.mv(staged, place)
+    files.mv(staged, f"{place}/{name}")
 
 
 def file_system(path: str) -> tuple[AbstractFileSystem, str]:
@@ -289,67 +283,73 @@ def file_system(path: str) -> tuple[AbstractFileSystem, str]:
     return files, str(place)
 
 
-def part_path(folder: str, number: int) -> str:
-    """Where a task's rows lie."""
-    return f"{folder}/{PARTS}/part-{number:09d}.parquet"
-
-
 def claim_folder(run: Run) -> None:
     """Make the folder, or raise `UsageError` where it holds the results of other settings."""
-    if not run.folder:
-        raise UsageError("folder", "has no name", "name one")
     files, place = file_system(run.folder)
-    settings = json.loads(
-        json.dumps({**run.settings, "units": len(run.units), "units_per_task": run.units_per_task}, sort_keys=True)
-    )
+    settings = json.loads(json.dumps({**run.settings, "units": len(run.units)}, sort_keys=True))
     try:
         files.makedirs(f"{place}/{PARTS}", exist_ok=True)
         if not files.exists(f"{place}/{RUN}"):
             if others := {name.rsplit("/", 1)[-1] for name in files.ls(place, detail=False)} - {PARTS}:
                 raise UsageError(run.folder, f"holds {min(others)}, which is of no run", "give an empty folder")
-            write_whole(f"{run.folder}/{RUN}", json.dumps({"schema": 1, "settings": settings}, indent=1).encode())
-        earlier = json.loads(files.cat_file(f"{place}/{RUN}")).get("settings")
-    except (OSError, ValueError, AttributeError) as error:
+            write_whole(run.folder, RUN, json.dumps({"schema": 1, "settings": settings}, indent=1).encode())
+        earlier = dict(json.loads(files.cat_file(f"{place}/{RUN}"))["settings"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise UsageError(run.folder, f"cannot be used ({error})", "give another folder") from error
-    if earlier != settings:
-        other = [key for key in {**settings, **(earlier or {})} if (earlier or {}).get(key) != settings.get(key)]
+    if other := [key for key in {**settings, **earlier} if earlier.get(key) != settings.get(key)]:
         what = f"holds another run's results: {', '.join(other)} differ{'s' * (len(other) == 1)}"
         raise UsageError(run.folder, what, "give another folder, or the same settings to go on")
 
 
-def find_missing(run: Run) -> tuple[Iterator[int], int]:
-    """The tasks whose rows are not there, and how many units' rows are."""
+def find_parts(run: Run) -> list[tuple[int, int, str]]:
+    """First unit, last unit and path of every part, in the units' order."""
     files, place = file_system(f"{run.folder}/{PARTS}")
-    there = bytearray(run.tasks)
-    for path in files.ls(place, detail=False, refresh=True):
-        name = path.rsplit("/", 1)[-1]
-        if name.startswith("part-") and name.endswith(".parquet"):
-            there[int(name[5:-8])] = 1
-    tasks = sum(there)
-    rows = min(tasks * run.units_per_task, len(run.units))
-    if tasks and there[-1]:  # the last task may be a short one
-        rows = (tasks - 1) * run.units_per_task + len(run.units) - (run.tasks - 1) * run.units_per_task
-    return (number for number in range(run.tasks) if not there[number]), rows
+    names = (PART.search(path) for path in files.ls(place, detail=False, refresh=True))
+    return sorted((int(name[1]), int(name[2]), f"{place}/{name[0]}") for name in names if name)
 
 
-def write_table(run: Run) -> None:
-    """Write all parts as one table, row group by row group, in the units' order."""
+def find_missing(run: Run) -> list[Block]:
+    """The units whose rows are not there."""
+    gaps, stop = [], 0
+    for first, last, _ in [*find_parts(run), (len(run.units), 0, "")]:
+        if first > stop:
+            gaps.append(Block(stop, first))
+        stop = max(stop, last + 1)
+    return gaps
+
+
+def write_table(run: Run, at_once: int = 500) -> int:
+    """Write all parts as one table in the units' order, and return how many rows hold an error.
+
+    So many parts `at_once` become a row group in a file of this machine, since only after the last one all columns are
+    known. A unit that two coordinators computed is one row.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    if find_missing(run):
+        raise UsageError(run.folder, "lacks rows that workers wrote elsewhere", "give a URL that all of them see")
     files, place = file_system(run.folder)
-    parts = [file_system(part_path(run.folder, number))[1] for number in range(run.tasks)]
-    schema = pa.schema([])
-    for part in parts:
-        with files.open(part, "rb") as source:
-            schema = pa.unify_schemas([schema, pq.read_schema(source)], promote_options="permissive")
-    schema = schema.remove_metadata()
-    staged = f"{place}/{TABLE}.{uuid4().hex}"
-    with files.open(staged, "wb") as target, pq.ParquetWriter(target, schema) as writer:
-        for part in parts:
-            with files.open(part, "rb") as source:
-                rows = pq.read_table(source)
-            for column in set(schema.names) - set(rows.column_names):
-                rows = rows.append_column(column, pa.nulls(len(rows), schema.field(column).type))
-            writer.write_table(rows.select(schema.names).cast(schema))
+    schema = pa.schema([("unit", pa.int64()), ("error", pa.string())])
+    parts, groups, stop, failed = find_parts(run), [], 0, 0
+    with TemporaryDirectory(prefix="gimbal-pin-") as own:
+        for k in range(0, len(parts), at_once):
+            merged, tables = parts[k : k + at_once], []
+            contents = files.cat([path for *_, path in merged])
+            for first, last, path in merged:
+                tables.append(pq.ParquetFile(BytesIO(contents[path])).read().slice(max(stop - first, 0)))
+                stop = max(stop, last + 1)
+            rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="permissive")
+            schema, failed = rows.schema, failed + len(rows) - rows["error"].null_count
+            groups.append(f"{own}/{k}")
+            pq.write_table(rows, groups[-1])
+        with pq.ParquetWriter(f"{own}/{TABLE}", schema) as writer:
+            for group in groups:
+                rows = [schema.empty_table(), pq.read_table(group)]
+                writer.write_table(pa.concat_tables(rows, promote_options="permissive"))
+        staged = f"{place}/{PARTS}/{uuid4().hex}"
+        files.put_file(f"{own}/{TABLE}", staged)
     files.mv(staged, f"{place}/{TABLE}")
+    if stale := [path for path in files.ls(f"{place}/{PARTS}", detail=False, refresh=True) if not PART.search(path)]:
+        files.rm(stale)  # what killed processes were writing
+    return failed

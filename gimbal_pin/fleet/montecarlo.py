@@ -22,7 +22,7 @@ from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tuning import Stored, Tuning, tune
 from gimbal_pin.dynamics.model import Model, nominal, plain_model
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet.engine import TABLE, ExecutorFactory, Run, file_system, run_units
+from gimbal_pin.fleet.engine import TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
 from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, influences
 from gimbal_pin.fleet.study import Limit, Study, known_figures, known_roster, limit
 from gimbal_pin.fleet.variation import Design, Variation, Vary, usual
@@ -132,7 +132,7 @@ def monte_carlo(
     sobol: bool = False,
     seed: int = 0,
     executor: ExecutorFactory | None = None,
-    workers: int = 0,
+    workers: int | Capacity = 0,
     quiet: bool = True,
 ) -> MonteCarlo:
     """Simulate rigs that differ, and judge how many meet a specification and what costs those that do not.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from functools import partial
 from math import degrees, pi, sqrt
 from pathlib import Path
@@ -22,6 +22,7 @@ from gimbal_pin.fleet.sensitivity import influences
 from gimbal_pin.fleet.variation import NOTHING, Design, Variation, Vary, root
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
+from tests.fleet.stub import LastFirst
 from tests.rigs import BODY, spelled
 
 SHORT = 0.65
@@ -37,24 +38,6 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def late(rig: Rig) -> MonteCarlo:
     return monte_carlo(rig, count=8, vary=LATE, seconds=SHORT, workers=1)
-
-
-class Last(Executor):
-    """Runs what was submitted last first, when four are there."""
-
-    def __init__(self) -> None:
-        self.waiting: list[tuple[Future, object]] = []
-
-    def submit(self, function, /, *args):  # type: ignore[no-untyped-def, override]
-        self.waiting.append((Future(), partial(function, *args)))
-        future = self.waiting[-1][0]
-        while len(self.waiting) % 4 == 0 and self.waiting:
-            last, call = self.waiting.pop()
-            last.set_result(call())
-            while self.waiting:
-                last, call = self.waiting.pop()
-                last.set_result(call())
-        return future
 
 
 def test_without_variation_every_rig_is_the_nominal_one(rig: Rig) -> None:
@@ -91,7 +74,7 @@ def test_sobol_indices_of_ishigamis_function() -> None:
 def test_the_table_is_the_same_to_the_bit_whatever_runs_it(
     rig: Rig, late: MonteCarlo, tmp_path: Path, kind: str
 ) -> None:
-    makers = {"threads": lambda: ThreadPoolExecutor(2), "last first": Last, "processes": lambda: process_pool(2)}
+    makers = {"threads": lambda: ThreadPoolExecutor(2), "last first": LastFirst, "processes": lambda: process_pool(2)}
     other = monte_carlo(
         rig, count=8, vary=LATE, seconds=SHORT, workers=1, executor=makers[kind], folder=str(tmp_path / "out")
     )
