@@ -1,0 +1,402 @@
+"""The hierarchical model of a fleet: what units have in common, how they differ, and which of them are not like it.
+
+For each parameter by itself
+
+    y_l = μ + a_u + r_l + e_l,    a_u ~ N(0, τ²),  r_l ~ N(0, ρ²),  e_l ~ N(0, s_l²)
+
+where y_l is what log l of unit u says, ± s_l; τ is the spread between units and ρ what one unit's logs differ by beyond
+their stated errors. μ, τ and ρ are estimated by restricted maximum likelihood (Patterson and Thompson 1971) without the
+units that are judged by them, nor those that were found to deviate. A unit's residual is tested against an offset, a
+step at any of its logs and a drift, by generalised least squares under that model; the t distribution's degrees of
+freedom are Satterthwaite's (as in lmerTest, Kuznetsova et al. 2017), so that a small fleet accuses nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, stdtr, stdtrit
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log.log import Array
+
+FOLDS = 10
+"""Units are judged by a fit without a tenth of the fleet that they are in; in fleets of ten or fewer, without them."""
+NORMAL_MAD = 0.6745
+"""Median of the absolute value of a normal variable, in standard deviations."""
+FLOOR, LARGEST = 1e-12, 1e12
+"""Bounds of variances, in the square of a parameter's scatter."""
+NO_FOLD = -2
+"""Fold of no unit."""
+ROUNDS = 20
+"""Most times that the deviating units are left out and looked for again; two or three are usual."""
+
+
+class Kind(Enum):
+    """How a unit deviates."""
+
+    OFFSET = "offset"
+    """From its first log on."""
+    STEP = "step"
+    """From a later log on."""
+    DRIFT = "drift"
+    """In proportion to time, from its first log to its last."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter over the fleet.
+
+    Attributes:
+        name: Its name.
+        mean: μ, and `mean_std` its standard deviation.
+        mean_std: See there.
+        spread: τ, standard deviation between units.
+        repeat: ρ, standard deviation between one unit's logs beyond their errors; 0 where no unit has two logs, as it
+            then is part of the spread.
+        p_value: Chance of such a likelihood ratio if all units were alike (τ = 0).
+    """
+
+    name: str
+    mean: float
+    mean_std: float
+    spread: float
+    repeat: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A unit that is not like its siblings in a parameter.
+
+    Attributes:
+        unit: The unit.
+        parameter: The parameter.
+        kind: Offset, step or drift, whichever the unit's logs show best.
+        shift: By how much, and `shift_std` its standard deviation with the fleet's spread in it; of a drift from the
+            first log to the last.
+        shift_std: See there.
+        p_value: Chance that a unit like its siblings shows as much in any parameter, at any of its logs.
+        since: Time of the first log that shows it; of a drift, of the unit's first log.
+    """
+
+    unit: str
+    parameter: str
+    kind: Kind
+    shift: float
+    shift_std: float
+    p_value: float
+    since: float
+
+    @property
+    def score(self) -> float:
+        """Number of standard deviations, with sign."""
+        return self.shift / self.shift_std
+
+
+@dataclass(frozen=True, eq=False)
+class UnitEstimate:
+    """A unit's parameters, (P,).
+
+    Attributes:
+        unit: The unit.
+        values: Partially pooled: the posterior mean with the fleet as the prior. Where it deviates, its own logs' mean
+            since then.
+        stds: Standard deviation of these.
+        detectable: Offset that its logs show in one of two cases.
+    """
+
+    unit: str
+    values: Array
+    stds: Array
+    detectable: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Units of a fleet beside each other; `estimates` by unit, `deviations` with the least probable first."""
+
+    population: tuple[Parameter, ...]
+    estimates: Mapping[str, UnitEstimate]
+    deviations: tuple[Deviation, ...]
+
+
+class _Fit(NamedTuple):
+    """Mean, its variance, τ², ρ² (P,), covariance of (τ², ρ²) (P, 2, 2), and the likelihood ratio to τ = 0, (P,)."""
+
+    mean: Array
+    mean_var: Array
+    spread: Array
+    repeat: Array
+    covariance: Array
+    ratio: Array
+
+
+class _Tests(NamedTuple):
+    """Each direction's size in a unit's residual, its standard deviation and p-value, and the limit of t, (P, K)."""
+
+    size: Array
+    std: Array
+    p_value: Array
+    limit: Array
+
+
+class _Logs(NamedTuple):
+    """Logs in the order of units and times, every parameter about its median and in units of its scatter.
+
+    Attributes:
+        y: Values, (L, P); 0 where unknown.
+        variance: Their variances, (L, P); infinite where unknown.
+        when: Times, (L,).
+        labels: Units, (U,).
+        rows: Each unit's logs.
+        group: Each log's place in `labels`, (L,).
+        fold: Each unit's fold, (U,); -1: is judged, and makes up no fleet.
+        middle: What was subtracted, (P,).
+        scale: What it was divided by, (P,).
+    """
+
+    y: Array
+    variance: Array
+    when: Array
+    labels: tuple[str, ...]
+    rows: tuple[slice, ...]
+    group: NDArray[np.intp]
+    fold: NDArray[np.intp]
+    middle: Array
+    scale: Array
+
+    def select_rows(self, left_out: NDArray[np.bool_], fold: int) -> NDArray[np.bool_]:
+        """Values (L, P) that a fold is judged by: those known of the fleet's other folds, but for units left out."""
+        return np.isfinite(self.variance) & ~(left_out | ((self.fold < 0) | (self.fold == fold))[:, None])[self.group]
+
+
+def compare_units(
+    names: Sequence[str],
+    values: Array,
+    stds: Array,
+    units: Sequence[str],
+    times: Array,
+    *,
+    false_alarms: float = 1e-3,
+    reference: Sequence[str] | None = None,
+) -> Comparison:
+    """Fit the fleet's hierarchical model, and test every unit against the others.
+
+    Args:
+        names: Names of the parameters, (P,).
+        values: What each log says, (L, P); NaN where it says nothing.
+        stds: Standard deviations of these, (L, P).
+        units: Which unit each log is of, (L,).
+        times: When each log was taken, (L,), in any unit.
+        false_alarms: Share of units like the others that may be called deviating.
+        reference: Units that make up the fleet; None: all. The others are judged only.
+
+    Raises:
+        UsageError: The fleet has fewer than two units.
+    """
+    logs = _arrange(np.asarray(values, float), np.asarray(stds, float), units, np.asarray(times, float), reference)
+    directions = [_directions(logs.when[rows]) for rows in logs.rows]
+    deviates = np.zeros((len(logs.labels), len(names)), bool)
+    fits = dict.fromkeys(logs.fold.tolist(), _start_fit(logs, logs.select_rows(deviates, NO_FOLD)))
+    for turn in range(ROUNDS):
+        tests = [
+            _test_directions(logs.y[rows], logs.variance[rows], own, fits[fold], false_alarms)
+            for rows, own, fold in zip(logs.rows, directions, logs.fold.tolist())
+        ]
+        before, deviates = deviates, np.array([(own.p_value < false_alarms).any(axis=1) for own in tests])
+        if turn and (deviates == before).all():
+            break
+        fits = {fold: _fit(logs, logs.select_rows(deviates, fold)) for fold in fits}
+    whole = _fit(logs, logs.select_rows(deviates, NO_FOLD))
+    estimates = {
+        unit: _estimate_unit(logs, u, own, fits[int(logs.fold[u])], deviates[u])
+        for u, (unit, own) in enumerate(zip(logs.labels, tests))
+    }
+    deviations = [
+        _describe_deviation(logs, u, p, names[p], tests[u])
+        for u, p in zip(*(places.tolist() for places in np.nonzero(deviates)))
+    ]
+    deviations.sort(key=lambda own: (own.p_value, -abs(own.score)))
+    return Comparison(_describe_population(names, logs, whole), estimates, tuple(deviations))
+
+
+def _arrange(y: Array, stds: Array, units: Sequence[str], times: Array, reference: Sequence[str] | None) -> _Logs:
+    """Sort logs by unit and time, give the units their folds, and scale the values."""
+    order = np.lexsort((times, np.asarray(units)))
+    labels, group = np.unique(np.asarray(units)[order], return_inverse=True)
+    ends = np.searchsorted(group, np.arange(len(labels) + 1)).tolist()
+    is_fleet = np.ones(len(labels), bool) if reference is None else np.isin(labels, list(reference))
+    count = int(is_fleet.sum())
+    if count < 2:
+        raise UsageError("fleet", "has fewer than two units to compare with", "give more units, or a reference")
+    fold = np.where(is_fleet, np.cumsum(is_fleet) % min(FOLDS, count), -1)
+    y, variance = y[order], np.square(stds[order])
+    variance[~np.isfinite(y + variance)] = np.inf
+    shown = np.where(np.isfinite(variance) & is_fleet[group, None], y, np.nan)
+    middle = _nanmedian(shown)
+    error = _nanmedian(np.where(np.isfinite(shown), variance, np.nan))
+    scale = np.hypot(_nanmedian(np.abs(shown - middle)), np.sqrt(error))
+    scale = np.where(scale > 0, scale, np.maximum(np.abs(middle), 1.0) * np.finfo(float).eps ** 0.5)
+    y = np.where(np.isfinite(variance), (y - middle) / scale, 0.0)
+    rows = tuple(slice(*own) for own in pairwise(ends))
+    return _Logs(y, variance / scale**2, times[order], tuple(labels.tolist()), rows, group, fold, middle, scale)
+
+
+def _directions(when: Array) -> Array:
+    """What may be added to m logs, (K, m): steps from each log on, then a drift where it differs from these."""
+    steps = np.triu(np.ones((len(when), len(when))))
+    if len(when) < 3 or when[0] == when[-1]:
+        return steps
+    return np.vstack([steps, (when - when[0]) / (when[-1] - when[0])])
+
+
+def _describe_population(names: Sequence[str], logs: _Logs, fit: _Fit) -> tuple[Parameter, ...]:
+    """Return the fleet's parameters in their own units."""
+    stds = (logs.scale * np.sqrt(own) for own in (fit.mean_var, fit.spread, fit.repeat))
+    # A variance at its bound under the hypothesis: half of the time the ratio is 0 (Self and Liang 1987).
+    p_values = np.where(fit.ratio > 0, 0.5 * chdtrc(1, fit.ratio), 1.0)
+    columns = zip(*(own.tolist() for own in (logs.middle + logs.scale * fit.mean, *stds, p_values)))
+    return tuple(Parameter(name, *own) for name, own in zip(names, columns))
+
+
+def _describe_deviation(logs: _Logs, u: int, p: int, name: str, tests: _Tests) -> Deviation:
+    """Return a unit's deviation in one parameter: the least probable of the directions."""
+    k, when = int(tests.p_value[p].argmin()), logs.when[logs.rows[u]]
+    kind = Kind.DRIFT if k == len(when) else Kind.STEP if k else Kind.OFFSET
+    size, std = (float(logs.scale[p] * own[p, k]) for own in (tests.size, tests.std))
+    since = float(when[k if kind is Kind.STEP else 0])
+    return Deviation(logs.labels[u], name, kind, size, std, float(tests.p_value[p, k]), since)
+
+
+def _estimate_unit(logs: _Logs, u: int, tests: _Tests, fit: _Fit, deviates: NDArray[np.bool_]) -> UnitEstimate:
+    """Return a unit's posterior means, the fleet the prior of parameters that do not deviate."""
+    y, variance = logs.y[logs.rows[u]], logs.variance[logs.rows[u]]
+    step = tests.p_value.argmin(axis=1)
+    begin = np.where(deviates & (step < len(y)), step, 0)
+    w = np.where(np.arange(len(y))[:, None] >= begin, _weights(variance, fit), 0.0)
+    prior = np.where(deviates, 0.0, 1.0 / np.maximum(fit.spread + fit.mean_var, FLOOR))
+    with np.errstate(all="ignore"):
+        precision = w.sum(axis=0) + prior
+        mean = ((w * y).sum(axis=0) + np.where(deviates, 0.0, prior * fit.mean)) / precision
+    detectable = logs.scale * tests.limit[:, 0] * tests.std[:, 0]
+    return UnitEstimate(logs.labels[u], logs.middle + logs.scale * mean, logs.scale * precision**-0.5, detectable)
+
+
+def _weights(variance: Array, fit: _Fit) -> Array:
+    """Precision of each log's values as those of its unit, (m, P)."""
+    return np.asarray(1.0 / (fit.repeat + np.maximum(variance, FLOOR)))
+
+
+def _start_fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
+    """Fit by medians, which up to half of the units may spoil; a median's variance is π/2, a MAD's 1/.37 times more."""
+    shown = np.where(is_in, logs.y, np.nan)
+    error = _nanmedian(np.where(is_in, logs.variance, np.nan))
+    means = np.array([_nanmean(shown[rows]) for rows in logs.rows])
+    steps = np.abs(np.diff(shown, axis=0))[np.diff(logs.group) == 0]
+    total = np.square(_nanmedian(np.abs(means - _nanmedian(means))) / NORMAL_MAD)
+    between, pairs = np.maximum(total - error, 0.0), np.isfinite(steps).sum(axis=0)
+    within = np.where(pairs > 0, np.maximum(np.square(_nanmedian(steps) / NORMAL_MAD) / 2 - error, 0.0), 0.0)
+    count = np.maximum(np.isfinite(means).sum(axis=0), 2)
+    covariance = np.zeros((len(error), 2, 2))
+    covariance[:, 0, 0] = 2 / 0.37 * np.square(between + error) / (count - 1)
+    covariance[:, 1, 1] = 2 / 0.37 * np.square(within + error) / np.maximum(pairs, 1)
+    return _Fit(_nanmedian(means), np.pi / 2 * (between + error) / count, between, within, covariance, between)
+
+
+def _nanmedian(x: Array) -> Array:
+    """Median of each column without NaN, 0 of none."""
+    return np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in x.T])
+
+
+def _nanmean(x: Array) -> Array:
+    """Mean of each column without NaN, NaN of none."""
+    count = np.isfinite(x).sum(axis=0)
+    return np.where(count > 0, np.nansum(x, axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
+    """Estimate every parameter's mean and variances by restricted maximum likelihood from the values that are in."""
+    rows = [
+        _fit_one(logs.y[own, p], logs.variance[own, p], np.unique(logs.group[own], return_inverse=True)[1])
+        for p, own in enumerate(is_in.T)
+    ]
+    return _Fit(*map(np.array, zip(*rows)))
+
+
+def _fit_one(y: Array, variance: Array, unit: NDArray[np.intp]) -> tuple[float, float, float, float, Array, float]:
+    """Return what `_Fit` holds of one parameter; nothing is known from fewer than two units."""
+    from scipy.optimize import minimize
+
+    count = unit.max(initial=-1) + 1
+    if count < 2:
+        return np.nan, np.nan, np.nan, np.nan, np.full((2, 2), np.nan), 0.0
+    has_repeats = len(y) > count
+
+    def sum_units(x: Array) -> Array:
+        return np.asarray(np.bincount(unit, x, count), dtype=float)
+
+    def deviance(x: Array) -> tuple[float, Array]:
+        """-2 log of the restricted likelihood, and its gradient tr(P K) - yᵀP K P y for K = 11ᵀ and 1."""
+        w, grown, gain, precision, r = parts(x)
+        pull, squares = sum_units(w * r), sum_units(w**2)
+        value = (w * r**2).sum() - (x[0] * pull**2 / grown).sum()
+        value += np.log(precision) + np.log(grown).sum() - np.log(w).sum()
+        between = gain.sum() - (gain**2).sum() / precision - ((pull / grown) ** 2).sum()
+        within = w.sum() - (x[0] * squares / grown).sum() - (squares / grown**2).sum() / precision
+        within -= ((w * (r - (x[0] * pull / grown)[unit])) ** 2).sum()
+        return float(value), np.array([between, within if has_repeats else 0.0])
+
+    def parts(x: Array) -> tuple[Array, Array, Array, float, Array]:
+        w = 1.0 / (x[1] + np.maximum(variance, FLOOR))
+        total = sum_units(w)
+        grown = 1 + x[0] * total
+        precision = (total / grown).sum()
+        return w, grown, total / grown, precision, y - (sum_units(w * y) / grown).sum() / precision
+
+    bounds = [(0.0, LARGEST), (0.0, LARGEST if has_repeats else 0.0)]
+    found = minimize(deviance, [0.5, 0.1 * has_repeats], jac=True, method="L-BFGS-B", bounds=bounds)
+    alike = minimize(deviance, [0.0, 0.1 * has_repeats], jac=True, method="L-BFGS-B", bounds=[(0.0, 0.0), bounds[1]])
+    w, grown, gain, precision, residual = parts(found.x)
+    squares, shrink = sum_units(w**2), found.x[0] / grown
+    trace = squares - 2 * shrink * sum_units(w**3) + (shrink * squares) ** 2
+    cross = (squares / grown**2).sum()
+    information = 0.5 * (1 - 1 / count) * np.array([[(gain**2).sum(), cross], [cross, trace.sum()]])
+    covariance = np.zeros((2, 2))
+    rows = slice(0, 1 + has_repeats)
+    covariance[rows, rows] = np.linalg.pinv(information[rows, rows])
+    return (
+        float(y[0] - residual[0]),
+        1 / precision,
+        *found.x.tolist(),
+        covariance,
+        max(float(alike.fun - found.fun), 0.0),
+    )
+
+
+def _test_directions(y: Array, variance: Array, directions: Array, fit: _Fit, false_alarms: float) -> _Tests:
+    """Test one unit's logs (m, P) for each direction (K, m), by generalised least squares with the fleet's variances.
+
+    The p-values count all K directions of all P parameters (Bonferroni).
+    """
+    w = _weights(variance, fit).T[:, None]
+    shrink = (fit.spread / (1 + fit.spread * w[:, 0].sum(axis=1)))[:, None, None]
+    weighted = w * directions
+    weighted = weighted - shrink * w * weighted.sum(axis=2, keepdims=True)
+    precision = (weighted * directions).sum(axis=2)
+    with np.errstate(all="ignore"):
+        weighted = weighted / precision[:, :, None]
+        size = (weighted * (y - fit.mean).T[:, None]).sum(axis=2)
+        gradient = np.stack([weighted.sum(axis=2) ** 2, (weighted**2).sum(axis=2)], axis=2)
+        square = 1 / precision + gradient[:, :, 0] * fit.mean_var[:, None]
+        freedom = 2 * square**2 / np.einsum("pki,pij,pkj->pk", gradient, fit.covariance, gradient)
+        std, several = np.sqrt(square), precision.size
+        p_value = np.minimum(1.0, 2 * several * stdtr(freedom, -np.abs(size) / std))
+        limit = -stdtrit(freedom, false_alarms / (2 * several))
+    return _Tests(size, std, np.where(np.isfinite(p_value), p_value, 1.0), limit)
