@@ -18,6 +18,7 @@ if typing.TYPE_CHECKING:
     from gimbal_pin.estimation.identification import identify as identify
     from gimbal_pin.excitation import excite as excite
     from gimbal_pin.export.sources import export_controller as export_controller
+    from gimbal_pin.fleet.fleet import compare_fleet as compare_fleet
     from gimbal_pin.fleet.montecarlo import monte_carlo as monte_carlo
     from gimbal_pin.log.io import read_log as read_log
     from gimbal_pin.log.io import write_log as write_log
@@ -41,6 +42,7 @@ HOMES = {
     "auto": "report.pipeline",
     "bench_run": "control.experiment",
     "check": "dynamics.checking",
+    "compare_fleet": "fleet.fleet",
     "diagnose": "diagnosis",
     "excite": "excitation",
     "export_controller": "export.sources",

@@ -23,6 +23,7 @@ from gimbal_pin.cli.demo import demo
 from gimbal_pin.cli.diagnose import diagnose
 from gimbal_pin.cli.excite import excite
 from gimbal_pin.cli.export import export
+from gimbal_pin.cli.fleet import fleet
 from gimbal_pin.cli.identify import identify
 from gimbal_pin.cli.inspect import inspect
 from gimbal_pin.cli.montecarlo import montecarlo
@@ -53,6 +54,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
         animate,
         auto,
         montecarlo,
+        fleet,
         demo,
     )
 }

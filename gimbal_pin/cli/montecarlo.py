@@ -2,50 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
 
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
-from gimbal_pin.cli.options import Json, Payload, RigName, Seed, Yes, between, optional
+from gimbal_pin.cli.options import HERE, Json, Payload, RigName, Seed, Workers, between, optional
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import affordable
 
-if TYPE_CHECKING:
-    from gimbal_pin.fleet.engine import Capacity, ExecutorFactory
-
 PAGE = "report.html"
-
-
-@dataclass(frozen=True)
-class Workers:
-    """Options of what runs the rigs."""
-
-    workers: Annotated[
-        int,
-        between("--workers", 0, 4096, kind=int),
-        arg(help="processes of this machine; 0: one per processor, 1: no other than this one"),
-    ] = 0
-    scheduler: Annotated[
-        str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")
-    ] = None
-    yes: Yes = False
-
-    @contextmanager
-    def running(self) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
-        """Return what runs the rigs, None for processes of this machine, and how many at once."""
-        from gimbal_pin.fleet.engine import dask_executors
-
-        if self.scheduler is None:
-            yield None, self.workers
-            return
-        with dask_executors(self.scheduler) as (factory, capacity):
-            yield factory, self.workers or capacity
 
 
 @dataclass(frozen=True)
@@ -62,7 +31,7 @@ class Tried:
     seconds: Annotated[float, between("--seconds", 0.6, 600, "s"), arg(help="length of each run")] = 5.0
 
 
-HERE, STEPPED = Workers(), Tried()
+STEPPED = Tried()
 
 
 def montecarlo(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -25,6 +27,7 @@ from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     from gimbal_pin.control.laws.design import Wish
+    from gimbal_pin.fleet.engine import Capacity, ExecutorFactory
 
 
 def optional(metavar: str | None, help: str, default: str = "") -> Any:
@@ -166,3 +169,32 @@ class Gains:
 
 
 USUAL = Gains()
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Options of what runs many units."""
+
+    workers: Annotated[
+        int,
+        between("--workers", 0, 4096, kind=int),
+        arg(help="processes of this machine; 0: one per processor, 1: no other than this one"),
+    ] = 0
+    scheduler: Annotated[
+        str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")
+    ] = None
+    yes: Yes = False
+
+    @contextmanager
+    def running(self) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
+        """Return what runs the units, None for processes of this machine, and how many at once."""
+        from gimbal_pin.fleet.engine import dask_executors
+
+        if self.scheduler is None:
+            yield None, self.workers
+            return
+        with dask_executors(self.scheduler) as (factory, capacity):
+            yield factory, self.workers or capacity
+
+
+HERE = Workers()

@@ -14,6 +14,8 @@ COSTS = {
     "simulated second of a joint": (0.035, 0.3),  # simulate thesis, 10 and 100 s
     "second of a joint on a platform": (0.25, 0.0),  # track turret, 1 and 6 s, one and three controllers
     "second of a joint in a fleet": (0.085, 0.0),  # montecarlo turret --count 40 --workers 1
+    "identified log": (1.0, 0.0),  # fleet --quick --workers 1, turret, 10 s
+    "diagnosed log": (5.0, 0.0),  # fleet --workers 1, turret, 10 s
     "second of a joint in a demo": (0.06, 0.4),  # demo --rig turret, 30 and 60 s
     "frame of a joint": (3e-5, 6e-4),  # animate one, two and three joints to HTML, 30 and 240 frames a second
     "rendered frame": (0.2, 0.0),  # animate to MP4, 240 frames in 37 and 50 s on busy cores, no graphics card

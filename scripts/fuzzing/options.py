@@ -32,6 +32,7 @@ LINES: Mapping[str, tuple[float, str]] = {
     "animate": (10, "pan.yaml log.csv -o out.html"),
     "auto": (0.3, "pan.yaml log.csv -o out"),
     "montecarlo": (0.5, "pan.yaml -o out --count 1 --seconds 0.6 --workers 1"),
+    "fleet": (0.5, ". --rig pan.yaml -o out --quick --workers 1"),
     "demo": (0.3, "-o out --seconds 2"),
 }
 """Verb → its weight, dearer ones less, and a call that is quick."""

@@ -1,0 +1,251 @@
+"""Laws of fleets: what is planted in a unit is found in it, in what and since when, and in no other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import numpy as np
+import pandas as pd
+import pytest
+
+from gimbal_pin import Log, Rig, compare_fleet, nominal, write_log
+from gimbal_pin.dynamics.apply import plant_with
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.errors import UsageError
+from gimbal_pin.fleet.fleet import Fleet, Reason, Verdict
+from gimbal_pin.fleet.manifest import read_manifest
+from gimbal_pin.fleet.population import Kind
+from gimbal_pin.fleet.units import LogStudy
+from gimbal_pin.fleet.variation import Design, Variation, Vary
+from tests.bench_logs import fourier
+from tests.command_line import Run, refused, result
+from tests.rigs import chain
+
+MONTHS = ("2026-03-01", "2026-04-01", "2026-05-01", "2026-06-01")
+TOLERANCES = Vary(inertials=("normal", 0.0, 0.01), friction=("normal", 0.0, 0.03), payload={"mass": 0.0})
+"""What siblings differ by."""
+
+
+@pytest.fixture(scope="module")
+def record() -> Callable[..., None]:
+    """Write the log of a unit of the turret, of its own tolerances and noise, all in one motion."""
+    rig = Rig.load("turret")
+    variation = Variation(nominal(rig), TOLERANCES)
+    design, motion = Design(variation.inputs, 100), fourier(rig, 1, 6.5, dt=2.5e-3)
+
+    def write(file: Path, unit: int, seed: int = 0, mass: float = 0.0, joint: str = "", viscous: float = 1.0) -> None:
+        values = variation.values(design[unit].shares)
+        plant = stiffer(variation.body({**values, "payload.mass": mass}), joint, viscous)
+        tau = plant.inverse(motion.q, motion.v, motion.a)
+        noise = 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng([unit, seed]).standard_normal(tau.shape)
+        write_log(Log(file.stem, rig.joints, motion.t, motion.q, motion.v, tau + noise), file)
+
+    return write
+
+
+def stiffer(model: Model, joint: str, factor: float) -> Model:
+    """The model with so many times the viscous friction at a joint."""
+    terms = (
+        replace(term, values=tuple(factor * x for x in term.values))
+        if (term.effect.name, term.effect.joint) == ("viscous", joint)
+        else term
+        for term in model.terms
+    )
+    return replace(model, terms=tuple(terms))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., None]) -> Path:
+    """Eight like units, one with thick grease, one with a heavy camera, one broken log, one that wears out."""
+    out = tmp_path_factory.mktemp("fleet")
+    entries = []
+    for k in range(8):
+        record(out / f"A{k}.csv", k)
+        entries.append({"log": f"A{k}.csv", "unit": f"00{k}", "time": MONTHS[0]})
+    record(out / "thick.csv", 8, joint="tilt", viscous=3.0)
+    record(out / "heavy.csv", 9, mass=0.3)
+    (out / "broken.csv").write_text((out / "A0.csv").read_text()[:3000])
+    entries += [{"log": f"{name}.csv", "time": MONTHS[0]} for name in ("thick", "heavy", "broken")]
+    for k, (month, factor) in enumerate(zip(MONTHS, (1.0, 1.5, 2.0, 2.5))):
+        record(out / f"worn{k}.csv", 10, seed=k, joint="pan", viscous=factor)
+        entries.append({"log": f"worn{k}.csv", "unit": "worn", "time": month})
+    (out / "manifest.yaml").write_text(json.dumps({"rig": "turret", "logs": entries}))
+    return out
+
+
+@pytest.fixture(scope="module")
+def results(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(tmp_path_factory.mktemp("results") / "out")
+
+
+@pytest.fixture(scope="module")
+def fleet(folder: Path, results: str) -> Fleet:
+    return compare_fleet(folder, folder=results, quick=True, workers=1)
+
+
+def verdicts(fleet: Fleet) -> dict[str, tuple[Verdict, tuple[Reason, ...]]]:
+    return {one.unit: (one.verdict, one.reasons) for one in fleet.units}
+
+
+def test_who_is_odd_in_what_and_since_when(fleet: Fleet) -> None:
+    odd = (Verdict.FAIL, (Reason.ODD_PARAMETER,))
+    planted = {"thick": odd, "heavy": odd, "worn": odd, "broken": (Verdict.RETEST, (Reason.DATA,))}
+    assert verdicts(fleet) == {f"00{k}": (Verdict.PASS, ()) for k in range(8)} | planted
+    found = {one.unit: {own.parameter: own for own in one.deviations} for one in fleet.units}
+    assert set(found["thick"]) == {"tilt.Fv"} and set(found["worn"]) == {"pan.Fv"}
+    assert abs(found["thick"]["tilt.Fv"].shift - 2 * 0.008) < 0.002 and found["thick"]["tilt.Fv"].kind is Kind.OFFSET
+    assert {"head_mount.mx", "head_mount.mz"} <= set(found["heavy"]) <= {n for n in found["heavy"] if "head" in n}
+    worn = found["worn"]["pan.Fv"]
+    assert worn.kind is not Kind.OFFSET and worn.shift > 0.007
+    assert fleet.since(worn) in (None, *MONTHS[1:]) and fleet.since(found["thick"]["tilt.Fv"]) is None
+    assert fleet.units[-1].verdict is Verdict.PASS and fleet.failed == 1
+    assert "broken.csv:" in next(one for one in fleet.units if one.unit == "broken").errors[0]
+
+
+def test_estimates_are_pooled_and_the_population_is_the_plants(fleet: Fleet) -> None:
+    means = {own.name: own for own in fleet.population}
+    assert abs(means["tilt.Fs"].mean - 0.04) < 4 * means["tilt.Fs"].mean_std
+    frame = fleet.to_frame().set_index("unit")
+    assert frame.loc["thick", "tilt.Fv"] > 2.5 * means["tilt.Fv"].mean and np.isnan(frame.loc["broken", "tilt.Fv"])
+    like = frame.loc[[f"00{k}" for k in range(8)], "tilt.Fv"]
+    own = fleet.table.set_index("serial").loc[like.index, "value.tilt.Fv"]
+    assert np.ptp(like) < np.ptp(own)
+    assert repr(fleet).startswith("Fleet(rig='turret'") and len(fleet.table) == 15
+
+
+def test_a_run_is_resumed_without_computing_anything(
+    run: Run, fleet: Fleet, folder: Path, results: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LogStudy, "study", None)
+    call = ["fleet", folder, "-o", results, "--quick", "--workers", 1]
+    code, said, _ = run(*call, "--json", tmp_path / "fleet.json")
+    assert code == 0 and "8 pass, 3 fail, 1 to be tested again" in said and "tilt.Fv" in said
+    assert json.loads((tmp_path / "fleet.json").read_text()) == json.loads(json.dumps(fleet.to_dict()))
+    shown = (Path(results) / "report.html").read_text()
+    assert "thick" in shown and "http" not in shown.replace("http://www.w3.org", "")
+    table = pd.read_parquet(f"{results}/results.parquet")
+    assert table["value.tilt.Fv"].notna().sum() == 14 and table["error"].notna().sum() == 1
+    refused(run(*call, "--seed", 1), 2, "holds another run's results: seed differs")
+
+
+def test_one_short_log_is_judged_against_an_earlier_fleet(
+    run: Run, fleet: Fleet, results: str, record: Callable[..., None], tmp_path: Path
+) -> None:
+    record(tmp_path / "good.csv", 20)
+    record(tmp_path / "001.csv", 21, joint="pan", viscous=3.0)
+    call = ["fleet", tmp_path, "--rig", "turret", "--quick", "--workers", 1]
+    found = result(run, *call, "--reference", results, "-o", tmp_path / "out")
+    assert {one["unit"]: one["verdict"] for one in found["units"]} == {"good": "pass", "001": "fail"}
+    assert [own["parameter"] for own in found["units"][0]["deviations"]] == ["pan.Fv"]
+    (tmp_path / "001.csv").unlink()
+    refused(run(*call, "-o", tmp_path / "new"), 2, "has the logs of one unit", "--reference")
+    refused(run(*call, "-o", tmp_path / "new", "--reference", tmp_path), 2, "--reference: ", "is no folder of an")
+    call += ["--payload", "zoom-lens", "--reference", results]
+    refused(run(*call, "-o", tmp_path / "new"), 2, "has the payload infrared, and these logs zoom-lens")
+
+
+def test_a_cause_of_one_unit_alone_fails_it(tmp_path: Path) -> None:
+    rig = chain(1)
+    motion = fourier(rig, 3, 8.0, dt=2.5e-3)
+    for k in range(3):
+        cogging = parse_effect("cogging:joint0:amplitude=0.03,harmonic=14", rig)
+        plant = plant_with(nominal(rig), [cogging] * (k == 2)).plant
+        tau = plant.inverse(motion.q, motion.v, motion.a)
+        tau += 0.01 * np.std(tau) * np.random.default_rng(k).standard_normal(tau.shape)
+        write_log(Log("cogs", rig.joints, motion.t, motion.q, motion.v, tau), tmp_path / f"{k}.csv")
+    found = compare_fleet(tmp_path, rig=rig, workers=1)
+    assert Reason.OWN_CAUSE in verdicts(found)["2"][1] and found.units[0].causes == ("cogging at joint0",)
+    assert [verdicts(found)[unit][0] for unit in "01"] == [Verdict.PASS] * 2
+    assert [(one.cause, one.units, one.of) for one in found.causes] == [("cogging", 1, 3)]
+
+
+def test_manifests_in_yaml_parquet_and_csv_are_one(folder: Path, tmp_path: Path) -> None:
+    stated = json.loads((folder / "manifest.yaml").read_text())
+    rows = pd.DataFrame([{**entry, "rig": "turret", "cutoff": 5.0} for entry in stated["logs"]])
+    (tmp_path / "map.yaml").write_text("tau_pan: tau_pan*1.0")
+    rows["map"] = None
+    rows.loc[0, "map"] = "map.yaml"
+    for name in rows["log"]:
+        (tmp_path / name).touch()
+    found = []
+    for write, name in ((rows.to_csv, "manifest.csv"), (rows.to_parquet, "manifest.parquet")):
+        write(tmp_path / name, index=False)
+        found.append(replace(read_manifest(tmp_path), place=""))
+        (tmp_path / name).unlink()
+    stated["logs"][0]["map"] = {"tau_pan": "tau_pan*1.0"}
+    (tmp_path / "manifest.yaml").write_text(json.dumps({**stated, "cutoff": 5}))
+    found.append(replace(read_manifest(tmp_path), place=""))
+    assert found[0] == found[1] == found[2] and found[0].is_dated and found[0].cutoff == 5.0
+    assert found[0].logs[0].unit == "000" and found[0].logs[0].mapping == {"tau_pan": "tau_pan*1.0"}
+
+
+def test_logs_behind_a_url_are_read_where_they_are_needed(folder: Path, fleet: Fleet) -> None:
+    files = fsspec.filesystem("memory")
+    for name in ("A0.csv", "A1.csv", "A2.csv"):
+        files.pipe_file(f"/logs/{name}", (folder / name).read_bytes())
+    files.pipe_file("/logs/manifest.yaml", b"rig: turret\nlogs: [{log: A0.csv}, {log: A1.csv}, {log: A2.csv}]")
+    found = compare_fleet("memory://logs", quick=True, workers=1)
+    assert [one.verdict for one in found.units] == [Verdict.PASS] * 3
+    columns = [name for name in found.table if name.startswith("value.")]
+    pd.testing.assert_frame_equal(found.table[columns], fleet.table[columns][:3])
+    files.pipe_file("/logs/manifest.yaml", b"rig: turret\nlogs: [{log: ../secret.csv}]")
+    with pytest.raises(UsageError, match="outside of"):
+        read_manifest("memory://logs")
+
+
+A, B = {"log": "a.csv"}, {"log": "b.csv"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ({"logs": [A, {"log": "c.csv"}]}, ("manifest.yaml: logs[1]: is ", "c.csv, which does not exist")),
+        ({"logs": [A, B, {"log": "./a.csv"}]}, ("logs[2]: is ./a.csv, which is logs[0], too", "list it once")),
+        ({"logs": [A, {**B, "serial": "7"}]}, ("logs[1]: has an unknown key 'serial'", "log, unit, time, map")),
+        ({"logs": [A, {**B, "unit": 7}]}, ("logs[1].unit: is 7; write a text",)),
+        ({"logs": [A, B], "rigs": "turret"}, ("manifest.yaml: has an unknown key 'rigs'",)),
+        ({"logs": [A, B], "rig": "nowhere.urdf"}, ("manifest.yaml: rig: is ", "nowhere.urdf, which does not exist")),
+        ({"logs": [A, B]}, ("says of no rig", "give --rig")),
+        ({"logs": [{**A, "time": "May"}, B]}, ("logs[0].time: is 'May'; write a date such as 2026-11-24",)),
+        (
+            {"logs": [{**A, "time": 1}, {**B, "time": "2026-01-01"}]},
+            ("logs[1]: has a date where logs[0] has a number",),
+        ),
+        ({"logs": [{**A, "time": 1}, B]}, ("logs[1]: has no time where logs[0] has a number",)),
+        ({"logs": [{**A, "map": {"q_pan": "1"}}, B]}, ("names no column",)),
+        ({"logs": [{**A, "map": ["q_pan=x"]}, B]}, ("logs[0].map: is ['q_pan=x']; write a table",)),
+        ({"logs": []}, ("names no logs",)),
+        ({"logs": "all"}, ("logs: is 'all'; write a list",)),
+        ({}, ("has no logs; give it",)),
+        ({"logs": [A, B], "cutoff": -1}, ("cutoff: is -1; give 0.1 to 1000",)),
+    ],
+)
+def test_a_bad_manifest_is_one_line(run: Run, tmp_path: Path, stated: dict[str, Any], words: tuple[str, ...]) -> None:
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).touch()
+    (tmp_path / "manifest.yaml").write_text(json.dumps(stated))
+    refused(run("fleet", tmp_path, "-o", tmp_path / "out"), 2, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_none_and_logs_that_cannot_be_used(run: Run, tmp_path: Path) -> None:
+    out = ["-o", tmp_path / "out", "--workers", 1]
+    refused(run("fleet", tmp_path / "none", *out), 2, "none: is no folder")
+    refused(run("fleet", tmp_path, *out), 2, "names no logs")
+    (tmp_path / "manifest.csv").write_text("log,rig\na.csv,turret\nb.csv,thesis\n")
+    refused(run("fleet", tmp_path, *out), 2, "logs[1]: states the rig thesis, and another log states turret")
+    (tmp_path / "manifest.parquet").write_text("no Parquet")
+    refused(run("fleet", tmp_path, *out), 2, "holds manifest.parquet and manifest.csv; leave one")
+    (tmp_path / "manifest.csv").unlink()
+    refused(run("fleet", tmp_path, *out), 2, "manifest.parquet: is not Parquet")
+    (tmp_path / "manifest.parquet").unlink()
+    for name in "ab":
+        (tmp_path / f"{name}.csv").write_text("t,q_pan\n0,1\n")
+    refused(run("fleet", tmp_path, *out, "--rig", "turret"), 3, "has no log that can be used: ")
+    assert len(pd.read_parquet(tmp_path / "out" / "results.parquet")) == 2
