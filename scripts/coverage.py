@@ -18,9 +18,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.estimation.bodies import TRUST, figures
+from gimbal_pin.estimation.bodies import figures
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import TRUST
 from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.inertia import physical
 from gimbal_pin.rig.rig import Rig

@@ -27,10 +27,9 @@ from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, tak
 from gimbal_pin.estimation.audit.clock import ticks
 from gimbal_pin.estimation.audit.outliers import garbage
 from gimbal_pin.estimation.audit.probe import probe, rows_at, spoils_torque
-from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Filtering, fit_weighted
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 
@@ -342,14 +341,14 @@ def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
     """
     rig, log = bench("thesis")
     known = replace(log, v=None, q_ref=log.q_ref if reference else None)
-    clean, made = weighted(rows_at(probe(rig, log, FILTER), 4.0)), probe(rig, log, FILTER)
+    clean, made = fit_weighted(rows_at(probe(rig, log, FILTER), 4.0)), probe(rig, log, FILTER)
     A = np.concatenate([block.A for block in rows_at(made, 4.0)])
     errors = []
     for seed in range(1 if reference else 3):
         noisy = corrupted(known, "acceleration-noise", seed=seed, angle=0.01)
         found = CHECKS["acceleration-noise"](rig, noisy, FILTER)
         assert found is not None and found.fault.makes_physics_unreliable
-        plain = weighted(rows_at(probe(rig, noisy, FILTER), 4.0))
+        plain = fit_weighted(rows_at(probe(rig, noisy, FILTER), 4.0))
         assert [parameter.name for parameter in found.fault.answer] == list(made.names)
         answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
         wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()

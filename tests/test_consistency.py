@@ -10,13 +10,23 @@ from hypothesis import strategies as st
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.estimators import physical as physical_fit
-from gimbal_pin.estimation.estimators import weighted
-from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, joint_weights, residual_power
-from gimbal_pin.estimation.estimators.physical import MOST, anchored, everywhere, program
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import DesignBlocks, compute_blocks, map_phi_to_base
+from gimbal_pin.regression import (
+    DesignBlocks,
+    anchor,
+    build_program,
+    compute_blocks,
+    compute_residual_power,
+    count_effective_rows,
+    factor_rows,
+    factor_wide_states,
+    fit_physical,
+    fit_weighted,
+    map_phi_to_base,
+    weigh_joints,
+)
+from gimbal_pin.regression.physical import MOST
 from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
 from gimbal_pin.rig.inertia import physical, pseudo_inertia
 from gimbal_pin.rig.rig import Rig
@@ -84,9 +94,9 @@ def loud(rig: Rig, seed: int) -> Log:
 def posed(rig: Rig, seed: int) -> tuple[DesignBlocks, Array, Array]:
     """A loud log's rows, what the physical fit minimises with its answer's weights, and the data's part of that."""
     blocks = compute_blocks(rows_of(rig, loud(rig, seed)))
-    factors, count = factor(blocks), effective_rows(blocks)
-    scale = joint_weights(residual_power(factors, physical_fit(blocks).theta, count))
-    stack = program(factors, everywhere(blocks.design, factors.shape[2] - 1), scale, count)
+    factors, count = factor_rows(blocks), count_effective_rows(blocks)
+    scale = weigh_joints(compute_residual_power(factors, fit_physical(blocks).theta, count))
+    stack = build_program(factors, factor_wide_states(blocks.design, factors.shape[2] - 1), scale, count)
     return blocks, stack, stack[: factors.shape[0] * factors.shape[1]]
 
 
@@ -94,7 +104,7 @@ def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
     """The residual of the program is a semidefinite solver's; the projected estimate's is no better."""
     rig = Rig.load("thesis")
     blocks, stack, _ = posed(rig, 1)
-    found, free, mixing = physical_fit(blocks), weighted(blocks), blocks.design.mixing
+    found, free, mixing = fit_physical(blocks), fit_weighted(blocks), blocks.design.mixing
 
     def cost(theta: Array) -> float:
         return float(np.linalg.norm(stack @ np.append(theta, -1.0)))
@@ -114,7 +124,7 @@ def test_the_constraint_never_leads_away_from_the_truth(name: str, seed: int) ->
     blocks, stack, data = posed(rig, seed)
     truth = true_theta(rig)
     free = np.linalg.lstsq(data[:, :-1], data[:, -1], rcond=None)[0]
-    ours, theirs = (np.linalg.norm(stack[:, :-1] @ (theta - truth)) for theta in (physical_fit(blocks).theta, free))
+    ours, theirs = (np.linalg.norm(stack[:, :-1] @ (theta - truth)) for theta in (fit_physical(blocks).theta, free))
     assert ours <= theirs * (1 + 1e-6)
     U, held = np.linalg.qr(data[:, :-1], mode="r"), stack[len(data) :]
     times = np.linalg.svd(held[:, :-1] @ np.linalg.inv(U), compute_uv=False) ** 2
@@ -126,21 +136,21 @@ def test_what_no_log_shows_is_held_by_nothing() -> None:
     rng = np.random.default_rng(0)
     data, wide = rng.standard_normal((30, 5)), rng.standard_normal((9, 4))
     data[:, 2] = data[:, 0] - data[:, 1]  # of columns 0, 1 and 2 two combinations show
-    held = anchored(data, wide)
+    held = anchor(data, wide)
     assert np.abs(held[:, :-1] @ [1.0, -1.0, -1.0, 0.0]).max() < 1e-9 * np.abs(held).max()
 
 
 def test_without_noise_the_constraint_changes_nothing() -> None:
     rig = Rig.load("turret")
     blocks = compute_blocks(rows_of(rig, prescribed(nominal(rig))))
-    theta = weighted(blocks).theta
-    assert np.allclose(physical_fit(blocks).theta, theta, atol=1e-5 * np.abs(theta).max())
+    theta = fit_weighted(blocks).theta
+    assert np.allclose(fit_physical(blocks).theta, theta, atol=1e-5 * np.abs(theta).max())
 
 
 def test_what_is_written_loads_everywhere() -> None:
     """Bodies on the edge of what can exist, in a URDF that Pinocchio, yourdfpy and MuJoCo take."""
     rig = Rig.load("thesis")
-    found = identify(rig, [loud(rig, 1)], estimator=physical_fit, holdout="none", filtering=EXACT)
+    found = identify(rig, [loud(rig, 1)], estimator=fit_physical, holdout="none", filtering=EXACT)
     assert found.physical and max(found.torque_change.values()) == 0.0
     least = min(np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in found.consistent.phi.reshape(-1, 10))
     assert 0 < least < 1e-5, "the bodies are not on the edge"

@@ -6,19 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.audit import CORRUPTIONS
-from gimbal_pin.estimation.estimators import ESTIMATORS, ols, robust, weighted
-from gimbal_pin.estimation.estimators.least_squares import factor
+from gimbal_pin.estimation.estimators import ESTIMATORS
 from gimbal_pin.estimation.identification import given_beta, identify, split
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import (
-    Block,
     Filtering,
 )
 from gimbal_pin.report import text
@@ -40,13 +36,6 @@ def clean(turret: Rig) -> Log:
 
 def planted(rig: Rig) -> np.ndarray:
     return np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
-
-
-def block(rng: np.random.Generator, rows: int = 40, joints: int = 2, width: int = 5) -> Block:
-    A = rng.standard_normal((rows, joints, width))
-    return Block(
-        np.arange(rows) * 0.1, A, rng.standard_normal((rows, joints)), *2 * (A[:, :, 0],), np.ones((rows, joints))
-    )
 
 
 @pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
@@ -89,27 +78,6 @@ def test_angles_drowned_in_noise_are_not_called_a_lack_of_motion() -> None:
         identify(rig, [replace(log, q=q, v=None)])
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 7))
-def test_the_factor_is_that_of_the_stack_however_it_is_cut(seed: int, parts: int) -> None:
-    whole = block(np.random.default_rng(seed))
-    cuts = np.array_split(np.arange(len(whole.t)), parts)
-    pieces = [Block(*(x[cut] for x in whole)) for cut in cuts]
-    rows = np.concatenate([whole.A, whole.b[:, :, None]], axis=2)
-    for j, R in enumerate(factor(pieces)):
-        assert np.allclose(R.T @ R, rows[:, j].T @ rows[:, j], atol=1e-9)
-
-
-@settings(max_examples=6, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.floats(1e-2, 1e2))
-def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> None:
-    """Torque of one joint in another unit: the weights undo it, plain least squares does not."""
-    made = block(np.random.default_rng(seed), rows=200)
-    scale = np.array([unit, 1.0])
-    scaled = made._replace(A=made.A * scale[:, None], b=made.b * scale)
-    assert np.allclose(weighted([made]).theta, weighted([scaled]).theta, rtol=1e-3, atol=1e-4)
-
-
 def test_estimators_agree_without_noise(turret: Rig) -> None:
     """Output error integrates a torque whose jumps lie between its samples, and so sees them a sample off."""
     log = prescribed(nominal(turret), seconds=12.0)
@@ -119,16 +87,6 @@ def test_estimators_agree_without_noise(turret: Rig) -> None:
         near = 1e-3 if name == "output-error" else 1e-4
         assert np.abs(first - other.estimate.theta).max() < near * np.abs(first).max(), name
         assert other.estimate.method == name
-
-
-def test_outliers_do_not_move_the_robust_estimate() -> None:
-    rng = np.random.default_rng(5)
-    made = block(rng, rows=400)
-    theta = rng.standard_normal(5)
-    b = made.A @ theta + 0.01 * rng.standard_normal(made.b.shape)
-    b[::25] += 5.0
-    made = made._replace(b=b)
-    assert np.abs(robust([made]).theta - theta).max() < 0.01 < np.abs(ols([made]).theta - theta).max()
 
 
 def test_lost_samples_and_jitter_do_not_move_the_parameters(turret: Rig, clean: Log) -> None:

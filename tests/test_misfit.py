@@ -17,13 +17,12 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Cogging
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import given_beta, identify
 from gimbal_pin.estimation.identification.misfit import GROUPS, misfit, with_misfit
 from gimbal_pin.estimation.model_file import read_model, write_extended, write_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import compute_blocks
+from gimbal_pin.regression import compute_blocks, fit_weighted
 from gimbal_pin.report import text
 from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import Rig
@@ -76,7 +75,7 @@ def rippling(log: Log, size: float) -> Log:
 def deviations_off(rig: Rig, log: Log) -> tuple[Array, Array]:
     """Errors in deviations without and with what the model misses."""
     blocks = compute_blocks(rows_of(rig, log))
-    plain = weighted(blocks)
+    plain = fit_weighted(blocks)
     held, _ = with_misfit(blocks, plain)
     assert np.array_equal(held.theta, plain.theta)
     true = np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])

@@ -24,7 +24,6 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimation.estimators import Estimate, weighted
 from gimbal_pin.estimation.identification import given_beta, identify
 from gimbal_pin.estimation.model_file import read_model
 from gimbal_pin.log.io import write_log
@@ -36,7 +35,7 @@ from gimbal_pin.online.causal import Blockwise, Row
 from gimbal_pin.online.change import LOOK, Watch, scores_without_transient
 from gimbal_pin.online.learning import values, with_rows_of
 from gimbal_pin.online.recursive import LAGS, Known, Moments, loosened, solved
-from gimbal_pin.regression import Block, Filtering
+from gimbal_pin.regression import Block, Estimate, Filtering, fit_weighted
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, heard, refused
@@ -101,7 +100,7 @@ def as_block(rows: list[Row]) -> Block:
 def test_recursive_is_the_batch_on_the_same_rows() -> None:
     online = Online.of(Rig.load("turret"))
     memory, rows = recorded(online, noisy())
-    ours, batch = online.estimate(memory).estimate, weighted([as_block(rows)])
+    ours, batch = online.estimate(memory).estimate, fit_weighted([as_block(rows)])
     assert ours.rows == len(rows) > 100
     np.testing.assert_allclose(ours.theta, batch.theta, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(ours.residual_std, batch.residual_std, rtol=1e-9)

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators.components import fisher, pieces
 from gimbal_pin.estimation.identification import given_beta, identify
 from gimbal_pin.log.log import PAUSE, Log
-from gimbal_pin.regression import Block, Filtering, subsample_log
+from gimbal_pin.regression import Filtering, subsample_log
 from tests.bench_logs import prescribed
 from tests.rigs import chain
 
@@ -49,7 +48,7 @@ def test_a_short_log_is_looked_at_as_a_whole(samples: int) -> None:
 def test_what_is_left_out_of_a_long_log_is_a_pause() -> None:
     found = subsample_log(counted(130_000, 0.005))
     steps = np.diff(found.log.t)
-    assert np.all((steps < 0.006) | (steps > PAUSE)) and "8 stretches of 15 s out of 10.8 min" in found.note
+    assert np.all((steps < 0.006) | (steps > PAUSE)) and "8 segments of 15 s out of 10.8 min" in found.note
 
 
 def test_a_chain_of_twenty_joints_gives_its_parameters_back() -> None:
@@ -58,24 +57,3 @@ def test_a_chain_of_twenty_joints_gives_its_parameters_back() -> None:
     found = identify(rig, [log], holdout="none", filtering=Filtering(alignment=0.0)).estimate
     planted = np.append(given_beta(rig, reduce(rig)), rig.friction.ravel())
     assert np.abs(found.theta - planted).max() < 1e-4 * np.abs(planted).max()
-
-
-def test_information_of_powers_is_that_of_all_joints_together() -> None:
-    """``½ tr PKPK'`` with P formed as it stands."""
-    rng, n, m = np.random.default_rng(0), 2, 30
-    A = rng.standard_normal((m, n, 4))
-    A[:, 1, 2:] = 0.0
-    share = rng.uniform(0.5, 1.0, (m, n))
-    block = Block(np.arange(m) / 8, A, rng.standard_normal((m, n)), *2 * (A[:, :, 0],), share)
-    parts = pieces([block], [A], np.zeros(4), 15)
-    power = rng.uniform(0.5, 2.0, (n, 5))
-    ends = np.cumsum([0, *(len(p.y) for p in parts)])
-    X, V, K = np.zeros((ends[-1], 4)), np.zeros((ends[-1],) * 2), np.zeros((n * 5, ends[-1], ends[-1]))
-    for p, (first, last) in zip(parts, pairwise(ends)):
-        X[first:last, p.felt] = p.X
-        V[first:last, first:last] = np.tensordot(power[p.joint], p.kernels, 1)
-        K[5 * p.joint : 5 * p.joint + 5, first:last, first:last] = p.kernels
-    inverse = np.linalg.inv(V)
-    P = inverse - inverse @ X @ np.linalg.inv(X.T @ inverse @ X) @ X.T @ inverse
-    expected = np.array([[np.trace(P @ a @ P @ b) / 2 for b in K] for a in K])
-    np.testing.assert_allclose(fisher(parts, power), expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())

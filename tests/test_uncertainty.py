@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from gimbal_pin.control.laws.uncertainty import bounds
@@ -17,18 +16,18 @@ from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.estimation.bodies import believed, bodies, figures, slopes
-from gimbal_pin.estimation.estimators import Bootstrap, Estimate, ols, physical, weighted
-from gimbal_pin.estimation.estimators.components import (
-    Likelihood,
-    autocovariances,
-    pieces,
-    powers,
-    restricted_likelihood,
-    scoring,
-)
+from gimbal_pin.estimation.estimators import Bootstrap
 from gimbal_pin.estimation.identification import Identified, identify
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, compute_blocks, map_phi_to_base
+from gimbal_pin.regression import (
+    Block,
+    Estimate,
+    compute_blocks,
+    fit_ordinary,
+    fit_physical,
+    fit_weighted,
+    map_phi_to_base,
+)
 from gimbal_pin.rig.consistency import likeliest, spread
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.inertia import pseudo_inertia
@@ -57,15 +56,15 @@ def repeatable(rng: np.random.Generator, pole: float, rows: int = 800) -> Block:
 def test_repetition_tells_the_deviations_of_white_and_of_slow_noise(pole: float) -> None:
     """Estimates from a hundred logs scatter as the repetitions of one log's residuals do."""
     rng = np.random.default_rng(4)
-    true = np.std([ols([repeatable(rng, pole)]).theta for _ in range(100)], axis=0)
-    told = np.mean([Bootstrap(ols, rng, 30, 5.0)([repeatable(rng, pole)]).std for _ in range(5)], axis=0)
+    true = np.std([fit_ordinary([repeatable(rng, pole)]).theta for _ in range(100)], axis=0)
+    told = np.mean([Bootstrap(fit_ordinary, rng, 30, 5.0)([repeatable(rng, pole)]).std for _ in range(5)], axis=0)
     assert np.all(np.abs(told / true - 1) < 0.3)
 
 
 def test_repetition_changes_deviations_alone_and_follows_its_seed(found: Identified) -> None:
     blocks = [repeatable(np.random.default_rng(1), 0.5)]
-    one, same, other = (Bootstrap(weighted, np.random.default_rng(seed), 20)(blocks) for seed in (0, 0, 1))
-    assert np.array_equal(one.theta, weighted(blocks).theta) and np.array_equal(one.covariance, same.covariance)
+    one, same, other = (Bootstrap(fit_weighted, np.random.default_rng(seed), 20)(blocks) for seed in (0, 0, 1))
+    assert np.array_equal(one.theta, fit_weighted(blocks).theta) and np.array_equal(one.covariance, same.covariance)
     assert not np.array_equal(one.covariance, other.covariance) and "bootstrap" in one.uncertainty
 
 
@@ -73,14 +72,14 @@ def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None
     rig = Rig.load("turret")
     log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.1)
     blocks = compute_blocks(rows_of(rig, log))
-    told = Bootstrap(physical, np.random.default_rng(0), 20, 0.5)(blocks)
-    assert told.phi is not None and np.all(told.std < 3 * physical(blocks).std) and told.std.min() > 0
+    told = Bootstrap(fit_physical, np.random.default_rng(0), 20, 0.5)(blocks)
+    assert told.phi is not None and np.all(told.std < 3 * fit_physical(blocks).std) and told.std.min() > 0
     with pytest.raises(DataError, match="fewer than"):
-        Bootstrap(ols, np.random.default_rng(0), 20, 5.0)(blocks)
+        Bootstrap(fit_ordinary, np.random.default_rng(0), 20, 5.0)(blocks)
     with pytest.raises(UsageError, match="simulates the log"):
         Bootstrap(simulating, np.random.default_rng(0), 20)(blocks)
     with pytest.raises(UsageError, match="tells no deviation"):
-        Bootstrap(ols, np.random.default_rng(0), 2)
+        Bootstrap(fit_ordinary, np.random.default_rng(0), 2)
 
 
 def simulating(blocks: object) -> Estimate:
@@ -181,72 +180,3 @@ def test_slow_noise_makes_the_controllers_bound_larger_than_fast_noise_of_its_si
         loud = replace(log, tau=np.asarray(log.tau) + 0.02 * noise[5000:])
         told.append(bounds(identify(rig, [loud], filtering=EXACT).model, np.random.default_rng(0)))
     assert told[1].phi > 3 * told[0].phi and told[1].alpha > 2 * told[0].alpha
-
-
-# --- few rows ---------------------------------------------------------------------------------------------------------
-
-
-def short(rng: np.random.Generator, rows: int, power: Array) -> Block:
-    """Rows of two joints that share six parameters of 1, 2 ...; noise of mixed spectra and, last, of what is masked."""
-    t = 0.125 * np.arange(rows)
-    A = np.stack([np.sin(rate * t[:, None] + [0.0, 1.0]) for rate in (0.0, 0.3, 0.7, 1.6, 3.1, 6.0)], axis=2)
-    share = np.clip(1.5 + np.sin(0.5 * t[:, None] + [0.0, 2.0]), 0.0, 1.0)
-    noise = [lower(mixed, rows) @ rng.standard_normal(rows) for mixed in power[:, :4] @ autocovariances(rows)]
-    late = np.sqrt(power[:, 4] * share * (1 - share)) * rng.standard_normal(share.shape)
-    b = A @ np.arange(1.0, 7.0) + np.transpose(noise)
-    return Block(t, A * share[:, :, None], b * share + late, np.ones_like(b), np.ones_like(b), share)
-
-
-def lower(row: Array, rows: int) -> Array:
-    return np.asarray(np.linalg.cholesky(toeplitz(row) + 1e-9 * np.eye(rows)))
-
-
-@pytest.mark.parametrize(
-    "power", [[[1.0, 0, 0, 0, 0], [0, 0, 3.0, 0, 9.0]], [[0, 0.5, 0, 0.5, 0], [4.0, 0, 1.0, 0, 0]]]
-)
-def test_intervals_hold_on_sixty_rows_whatever_the_noise(power: list[list[float]]) -> None:
-    """300 intervals of 95 %, from rows so few that the noise is known to a fifth; to three binomial deviations."""
-    rng, spectra = np.random.default_rng(0), np.array(power)
-    found = [weighted([short(rng, 60, spectra)]) for _ in range(50)]
-    z = np.array([(each.theta - np.arange(1.0, 7.0)) / each.std for each in found])
-    assert abs(np.mean(np.abs(z) < 1.96) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / z.size)
-
-
-def test_powers_of_a_mixture_are_those_that_were_planted_and_most_likely() -> None:
-    rng, planted = np.random.default_rng(1), np.array([[2.0, 0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 3.0, 0.0, 20.0]])
-    blocks = [short(rng, 300, planted) for _ in range(2)]
-    parts = pieces(blocks, [block.A for block in blocks], np.zeros(6), 100)
-    found = powers(parts, 2)
-    here = restricted_likelihood(parts, found)
-    sure = np.sqrt(np.diag(np.linalg.inv(here.information)).reshape(2, 5))
-    assert np.all(np.abs(found - planted) < 4 * sure)
-    for j, k in np.ndindex(2, 5):
-        for factor in (0.8, 1.25):
-            other = found.copy()
-            other[j, k] *= factor
-            assert restricted_likelihood(parts, other).likelihood <= here.likelihood + 1e-3
-
-
-def test_slope_of_the_likelihood_is_its_derivative() -> None:
-    rng, power = np.random.default_rng(2), np.array([[1.0, 0.3, 0.5, 0.2, 0.6], [0.4, 0.1, 2.0, 0.3, 5.0]])
-    block = short(rng, 50, power)
-    parts = pieces([block], [block.A], np.zeros(6), 30)
-    slope = restricted_likelihood(parts, power).slope.reshape(2, 5)
-    for j, k in np.ndindex(2, 5):
-        step = np.zeros((2, 5))
-        step[j, k] = 1e-5
-        above, below = (restricted_likelihood(parts, power + way * step).likelihood for way in (1, -1))
-        assert (above - below) / 2e-5 == pytest.approx(slope[j, k], rel=1e-4, abs=1e-5)
-
-
-def test_a_step_is_finite_where_rounding_makes_a_curvature_negative() -> None:
-    """Pure noise for angles, rates and torque: a spectrum without power, an information that is no more definite."""
-    curvature = np.diag([1.0, 1e-3, -1e-12, 0.0, 2.0])
-    now = np.array([[1.0, 0.2, 0.0, 0.0, 0.3]])
-    assert np.all(np.isfinite(scoring(Likelihood(0.0, np.array([0.1, -0.2, 0.0, 0.0, 0.3]), curvature), now)))
-
-
-def test_torque_without_any_noise_leaves_nothing_uncertain() -> None:
-    block = short(np.random.default_rng(3), 60, np.zeros((2, 5)))
-    found = weighted([block._replace(b=block.A @ np.ones(6))])
-    assert np.all(found.std < 1e-9)

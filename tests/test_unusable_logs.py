@@ -29,7 +29,6 @@ from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.saturation import Saturation
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, impossible, reordered, trials
-from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.torque_time import misplaced
 from gimbal_pin.log.io import read_log, write_log
@@ -38,7 +37,7 @@ from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.log.io.mapping import read_mapping
 from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
-from gimbal_pin.regression import Design, DesignBlocks, Filtering, compute_blocks
+from gimbal_pin.regression import Design, DesignBlocks, Filtering, compute_blocks, fit_weighted
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused
@@ -152,10 +151,10 @@ def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:
     log = recorded(rig, 2)
     blocks = compute_blocks(Design(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
     idle = DesignBlocks(blocks.design, tuple(b._replace(A=b.A * [[[1], [0]]], b=b.b * [1, 0]) for b in blocks))
-    check_assignment(idle, weighted(idle))
+    check_assignment(idle, fit_weighted(idle))
     turned = DesignBlocks(blocks.design, tuple(b._replace(b=-b.b) for b in idle))
     with pytest.raises(LogError, match=r"tau_pan has the wrong sign"):
-        check_assignment(turned, weighted(turned))
+        check_assignment(turned, fit_weighted(turned))
 
 
 def test_no_sign_is_turned_that_the_given_rig_agrees_with() -> None:
@@ -439,7 +438,7 @@ def test_joints_that_could_change_places_are_not_said_to_have(tmp_path: Path) ->
     blocks = compute_blocks(
         Design(rig, reduce(rig), friction_effects(rig.joints), (replace(log, tau=rough),), Filtering())
     )
-    assert impossible(blocks, weighted(blocks)) and not list(reordered(blocks))
+    assert impossible(blocks, fit_weighted(blocks)) and not list(reordered(blocks))
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])

@@ -11,9 +11,8 @@ from gimbal_pin.cli.inputs import load_logs, load_rig, mounted
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.estimation.estimators import Estimator
     from gimbal_pin.estimation.payloads import Several
-    from gimbal_pin.regression import Filtering
+    from gimbal_pin.regression import Estimator, Filtering
 
 
 @dataclass(frozen=True)

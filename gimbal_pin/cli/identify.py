@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,10 +37,10 @@ from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.effects import Effect
-    from gimbal_pin.estimation.estimators import Estimator
     from gimbal_pin.estimation.estimators.hausman import WhenTested
     from gimbal_pin.estimation.identification import Identified
     from gimbal_pin.log.log import Log
+    from gimbal_pin.regression import Estimator
     from gimbal_pin.rig.rig import Rig
 
 
@@ -95,10 +96,9 @@ def identify(
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.diagnosis.given import compared, reported
-    from gimbal_pin.estimation.bodies import TRUST
     from gimbal_pin.estimation.identification import refittable_effects
     from gimbal_pin.estimation.model_file import read_model
-    from gimbal_pin.regression import Filtering
+    from gimbal_pin.regression import TRUST, Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
     fit = Fit(estimator_of(estimator, trusted, bootstrap, seed), holdout, filters)
@@ -164,10 +164,11 @@ def write(
 
 def estimator_of(name: EstimatorName, trust: float, bootstrap: int, seed: int) -> Estimator:
     """Return the estimator of a name, its deviations by repetition if so many are asked for."""
-    from gimbal_pin.estimation.estimators import ESTIMATORS, Bootstrap, Ridge
+    from gimbal_pin.estimation.estimators import ESTIMATORS, Bootstrap
+    from gimbal_pin.regression import check_trust, fit_ridge
 
-    ridge = Ridge(trust)  # it checks the trust, which matters to all
-    chosen = ridge if name == "ridge" else ESTIMATORS[name]
+    check_trust(trust)
+    chosen = partial(fit_ridge, trust=trust) if name == "ridge" else ESTIMATORS[name]
     if bootstrap == 0:
         return chosen
     import numpy as np

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import TRUST
 from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.inertia import physical
 
-TRUST = 0.3
-"""Relative standard deviation of the URDF's masses that is assumed where nobody states one."""
 SHOWN = 0.5
 """A figure is shown by the log if that leaves less than this share of the deviation that the trust gives it."""
 DRAWS, INTERVAL = 400, 0.95

@@ -16,13 +16,22 @@ from gimbal_pin.dynamics.regressor import inertia
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation.audit.base import Fault
-from gimbal_pin.estimation.estimators import Estimate, weighted
-from gimbal_pin.estimation.estimators.least_squares import effective_rows, factor, solve
-from gimbal_pin.estimation.estimators.physical import bounded
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
 from gimbal_pin.log.source import remapped
-from gimbal_pin.regression import Block, Design, DesignBlocks, Filtering, compute_blocks
+from gimbal_pin.regression import (
+    Block,
+    Design,
+    DesignBlocks,
+    Estimate,
+    Filtering,
+    compute_blocks,
+    count_effective_rows,
+    factor_rows,
+    fit_bounded_bodies,
+    fit_weighted,
+    solve_factors,
+)
 from gimbal_pin.rig.consistency import LEANT
 from gimbal_pin.rig.rig import Rig
 
@@ -101,9 +110,9 @@ def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, fi
     """
     parts = tuple(map(beginning, logs))
     blocks = compute_blocks(Design(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
-    if not blocks or effective_rows(blocks).min() <= blocks[0].A.shape[2]:
+    if not blocks or count_effective_rows(blocks).min() <= blocks[0].A.shape[2]:
         return None
-    found = put_right(blocks, weighted(blocks))
+    found = put_right(blocks, fit_weighted(blocks))
     if found is None:
         return None
     if not found.whole:
@@ -219,14 +228,14 @@ def left_free(blocks: DesignBlocks) -> float:
     if not blocks:
         return 1.0
     factors = in_shares(blocks)
-    theta = solve(factors, np.ones(len(factors)))[0]
+    theta = solve_factors(factors, np.ones(len(factors))).theta
     return float(np.sqrt(np.sum((factors @ np.append(theta, -1.0)) ** 2) / len(factors)))
 
 
 def in_shares(blocks: DesignBlocks) -> Array:
     """Triangular factors of each joint's [A b], in shares of its torque's rms, (n, k + 1, k + 1)."""
-    size = np.sqrt(np.maximum(effective_rows(blocks), 1.0)) * torque_size(blocks)
-    return np.asarray(factor(blocks) / size[:, None, None])
+    size = np.sqrt(np.maximum(count_effective_rows(blocks), 1.0)) * torque_size(blocks)
+    return np.asarray(factor_rows(blocks) / size[:, None, None])
 
 
 def exchanged(rows: Design, pair: tuple[int, int]) -> Design:
@@ -243,7 +252,7 @@ def unexplained(blocks: DesignBlocks) -> float:
     """
     factors = in_shares(blocks) / ROUGH
     try:
-        phi, friction = bounded(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT)
+        phi, friction = fit_bounded_bodies(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT)
     except np.linalg.LinAlgError:  # so far from all bodies that numbers end: they explain nothing
         return 1.0
     theta = np.concatenate([blocks.design.mixing @ phi, friction, [-1.0]])

@@ -15,9 +15,9 @@ from scipy.special import fdtri
 
 from gimbal_pin.dynamics.model import Estimated
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.payload_change import CHANCE, SQUARES
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Estimate
 
 WIDEST = 1e8
 """Times that known variances are widened at most: of deviations ten thousand times as wide nothing is left."""

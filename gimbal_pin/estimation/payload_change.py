@@ -7,16 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import fdtri
 
-from gimbal_pin.estimation.estimators.least_squares import (
-    covariance,
-    effective_rows,
-    factor,
-    residual_power,
-    reweighted,
-    solve,
-)
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, Design, find_camera_body
+from gimbal_pin.regression import (
+    Block,
+    Design,
+    compute_covariance,
+    compute_residual_power,
+    count_effective_rows,
+    factor_rows,
+    find_camera_body,
+    solve_factors,
+    weigh_and_solve,
+)
 
 CHANCE = 1e-3
 """Chance of a score beyond the limit on two halves of one rig."""
@@ -41,8 +43,8 @@ def halves(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
 
 def half_estimate(blocks: Sequence[Block], scale: Array) -> tuple[Array, Array]:
     """Return parameters and covariance of one half, with the weights of the whole."""
-    theta, information, _ = solve(factor(blocks), scale)
-    return theta, covariance(blocks, theta, information, scale)
+    found = solve_factors(factor_rows(blocks), scale)
+    return found.theta, compute_covariance(blocks, found, scale)
 
 
 def payload_directions(rows: Design) -> Array:
@@ -65,11 +67,11 @@ def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
     `rows`: what the blocks are of.
     """
     parts = halves(blocks)
-    if any(effective_rows(part).sum() < TELLING * len(rows.names) for part in parts if part) or not all(parts):
+    if any(count_effective_rows(part).sum() < TELLING * len(rows.names) for part in parts if part) or not all(parts):
         return 0.0
-    count = effective_rows(blocks)
-    factors = factor(blocks)
-    *_, scale = reweighted(factors, lambda theta: residual_power(factors, theta, count))
+    count = count_effective_rows(blocks)
+    factors = factor_rows(blocks)
+    *_, scale = weigh_and_solve(factors, lambda theta: compute_residual_power(factors, theta, count))
     return score([half_estimate(part, scale) for part in parts], payload_directions(rows))
 
 

@@ -16,9 +16,7 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported
-from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.channel_assignment import check_assignment
-from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
 from gimbal_pin.estimation.identification import (
     Identified,
     assembled,
@@ -34,7 +32,18 @@ from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
 from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, Design, Filtering, compute_blocks, find_camera_body, map_phi_to_base
+from gimbal_pin.regression import (
+    TRUST,
+    Block,
+    Design,
+    Estimate,
+    Estimator,
+    Filtering,
+    compute_blocks,
+    find_camera_body,
+    fit_weighted,
+    map_phi_to_base,
+)
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import PHI, Rig
@@ -266,7 +275,7 @@ def identify_several(
     logs: Mapping[str, Sequence[Log]],
     effects: Sequence[Effect] = (),
     *,
-    estimator: Estimator = weighted,
+    estimator: Estimator = fit_weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
 ) -> Several:
@@ -319,7 +328,7 @@ def identify_several(
             faults=(*vague, *faults(rigs[name], logs[name])),
         )
     for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
-        check_assignment(part, weighted(part))
+        check_assignment(part, fit_weighted(part))
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
 
 
@@ -346,7 +355,7 @@ def identify_new(
     logs: Sequence[Log],
     known: Model,
     *,
-    estimator: Estimator = weighted,
+    estimator: Estimator = fit_weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
 ) -> Several:
@@ -383,7 +392,7 @@ def identify_new(
     mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [part._replace(b=block.b) for part, block in zip(mine, blocks)]
-    check_seen(rows.logs[0].name, own.reduction.base_names, heard, weighted(mine))
+    check_seen(rows.logs[0].name, own.reduction.base_names, heard, fit_weighted(mine))
     alone, missed = with_misfit(blocks, estimator(blocks))
     reach = np.vstack([own.columns, np.zeros((len(rows.names) - width, own.columns.shape[1]))])
     found = update(before, alone, reach, rows.logs[0].name)

@@ -16,9 +16,8 @@ from gimbal_pin.errors import LogError, digits
 from gimbal_pin.estimation.audit.base import Fault
 from gimbal_pin.estimation.audit.clock import NAME
 from gimbal_pin.estimation.audit.probe import Piece, probe, rows_at
-from gimbal_pin.estimation.estimators.least_squares import effective_rows
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags, subsample_log
+from gimbal_pin.regression import Filtering, Flags, count_effective_rows, subsample_log
 from gimbal_pin.rig.rig import Rig
 
 EARLIEST = -2e-2
@@ -123,7 +122,7 @@ def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
     bare = [piece._replace(A=piece.A[:, :, :0]) for piece in pieces]
     every = (rows_at(made._replace(pieces=tuple(shifted(one, by) for one in bare)), slow.cutoff) for by in shifts)
     torque = np.stack([np.concatenate([block.b for block in blocks]) for blocks in every], axis=2)
-    columns, used = np.concatenate([block.A for block in rows]), effective_rows(rows)
+    columns, used = np.concatenate([block.A for block in rows]), count_effective_rows(rows)
     late = shifts + held
     found = []
     for j, joint in enumerate(rig.joints):

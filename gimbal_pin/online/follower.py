@@ -14,7 +14,6 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.estimation.channel_assignment import check_assignment
-from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.identification import (
     DROWNED,
     Accuracy,
@@ -56,7 +55,7 @@ from gimbal_pin.online.learning import (
     values,
 )
 from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
-from gimbal_pin.regression import Block, Design, DesignBlocks, Filtering, compute_settling_time
+from gimbal_pin.regression import Block, Design, DesignBlocks, Estimate, Filtering, compute_settling_time
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -111,7 +110,7 @@ class Memory(NamedTuple):
 class Online:
     """``memory = online.advance(memory, log)`` takes samples in, one or many at a time; `model` answers at any moment.
 
-    The answer is that of `estimators.weighted` on the same rows, whichever way the samples were cut into blocks
+    The answer is that of `fit_weighted` on the same rows, whichever way the samples were cut into blocks
     (recursion: Lawson and Hanson 1974, ch. 27; covariance: Newey and West 1987). The base is taken as standing.
 
     Attributes:

@@ -7,12 +7,12 @@ from math import inf
 
 import numpy as np
 
-from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.estimation.identification import unseen
 from gimbal_pin.log.log import Array
 from gimbal_pin.online.causal import Row
 from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, scores_without_transient
 from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
+from gimbal_pin.regression import Estimate
 from gimbal_pin.rig.brief import brief
 
 WINDOW = LOOK + 5

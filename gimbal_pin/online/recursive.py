@@ -7,10 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.estimators.least_squares import reweighted
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block
+from gimbal_pin.regression import Block, Estimate, Solution, weigh_and_solve
 from gimbal_pin.rig.brief import brief
 
 LAGS = 8
@@ -134,9 +132,9 @@ class Known:
 
 
 def solved(moments: Moments, prior: Prior | None = None) -> Known:
-    """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖z - U theta‖²``, exactly `weighted` of all rows if no prior.
+    """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖z - U theta‖²``: exactly `regression.solve` of all rows.
 
-    Its covariance is `least_squares.covariance` of the same rows, summed as they came instead of from all of them.
+    Its covariance is that of the same rows, summed as they came instead of from all of them.
     """
     factors, count = moments.of_rows, moments.count
     width = factors.shape[2] - 1
@@ -148,7 +146,8 @@ def solved(moments: Moments, prior: Prior | None = None) -> Known:
         return np.asarray((squares + prior.count * prior.gamma[0]) / np.maximum(count + prior.count, 1.0))
 
     equations = None if prior is None else prior.equations
-    theta, information, condition, power, scale = reweighted(factors, power_of, equations)
+    found, power, scale = weigh_and_solve(factors, power_of, equations)
+    theta = found.theta
     total, pairs = correlated(moments, theta, prior)
     freedom = np.ones(len(count)) if prior else count / np.maximum(count - width / len(count), 1.0)
     products = both_ways(moments, width)
@@ -157,11 +156,11 @@ def solved(moments: Moments, prior: Prior | None = None) -> Known:
         score = np.einsum("lj,ljab->ab", gamma * freedom * scale**4 * tapered()[:, None], products)
         if equations is not None:
             score = score + equations[:, :-1].T @ equations[:, :-1]
-        covariance = sandwich(information, score)
+        covariance = sandwich(found, score)
         # Few rows can have an autocovariance that is none, each lag being divided by its own number of pairs.
         if (np.diag(covariance) > 0).all():
             break
-    return Known(Estimate(theta, covariance, np.sqrt(power), condition, moments.rows, "recursive"), positive)
+    return Known(Estimate(theta, covariance, np.sqrt(power), found.condition, moments.rows, "recursive"), positive)
 
 
 def correlated(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:
@@ -204,14 +203,13 @@ def tapered() -> Array:
     return np.asarray(1.0 - np.arange(LAGS + 1) / (LAGS + 1), dtype=np.float64)
 
 
-def sandwich(information: Array, score: Array) -> Array:
-    """``H⁻¹ S H⁻¹``, with infinite variances where H⁻¹ (`information`) has them, (k, k).
+def sandwich(found: Solution, score: Array) -> Array:
+    """``H⁻¹ S H⁻¹``, with infinite variances where H⁻¹ has them, (k, k).
 
     S is that of Newey and West 1987: its sums over lags are all that constant memory allows. The batch fits each
     residual's colour instead.
     """
-    finite = np.where(np.isfinite(information), information, 0.0)
-    out = finite @ score @ finite
-    blind = ~np.isfinite(np.diag(information))
+    out = found.gain @ score @ found.gain
+    blind = ~np.isfinite(np.diag(found.information))
     out[blind, blind] = np.inf
     return out

@@ -3,6 +3,11 @@
 log → uniform grid → smoothed q, v, a, tau → decimated → columns → low-pass → one row every half period of the cutoff
 """
 
+from gimbal_pin.regression.covariance import bound_deviations as bound_deviations
+from gimbal_pin.regression.covariance import compute_coloured_covariance as compute_coloured_covariance
+from gimbal_pin.regression.covariance import compute_score_covariance as compute_score_covariance
+from gimbal_pin.regression.covariance import fit_residual_noise as fit_residual_noise
+from gimbal_pin.regression.covariance import join_columns as join_columns
 from gimbal_pin.regression.design import CHUNK_SAMPLES as CHUNK_SAMPLES
 from gimbal_pin.regression.design import MASK_TAPER as MASK_TAPER
 from gimbal_pin.regression.design import SMOOTHER_MEMORY as SMOOTHER_MEMORY
@@ -21,6 +26,24 @@ from gimbal_pin.regression.design import find_slow_samples as find_slow_samples
 from gimbal_pin.regression.design import find_standstill as find_standstill
 from gimbal_pin.regression.design import get_design as get_design
 from gimbal_pin.regression.design import map_phi_to_base as map_phi_to_base
+from gimbal_pin.regression.instrumental import compute_moments as compute_moments
+from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental
+from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
+from gimbal_pin.regression.instrumental import solve_moments as solve_moments
+from gimbal_pin.regression.noise import Autoregression as Autoregression
+from gimbal_pin.regression.noise import compute_autocovariance as compute_autocovariance
+from gimbal_pin.regression.noise import count_independent_rows as count_independent_rows
+from gimbal_pin.regression.noise import fit_autoregression as fit_autoregression
+from gimbal_pin.regression.noise import join_blocks as join_blocks
+from gimbal_pin.regression.physical import TRUST as TRUST
+from gimbal_pin.regression.physical import anchor as anchor
+from gimbal_pin.regression.physical import build_program as build_program
+from gimbal_pin.regression.physical import build_urdf_prior as build_urdf_prior
+from gimbal_pin.regression.physical import check_trust as check_trust
+from gimbal_pin.regression.physical import factor_wide_states as factor_wide_states
+from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bodies
+from gimbal_pin.regression.physical import fit_physical as fit_physical
+from gimbal_pin.regression.physical import fit_ridge as fit_ridge
 from gimbal_pin.regression.samples import Excerpt as Excerpt
 from gimbal_pin.regression.samples import Filtering as Filtering
 from gimbal_pin.regression.samples import Flags as Flags
@@ -36,3 +59,23 @@ from gimbal_pin.regression.samples import resample_torque as resample_torque
 from gimbal_pin.regression.samples import smooth_samples as smooth_samples
 from gimbal_pin.regression.samples import split_segments as split_segments
 from gimbal_pin.regression.samples import subsample_log as subsample_log
+from gimbal_pin.regression.solve import RANK as RANK
+from gimbal_pin.regression.solve import Estimate as Estimate
+from gimbal_pin.regression.solve import Estimator as Estimator
+from gimbal_pin.regression.solve import Solution as Solution
+from gimbal_pin.regression.solve import choose_columns as choose_columns
+from gimbal_pin.regression.solve import compute_covariance as compute_covariance
+from gimbal_pin.regression.solve import compute_residual_power as compute_residual_power
+from gimbal_pin.regression.solve import compute_residuals as compute_residuals
+from gimbal_pin.regression.solve import count_effective_rows as count_effective_rows
+from gimbal_pin.regression.solve import factor_each_block as factor_each_block
+from gimbal_pin.regression.solve import factor_rows as factor_rows
+from gimbal_pin.regression.solve import fit_ordinary as fit_ordinary
+from gimbal_pin.regression.solve import fit_robust as fit_robust
+from gimbal_pin.regression.solve import fit_weighted as fit_weighted
+from gimbal_pin.regression.solve import merge_factors as merge_factors
+from gimbal_pin.regression.solve import solve as solve
+from gimbal_pin.regression.solve import solve_factors as solve_factors
+from gimbal_pin.regression.solve import triangularise as triangularise
+from gimbal_pin.regression.solve import weigh_and_solve as weigh_and_solve
+from gimbal_pin.regression.solve import weigh_joints as weigh_joints

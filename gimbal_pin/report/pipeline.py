@@ -23,7 +23,6 @@ from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.estimators import Estimator, weighted
 from gimbal_pin.estimation.identification import Identified, identify, refittable_effects
 from gimbal_pin.estimation.model_file import write_extended, write_model
 from gimbal_pin.log.io import write_log, write_motion
@@ -32,7 +31,7 @@ from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Asked, Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Estimator, Filtering, fit_weighted
 from gimbal_pin.report import pages, view
 from gimbal_pin.report.summary import Summary, summary
 from gimbal_pin.rig.brief import brief
@@ -137,7 +136,7 @@ def auto(
     folder: str | Path,
     *,
     rng: Rng = None,
-    estimator: Estimator = weighted,
+    estimator: Estimator = fit_weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
     wish: Wish | None = None,

@@ -16,9 +16,8 @@ from benchmark.figure import Figure
 from benchmark.timing import alternating
 from gimbal_pin.dynamics.model import Model, friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators.least_squares import factor, solve
 from gimbal_pin.log.log import Array, Motion
-from gimbal_pin.regression import CHUNK_SAMPLES, Block, Design, Filtering, Samples
+from gimbal_pin.regression import CHUNK_SAMPLES, Block, Design, Filtering, Samples, factor_rows, solve_factors
 from gimbal_pin.rig.rig import Rig
 
 ROUNDS = {60_000: 11, 600_000: 3}
@@ -59,7 +58,7 @@ def filtering(model: Model, count: int, rounds: int) -> Iterator[Figure]:
     """Yield the rate of the whole way from a noisy log: smoothed, built, masked, filtered, decimated, solved."""
     log = noisy_log(model, count, np.random.default_rng(1))
     rows = Design(model.rig, reduce(model.rig), friction_effects(model.rig.joints), (log,), Filtering())
-    ways = {"filtered": lambda: solve(factor(rows), np.ones(model.rig.n))}
+    ways = {"filtered": lambda: solve_factors(factor_rows(rows), np.ones(model.rig.n))}
     time = alternating(ways, rounds, "filtering").median("filtered")
     yield Figure(f"{count:,} samples: ours with all filtering".replace(",", " "), count / 1e3 / time, "k/s")
 
@@ -110,7 +109,7 @@ def blocks(rows: Design, motion: Motion, tau: Array) -> Iterator[Block]:
 
 def solution(rows: Design, motion: Motion, tau: Array) -> Array:
     """Base parameters and friction coefficients by TSQR and least squares."""
-    return solve(factor(blocks(rows, motion, tau)), np.ones(rows.rig.n))[0]
+    return solve_factors(factor_rows(blocks(rows, motion, tau)), np.ones(rows.rig.n)).theta
 
 
 def figaroh() -> Builder | None:

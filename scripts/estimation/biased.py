@@ -17,11 +17,11 @@ from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators import hausman, idim, output_error, physical, weighted
+from gimbal_pin.estimation.estimators import fit_idim, fit_output_error, hausman
 from gimbal_pin.estimation.estimators.closed_loop import instruments
 from gimbal_pin.estimation.identification import given_beta
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks
+from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks, fit_physical, fit_weighted
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import rows_of
 
@@ -46,10 +46,10 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
     blocks = rows(rig, replace(coarse, v=None), wide)
     truth = given_beta(plant.rig, reduce(rig))
     well = excited(rows(rig, exact, Filtering()), truth)
-    rivals = (weighted, idim, output_error) if seed < compared else ()
+    rivals = (fit_weighted, fit_idim, fit_output_error) if seed < compared else ()
     errors = {each.__name__: error(each(blocks).theta, truth, well) for each in rivals}
     clean = rows(rig, replace(exact, v=None), wide), rows(rig, coarse, Filtering())
-    p = [hausman(each, instruments(each, physical(each))).p_value for each in (blocks, *clean)]
+    p = [hausman(each, instruments(each, fit_physical(each))).p_value for each in (blocks, *clean)]
     return {"rig": rig.name, "p": p, "well": int(well.sum()), "parameters": len(truth), **errors}
 
 

@@ -14,12 +14,18 @@ from scipy.signal import lfilter
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.estimation.estimators import physical as physical_fit
-from gimbal_pin.estimation.estimators import weighted
-from gimbal_pin.estimation.estimators.colour import autocovariance, colour, series
 from gimbal_pin.estimation.identification import accuracy, identify
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, DesignBlocks, compute_blocks
+from gimbal_pin.regression import (
+    Block,
+    DesignBlocks,
+    compute_autocovariance,
+    compute_blocks,
+    fit_autoregression,
+    fit_physical,
+    fit_weighted,
+    join_blocks,
+)
 from gimbal_pin.rig.inertia import physical as can_exist
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, rows_of, true_theta
@@ -32,7 +38,9 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
     """Fit one log with and without the constraint; compare the torque of another motion, as noisy and without noise."""
     rig, plant, rng = drawn(seed)
     log = noisy(plant, rng, seconds, noise, corner)[0]
-    found, free = (identify(rig, [log], estimator=e, holdout="none", filtering=EXACT) for e in (physical_fit, weighted))
+    found, free = (
+        identify(rig, [log], estimator=e, holdout="none", filtering=EXACT) for e in (fit_physical, fit_weighted)
+    )
     limit = bound(rig, plant, log)
     ratios, joint, apart = [], 0.0, 0.0
     for test in noisy(plant, rng, 30.0, noise, corner):
@@ -60,13 +68,13 @@ def rows(rig: Rig, log: Log) -> DesignBlocks:
 
 def bound(rig: Rig, plant: Model, log: Log) -> Array:
     """Cramér and Rao's bound on the covariance of unbiased estimates, (k, k), by the colour of the noise itself."""
-    whole = series(rows(rig, log))
+    whole = join_blocks(rows(rig, log))
     truth = true_theta(plant.rig)
-    gamma = autocovariance([block.b - block.A @ truth for block in whole], [block.share for block in whole])
+    gamma = compute_autocovariance([block.b - block.A @ truth for block in whole], [block.share for block in whole])
     information = np.zeros((len(truth), len(truth)))
     for block in whole:
         for j, column in enumerate(gamma.T):
-            polynomial, power = colour(column, float(np.sum(block.share[:, j] ** 2)))
+            polynomial, power = fit_autoregression(column, float(np.sum(block.share[:, j] ** 2)))
             white = lfilter(polynomial, [1.0], block.A[:, j], axis=0)
             information += white.T @ white / power
     return np.linalg.inv(information)

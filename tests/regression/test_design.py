@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from gimbal_pin.dynamics.model import friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators import weighted
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import (
@@ -21,6 +20,7 @@ from gimbal_pin.regression import (
     build_mask,
     compute_blocks,
     compute_direction,
+    fit_weighted,
 )
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.rig import Rig
@@ -88,7 +88,7 @@ def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("gimbal_pin.regression.design.compute_decimation", lambda *_: 1)
     full = list(rows)
     assert np.array_equal(*(np.concatenate([block.t for block in some]) for some in (thin, full)))
-    few, all_ = weighted(thin), weighted(full)
+    few, all_ = fit_weighted(thin), fit_weighted(full)
     assert 0 < np.max(np.abs(few.theta - all_.theta) / all_.std) < 0.05
 
 

@@ -11,11 +11,18 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, angle_noise, bits, local_noise, quantum
 from gimbal_pin.estimation.audit.probe import MATERIAL, Probe, probe, rows_at
-from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
-from gimbal_pin.estimation.estimators.least_squares import Estimate, weighted
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, Filtering, smooth_samples, split_segments
+from gimbal_pin.regression import (
+    Block,
+    Estimate,
+    Filtering,
+    fit_instrumental,
+    fit_repeated,
+    fit_weighted,
+    smooth_samples,
+    split_segments,
+)
 from gimbal_pin.rig.rig import Rig
 
 NAME = "acceleration-noise"
@@ -47,11 +54,11 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if not rows or sum(block.b.size for block in rows) < 3 * len(made.names):
         return None
     halves = tuple(rows_at(probe(rig, log, filtering, made, twin), filtering.cutoff) for twin in (0, 1))
-    crossed = repeated(*halves)
+    crossed = fit_repeated(*halves)
     middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
-    bias = change(rows, crossed, weighted(middle))
-    first = weighted(rows)
-    near, far = (change(rows, first, weighted(rows_at(made, factor * filtering.cutoff))) for factor in (NEAR, FAR))
+    bias = change(rows, crossed, fit_weighted(middle))
+    first = fit_weighted(rows)
+    near, far = (change(rows, first, fit_weighted(rows_at(made, factor * filtering.cutoff))) for factor in (NEAR, FAR))
     figures = (
         Parameter("noise_share", float(drowned.max()), "1"),
         Parameter("bias", bias, "1"),
@@ -106,7 +113,7 @@ def answer(rig: Rig, log: Log, filtering: Filtering, made: Probe, crossed: Estim
     if log.q_ref is not None and follows(log.q, log.q_ref):
         wished = probe(rig, replace(log, q=log.q_ref, v=None), filtering, made)
         rows, instruments = (rows_at(each, filtering.cutoff) for each in (made, wished))
-        found = instrumental(rows, [block.A for block in instruments])
+        found = fit_instrumental(rows, [block.A for block in instruments])
     values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
     return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
 

@@ -10,7 +10,6 @@ from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators.least_squares import residuals, weighted
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
@@ -24,8 +23,10 @@ from gimbal_pin.regression import (
     Segment,
     build_mask,
     classify_base_motion,
+    compute_residuals,
     dilate_flags,
     find_moving_base,
+    fit_weighted,
     smooth_samples,
     split_segments,
 )
@@ -177,8 +178,8 @@ def spoils_torque(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> bool
         return True
     if bad and bad[0].A.shape[2] != good[0].A.shape[2]:
         return True
-    theta = weighted(good).theta
-    left = np.concatenate([residuals(block, theta) for block in good])
+    theta = fit_weighted(good).theta
+    left = np.concatenate([compute_residuals(block, theta) for block in good])
     torque = np.concatenate([block.b for block in good])
     floor, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (left, torque))
     error = np.sqrt(np.mean(difference(good, left, bad, theta, filtering.cutoff) ** 2, axis=0))
@@ -190,7 +191,7 @@ def difference(good: Sequence[Block], left: Array, bad: Sequence[Block], theta: 
     if not bad:
         return np.zeros((1, left.shape[1]))
     at, t = (np.concatenate([block.t for block in blocks]) for blocks in (good, bad))
-    other = np.concatenate([residuals(block, theta) for block in bad])
+    other = np.concatenate([compute_residuals(block, theta) for block in bad])
     after = np.clip(np.searchsorted(t, at), 1, max(len(t) - 1, 1)) if len(t) > 1 else np.zeros(len(at), int)
     near = np.minimum(np.abs(at - t[after]), np.abs(at - t[after - 1])) < 0.5 / cutoff
     interpolated = np.stack([np.interp(at, t, column) for column in other.T], axis=1)

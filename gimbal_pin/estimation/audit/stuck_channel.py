@@ -24,9 +24,8 @@ from gimbal_pin.estimation.audit.base import (
     taken,
 )
 from gimbal_pin.estimation.audit.probe import probe, rows_at
-from gimbal_pin.estimation.estimators.least_squares import residuals, weighted
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags, classify_base_motion, dilate_flags
+from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
 from gimbal_pin.rig.rig import Rig
 
 NAME = "stuck-channel"
@@ -192,8 +191,8 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     every, fitted = (rows_at(probe(rig, one, filtering, base=base), filtering.cutoff) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return 0.0
-    found = weighted(fitted)
-    parts = [(b.t, residuals(b, found.theta)[:, j], b.b[:, j], b.A[:, j]) for b in every]
+    found = fit_weighted(fitted)
+    parts = [(b.t, compute_residuals(b, found.theta)[:, j], b.b[:, j], b.A[:, j]) for b in every]
     t, error, torque, A = (np.concatenate(x) for x in zip(*parts))
     held = np.interp(t, log.t, rows.astype(float)) > 0.5
     if not held.any() or held.all() or not np.isfinite(found.covariance).all():

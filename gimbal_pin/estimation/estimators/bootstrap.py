@@ -10,10 +10,16 @@ import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.estimators.colour import series
-from gimbal_pin.estimation.estimators.least_squares import Estimate, Estimator, effective_rows, residuals
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, DesignBlocks
+from gimbal_pin.regression import (
+    Block,
+    DesignBlocks,
+    Estimate,
+    Estimator,
+    compute_residuals,
+    count_effective_rows,
+    join_blocks,
+)
 
 LEAST_SHARE = 0.3
 """A row's residual is drawn from where at least this share of its samples was not masked out."""
@@ -86,7 +92,7 @@ class ResidualBlocks:
     @staticmethod
     def of(blocks: Sequence[Block], theta: Array, seconds: float | None) -> ResidualBlocks:
         """Take the residuals of an estimate; `DataError` if too few blocks fit in."""
-        whole = series(blocks)
+        whole = join_blocks(blocks)
         step = min((float(np.median(np.diff(part.t))) for part in whole if len(part.t) > 1), default=np.inf)
         rows = sum(len(part.t) for part in whole)
         length = max(1, min(round(LONGEST / step), rows // FEWEST) if seconds is None else round(seconds / step))
@@ -95,10 +101,12 @@ class ResidualBlocks:
         if rows < FEWEST * length or not len(starts):
             what = f"holds fewer than {FEWEST} blocks of {length * step:.2g} s"
             raise DataError("the log", what, "record more, or draw shorter blocks")
-        error, share = (np.concatenate(x) for x in zip(*((residuals(part, theta), part.share) for part in whole)))
+        error, share = (
+            np.concatenate(x) for x in zip(*((compute_residuals(part, theta), part.share) for part in whole))
+        )
         usable = share >= LEAST_SHARE
         residual = np.where(usable, error / np.where(usable, share, 1.0), 0.0)
-        count = effective_rows(blocks)
+        count = count_effective_rows(blocks)
         free = np.sum(error**2, axis=0) / np.maximum(count - len(theta) / len(count), 1.0)
         size = np.mean(residual**2, axis=0)
         return ResidualBlocks(residual * np.sqrt(free / np.where(size > 0, size, 1.0)), starts, length, length * step)

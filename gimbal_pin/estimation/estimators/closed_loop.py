@@ -15,9 +15,6 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.effects import Term
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.estimators.instrumental import instrumental
-from gimbal_pin.estimation.estimators.least_squares import Estimate, residuals, weighted
-from gimbal_pin.estimation.estimators.physical import physical
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.missing_samples import filled
@@ -25,10 +22,15 @@ from gimbal_pin.log.platform import Platform
 from gimbal_pin.regression import (
     Block,
     Design,
+    Estimate,
     Samples,
     Segment,
     compute_blocks,
+    compute_residuals,
     find_moving_base,
+    fit_instrumental,
+    fit_physical,
+    fit_weighted,
     get_design,
     resample_torque,
     smooth_samples,
@@ -173,7 +175,7 @@ def simulated(rows: Design, model: Model) -> tuple[Log, ...]:
     return tuple(made)
 
 
-def output_error(blocks: Sequence[Block]) -> Estimate:
+def fit_output_error(blocks: Sequence[Block]) -> Estimate:
     """``argmin Σ ‖(q - q_s(theta)) / σ_j‖²`` with q_s the motion of the model itself, in closed loop along the log.
 
     A Gauss-Newton step is least squares on the angles' error: by a change of theta the model moves by
@@ -182,12 +184,12 @@ def output_error(blocks: Sequence[Block]) -> Estimate:
     noise of the output alone, and biases nothing.
     """
     rows = get_design(blocks)
-    first = physical(blocks)
+    first = fit_physical(blocks)
     now = followed(rows, first.theta, first.covariance)
     if now is None:
         what, mend = "cannot be followed by the model that was estimated from it", "use another estimator"
         raise DataError(rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'")
-    before, found = now.theta, weighted(now.blocks)
+    before, found = now.theta, fit_weighted(now.blocks)
     for _ in range(PASSES):
         # What least squares says may lie beyond the bodies that can exist: it then says the same once more.
         if any(np.all(np.abs(found.theta - each) <= SETTLED * found.std) for each in (before, now.theta)):
@@ -195,8 +197,8 @@ def output_error(blocks: Sequence[Block]) -> Estimate:
         after = shortened(rows, now, found)
         if after is None:
             break
-        before, now, found = found.theta, after, weighted(after.blocks)
-    left = np.concatenate([residuals(block, found.theta) for block in now.blocks])
+        before, now, found = found.theta, after, fit_weighted(after.blocks)
+    left = np.concatenate([compute_residuals(block, found.theta) for block in now.blocks])
     return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method="output-error")
 
 
@@ -208,7 +210,7 @@ class Followed(NamedTuple):
 
     def cost(self, scale: Array) -> float:
         """``Σ ‖(q - q_s) / σ‖²`` with σ per joint, rad."""
-        return float(sum(np.sum((residuals(block, self.theta) / scale) ** 2) for block in self.blocks))
+        return float(sum(np.sum((compute_residuals(block, self.theta) / scale) ** 2) for block in self.blocks))
 
 
 def followed(rows: Design, theta: Array, covariance: Array) -> Followed | None:
@@ -259,15 +261,15 @@ def block(rows: Design, model: Model, theta: Array, run: Run, keep: slice) -> Bl
     return Block(run.t[keep].copy(), A, A @ theta - error, run.q[keep].copy(), run.v[keep].copy(), np.ones_like(error))
 
 
-def idim(blocks: Sequence[Block]) -> Estimate:
+def fit_idim(blocks: Sequence[Block]) -> Estimate:
     """``theta = (Σ ZᵀWA)⁻¹ Σ ZᵀWb`` with Z the regressor along the motion that the current model makes in closed loop.
 
     That motion follows the true one and knows next to nothing of the sensors' noise (Janot, Vandanjon and Gautier
     2014): where the regressor is noisy, and least squares shrinks what multiplies the acceleration, this does not.
     """
-    found = physical(blocks)
+    found = fit_physical(blocks)
     for _ in range(IDIM_PASSES):
-        found = instrumental(blocks, instruments(blocks, found))
+        found = fit_instrumental(blocks, instruments(blocks, found))
     return found
 
 

@@ -10,13 +10,23 @@ import numpy as np
 
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation.estimators.closed_loop import instruments
-from gimbal_pin.estimation.estimators.colour import colours, joined_columns, score, series
-from gimbal_pin.estimation.estimators.instrumental import instrumental, moments, solved
-from gimbal_pin.estimation.estimators.least_squares import joint_weights
-from gimbal_pin.estimation.estimators.physical import physical
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks
+from gimbal_pin.regression import (
+    Block,
+    DesignBlocks,
+    Filtering,
+    compute_blocks,
+    compute_moments,
+    compute_score_covariance,
+    fit_instrumental,
+    fit_physical,
+    fit_residual_noise,
+    join_blocks,
+    join_columns,
+    solve_moments,
+    weigh_joints,
+)
 
 LEVEL = 0.01
 """Chance that a log on which least squares is not biased is called biased."""
@@ -91,18 +101,21 @@ def hausman(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
 
     `instruments`: per block its Z, (m, n, k).
     """
-    found = instrumental(blocks, instruments)
-    weight = joint_weights(found.residual_std**2) ** 2
+    found = fit_instrumental(blocks, instruments)
+    weight = weigh_joints(found.residual_std**2) ** 2
     gains, thetas = [], []
     for columns in (instruments, [block.A for block in blocks]):
         target = sum((np.einsum("tjk,j,tj->k", z, weight, block.b) for z, block in zip(columns, blocks)), 0.0)
-        theta, gain, _ = solved(moments([(z, b.A) for z, b in zip(columns, blocks)], weight), np.asarray(target))
+        theta, gain, _ = solve_moments(
+            compute_moments([(z, b.A) for z, b in zip(columns, blocks)], weight), np.asarray(target)
+        )
         gains.append(gain)
         thetas.append(theta)
-    joints = colours(blocks, instruments, thetas[0], gains[0], weight)
+    noise = fit_residual_noise(blocks, instruments, thetas[0], gains[0], weight).processes
     apart = [z @ gains[0].T - block.A @ gains[1].T for z, block in zip(instruments, blocks)]
-    own = gains[1] @ score([block.A for block in series(blocks)], joints, weight) @ gains[1].T
-    spread = score(joined_columns(blocks, apart), joints, weight) + ADMISSIBLE**2 * own
+    score = compute_score_covariance([block.A for block in join_blocks(blocks)], noise, weight).sum(axis=0)
+    spread = compute_score_covariance(join_columns(blocks, apart), noise, weight).sum(axis=0)
+    spread = spread + ADMISSIBLE**2 * gains[1] @ score @ gains[1].T
     return tested(thetas[0] - thetas[1], spread, blocks)
 
 
@@ -186,7 +199,7 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: str = "") -> Bia
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
     judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else compute_blocks(replace(rows, logs=(some,)))
     try:
-        return BiasCheck(noise, hausman(judged, instruments(judged, physical(judged))), method=method)
+        return BiasCheck(noise, hausman(judged, instruments(judged, fit_physical(judged))), method=method)
     except DataError as error:
         return BiasCheck(noise, None, f"whether least squares is biased cannot be tested: {error}", method)
 
@@ -200,7 +213,7 @@ def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> floa
     fine = signals.noise_std(log.q)
     noise = noises(log, filtering.cutoff, np.maximum(fine, coarseness(log.q)))
     smoothed = noises(log, filtering.cutoff * filtering.smoothing, fine)
-    parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in series(blocks)]
+    parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in join_blocks(blocks)]
     total = np.mean(np.concatenate(parts) ** 2, axis=0)
     step = 1.0 / (2 * filtering.cutoff)
     size = np.sqrt(np.maximum(total - 2 * (smoothed[0] / step) ** 2, LEAST**2 * total))

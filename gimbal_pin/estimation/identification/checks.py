@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimation.estimators import Estimate
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, Design, Filtering, Flags, compute_settling_time
+from gimbal_pin.regression import Block, Design, Estimate, Filtering, Flags, compute_settling_time
 from gimbal_pin.rig.rig import Rig
 
 LONGEST_INTERVAL = 0.2

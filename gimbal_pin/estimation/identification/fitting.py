@@ -16,10 +16,7 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation import payload_change
-from gimbal_pin.estimation.bodies import TRUST
 from gimbal_pin.estimation.channel_assignment import check_assignment
-from gimbal_pin.estimation.estimators import Estimate, Estimator, weighted
-from gimbal_pin.estimation.estimators.colour import cramer_rao
 from gimbal_pin.estimation.estimators.hausman import WhenTested, check_bias
 from gimbal_pin.estimation.identification.checks import check_enough, check_log, check_seen, check_unit, unseen
 from gimbal_pin.estimation.identification.identified import Identified, faults
@@ -29,7 +26,19 @@ from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
-from gimbal_pin.regression import Block, Design, DesignBlocks, Filtering, classify_base_motion, compute_blocks
+from gimbal_pin.regression import (
+    TRUST,
+    Block,
+    Design,
+    DesignBlocks,
+    Estimate,
+    Estimator,
+    Filtering,
+    bound_deviations,
+    classify_base_motion,
+    compute_blocks,
+    fit_weighted,
+)
 from gimbal_pin.rig.consistency import Consistent, likeliest, nearest
 from gimbal_pin.rig.rig import Rig
 
@@ -142,7 +151,7 @@ def usual_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
 
 
 def least_deviations(fit: Fit, filters: Filtering, names: Sequence[str]) -> Array | None:
-    """Return the least standard deviations that the training rows allow, see `colour.cramer_rao`, (k,).
+    """Return the least standard deviations that the training rows allow, see `covariance.bound_deviations`, (k,).
 
     None where the wide rows show other parameters.
 
@@ -152,7 +161,7 @@ def least_deviations(fit: Fit, filters: Filtering, names: Sequence[str]) -> Arra
         names: The parameters that were estimated.
     """
     blocks, estimate = fit(replace(filters, cutoff=max(WIDE, filters.cutoff)))
-    return cramer_rao(blocks, estimate.theta) if tuple(blocks.design.names) == tuple(names) else None
+    return bound_deviations(blocks, estimate.theta) if tuple(blocks.design.names) == tuple(names) else None
 
 
 @one_thread()
@@ -161,7 +170,7 @@ def identify(
     logs: Sequence[Log],
     effects: Sequence[Effect] = (),
     *,
-    estimator: Estimator = weighted,
+    estimator: Estimator = fit_weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
     examined: WhenTested = "never",
@@ -220,6 +229,10 @@ def identify(
     # Noise in the angles biases either half in its own way: that is said already, and is no second rig.
     noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
     notes += (payload_change.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
+
+    def wide_fit(wide: Filtering) -> tuple[DesignBlocks, Estimate]:
+        return fitted(rig, everything, train, wide, fit_weighted, base)
+
     return replace(
         found,
         model=replace(found.model, doubts=(*left_out, *found.model.doubts)),
@@ -230,9 +243,7 @@ def identify(
         parting=parting,
         missed=dict(zip(rig.joints, missed)),
         faults=() if examined == "never" else faults(rig, logs),
-        bound=None
-        if examined == "never" or base != "rotating"
-        else least_deviations(lambda wide: fitted(rig, everything, train, wide, weighted, base), filters, found.names),
+        bound=None if examined == "never" or base != "rotating" else least_deviations(wide_fit, filters, found.names),
     )
 
 

@@ -15,14 +15,13 @@ from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.audit import audit
-from gimbal_pin.estimation.bodies import TRUST, Body, bodies
-from gimbal_pin.estimation.estimators import Estimate
+from gimbal_pin.estimation.bodies import Body, bodies
 from gimbal_pin.estimation.estimators.hausman import BiasCheck
 from gimbal_pin.estimation.identification.misfit import Misfit
 from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
 from gimbal_pin.log.calibration import Mounting
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, find_camera_body, map_phi_to_base, subsample_log
+from gimbal_pin.regression import TRUST, Estimate, Filtering, find_camera_body, map_phi_to_base, subsample_log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import Consistent
 from gimbal_pin.rig.inertia import to_urdf
@@ -127,7 +126,7 @@ class Identified:
         parting: By how much the halves of the data differ, in shares of what chance allows, see
             `payload_change.compare_halves`; above one they are of two rigs; None where not tested.
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
-            `estimators.colour.cramer_rao`; None where the base did not turn, or where not computed.
+            `regression.bound_deviations`; None where the base did not turn, or where not computed.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
         faults: What the audit of the logs found, in sentences, see `faults`.
         missed: Joint → what of its torque the model misses, see `misfit`.

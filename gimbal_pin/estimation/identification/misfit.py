@@ -15,10 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.estimation.estimators import Estimate
-from gimbal_pin.estimation.estimators.least_squares import RANK, effective_rows, factor, joint_weights, solve, triangle
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block
+from gimbal_pin.regression import (
+    RANK,
+    Block,
+    Estimate,
+    count_effective_rows,
+    factor_rows,
+    solve_factors,
+    triangularise,
+    weigh_joints,
+)
 from gimbal_pin.rig.brief import brief
 
 ANGLES, RATES, SIGNED = 24, 12, 6
@@ -57,7 +64,7 @@ class Misfit(NamedTuple):
 def misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
     """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
     A, b, q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in FIELDS)
-    used, found, columns = effective_rows(blocks), [], []
+    used, found, columns = count_effective_rows(blocks), [], []
     for j in range(b.shape[1]):
         X = discrepancy(q[:, j], v[:, j]) * share[:, j, None]
         columns.append(X)
@@ -92,12 +99,12 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
         count: Rows that were not masked out.
     """
     size = A.shape[1]
-    R = triangle(np.column_stack([A, X, b]))
+    R = triangularise(np.column_stack([A, X, b]))
     _, seen, turned = np.linalg.svd(R[:, :size], full_matrices=False)
     turned = turned[seen > RANK * seen.max(initial=0.0)]
     if len(turned) < size:  # what several columns share is taken once
         size = len(turned)
-        R = triangle(np.column_stack([R[:, : A.shape[1]] @ turned.T, R[:, A.shape[1] :]]))
+        R = triangularise(np.column_stack([R[:, : A.shape[1]] @ turned.T, R[:, A.shape[1] :]]))
     end = min(len(R), size + X.shape[1])
     left, z, rest = R[size:end, size:-1], R[size:end, -1], float(np.sum(R[end:, -1] ** 2))
     free = max(count - size, 1.0)
@@ -148,9 +155,8 @@ def with_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -
         cameras: Of how many cameras the joints are, one's after another's.
     """
     found, columns = misfits(blocks)
-    weight = np.ones(len(found)) if estimate.method == "ols" else joint_weights(estimate.residual_std**2)
-    gain = solve(factor(blocks), weight)[1]
-    gain = np.where(np.isfinite(gain), gain, 0.0)
+    weight = np.ones(len(found)) if estimate.method == "ols" else weigh_joints(estimate.residual_std**2)
+    gain = solve_factors(factor_rows(blocks), weight).gain
     moved = np.zeros((len(found), len(gain), len(GROUPS)))
     for j, one in enumerate(found):
         if one.size > 0:

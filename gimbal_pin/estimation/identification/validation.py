@@ -10,10 +10,9 @@ from scipy.special import fdtri
 
 from gimbal_pin.dynamics.model import Doubt
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.estimation.estimators.colour import autocovariance, series
 from gimbal_pin.estimation.identification.checks import FAINT
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block
+from gimbal_pin.regression import Block, compute_autocovariance, join_blocks
 from gimbal_pin.rig.brief import brief
 
 EXPLAINED = 90.0
@@ -64,7 +63,7 @@ def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: 
     """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
     if not blocks:
         raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
-    whole = series(blocks)
+    whole = join_blocks(blocks)
     errors = [block.b - block.A @ theta for block in whole]
     measured, share = (np.concatenate([getattr(block, name) for block in whole]) for name in ("b", "share"))
     error = np.concatenate(errors)
@@ -74,7 +73,7 @@ def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: 
     spread = np.linalg.norm(measured - mean * share, axis=0)
     fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
     used = np.mean(share**2, axis=0)
-    lags = autocovariance(errors, [block.share for block in whole])
+    lags = compute_autocovariance(errors, [block.share for block in whole])
     effective = rows / (1 + 2 * np.sum((lags[1:] / np.maximum(lags[0], 1e-300)) ** 2, axis=0))
     return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used, effective)))
 

@@ -8,10 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.estimators import Estimate, ols, weighted
-from gimbal_pin.estimation.estimators.instrumental import instrumental, repeated
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block
+from gimbal_pin.regression import Block, Estimate, fit_instrumental, fit_ordinary, fit_repeated, fit_weighted
 
 
 def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:
@@ -28,7 +26,7 @@ def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) ->
 @given(st.integers(0, 2**32 - 1))
 def test_repeated_readings_do_not_care_which_comes_first(seed: int) -> None:
     first, second, _ = regression(np.random.default_rng(seed), noise=0.3)
-    one, other = repeated([first], [second]), repeated([second], [first])
+    one, other = fit_repeated([first], [second]), fit_repeated([second], [first])
     assert np.allclose(one.theta, other.theta) and np.allclose(one.covariance, other.covariance)
 
 
@@ -36,8 +34,8 @@ def test_repeated_readings_do_not_care_which_comes_first(seed: int) -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_the_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None:
     block, _, _ = regression(np.random.default_rng(seed))
-    plain = weighted([block])
-    for found in (instrumental([block], [block.A]), repeated([block], [block])):
+    plain = fit_weighted([block])
+    for found in (fit_instrumental([block], [block.A]), fit_repeated([block], [block])):
         assert np.allclose(found.theta, plain.theta, atol=1e-6)
         assert np.allclose(found.std, plain.std, rtol=0.05)
 
@@ -47,7 +45,7 @@ def test_the_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None
 def test_with_one_joint_the_regressor_as_instrument_is_ordinary_least_squares(seed: int) -> None:
     block, _, _ = regression(np.random.default_rng(seed))
     one = Block(block.t, *(x[:, :1] for x in block[1:]))
-    assert np.allclose(instrumental([one], [one.A]).theta, ols([one]).theta, rtol=1e-9)
+    assert np.allclose(fit_instrumental([one], [one.A]).theta, fit_ordinary([one]).theta, rtol=1e-9)
 
 
 def test_the_error_falls_with_the_rows_where_that_of_least_squares_stays() -> None:
@@ -55,7 +53,7 @@ def test_the_error_falls_with_the_rows_where_that_of_least_squares_stays() -> No
     errors: dict[int, tuple[float, float]] = {}
     for rows in (400, 40_000):
         first, second, theta = regression(np.random.default_rng(3), rows, noise=0.5)
-        plain, found = weighted([first]).theta, instrumental([first], [second.A]).theta
+        plain, found = fit_weighted([first]).theta, fit_instrumental([first], [second.A]).theta
         errors[rows] = float(np.abs(plain / theta - 1).max()), float(np.abs(found / theta - 1).max())
     assert errors[40_000][0] == pytest.approx(1 - 1 / 1.25, abs=0.01)
     assert errors[40_000][1] < 0.2 * errors[400][1] and errors[40_000][1] < 0.02
@@ -65,8 +63,8 @@ def test_blocks_of_a_log_are_one_regression() -> None:
     first, second, _ = regression(np.random.default_rng(8), noise=0.4)
     parts = [slice(0, 150), slice(150, 400)]
     cut = [Block(*(x[part] for x in first)) for part in parts]
-    whole = instrumental([first], [second.A])
-    assert np.allclose(instrumental(cut, [second.A[part] for part in parts]).theta, whole.theta)
+    whole = fit_instrumental([first], [second.A])
+    assert np.allclose(fit_instrumental(cut, [second.A[part] for part in parts]).theta, whole.theta)
 
 
 def test_instrumental_estimates_are_consistent_and_their_deviations_honest() -> None:
@@ -74,9 +72,9 @@ def test_instrumental_estimates_are_consistent_and_their_deviations_honest() -> 
     for seed in range(60):
         first, second, theta = regression(np.random.default_rng(seed), noise=0.5)
         for name, found in (
-            ("plain", weighted([first])),
-            ("instrumental", instrumental([first], [second.A])),
-            ("repeated", repeated([first], [second])),
+            ("plain", fit_weighted([first])),
+            ("instrumental", fit_instrumental([first], [second.A])),
+            ("repeated", fit_repeated([first], [second])),
         ):
             errors[name].append((found.theta - theta) / found.std)
     scores = {name: np.array(each) for name, each in errors.items()}
@@ -91,7 +89,7 @@ def test_deviations_of_repeated_readings_count_noise_times_noise() -> None:
     scores = []
     for seed in range(60):
         first, second, theta = regression(np.random.default_rng(seed), noise=1.0)
-        found = repeated([first], [second])
+        found = fit_repeated([first], [second])
         scores.append((found.theta - theta) / found.std)
     assert 0.85 < np.sqrt(np.mean(np.square(scores))) < 1.15
     assert 0.93 < np.mean(np.abs(scores) < 1.96) < 0.98
@@ -101,13 +99,13 @@ def test_instruments_must_fit_the_rows() -> None:
     block, other, _ = regression(np.random.default_rng(0))
     for wrong in ([], [other.A[:-1]]):
         with pytest.raises(UsageError, match="instruments"):
-            instrumental([block], wrong)
+            fit_instrumental([block], wrong)
     with pytest.raises(UsageError, match="twins"):
-        repeated([block], [])
+        fit_repeated([block], [])
 
 
 def test_a_direction_without_instrument_has_infinite_deviation() -> None:
     block, other, _ = regression(np.random.default_rng(0))
     blind = block._replace(A=block.A * [1.0, 1.0, 1.0, 0.0])
-    found: Estimate = instrumental([blind], [other.A * [1.0, 1.0, 1.0, 0.0]])
+    found: Estimate = fit_instrumental([blind], [other.A * [1.0, 1.0, 1.0, 0.0]])
     assert np.isinf(found.std).tolist() == [False, False, False, True]

@@ -1,4 +1,4 @@
-"""Least squares over bodies that can exist."""
+"""Least squares over bodies that can exist, and with the URDF as what is known beforehand."""
 
 from __future__ import annotations
 
@@ -8,30 +8,34 @@ import numpy as np
 
 from gimbal_pin.dynamics.configurations import spread
 from gimbal_pin.dynamics.regressor import regressor
-from gimbal_pin.estimation.estimators.least_squares import (
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log.log import Array
+from gimbal_pin.regression.design import Block, Design, find_base_columns, get_design
+from gimbal_pin.regression.solve import (
     RANK,
     Estimate,
-    covariance,
-    effective_rows,
-    factor,
-    joint_weights,
-    residual_power,
+    compute_covariance,
+    compute_residual_power,
+    count_effective_rows,
+    factor_rows,
     solve,
-    triangle,
+    solve_factors,
+    triangularise,
+    weigh_joints,
 )
-from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, Design, find_base_columns, get_design
-from gimbal_pin.rig.consistency import WEIGHTS, fitted
+from gimbal_pin.rig import consistency
 
 PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
 ELSEWHERE = 0.03
 """Weight of the states that fill the rig's limits, all together, as a share of the log's rows."""
+TRUST = 0.3
+"""Relative standard deviation of a URDF's masses where nobody says how good it is."""
 MOST = 30.0
 """No combination of parameters counts more for them than so many times what the log says of it."""
 
 
-def physical(blocks: Sequence[Block]) -> Estimate:
+def fit_physical(blocks: Sequence[Block]) -> Estimate:
     """``argmin Σ_j (‖b_j - A_j (K φ; f)‖² + w ‖Y_j (K φ - β)‖²) / σ_j²`` over bodies φ that can exist, f in its bounds.
 
     The data themselves are fitted, through their triangular factor, and not an estimate moved afterwards: the global
@@ -45,21 +49,55 @@ def physical(blocks: Sequence[Block]) -> Estimate:
     to β: so it is never farther from the truth than β is, in the torque of log and limits together.
     """
     rows = get_design(blocks)
-    factors, count = factor(blocks), effective_rows(blocks)
-    wide = everywhere(rows, factors.shape[2] - 1)
-    theta, _, condition = solve(factors, np.ones(len(factors)))
+    factors, count = factor_rows(blocks), count_effective_rows(blocks)
+    wide = factor_wide_states(rows, factors.shape[2] - 1)
+    theta = solve_factors(factors, np.ones(len(factors))).theta
     for _ in range(PASSES):
-        scale = joint_weights(residual_power(factors, theta, count))
-        phi, friction = bounded(rows, program(factors, wide, scale, count))
+        scale = weigh_joints(compute_residual_power(factors, theta, count))
+        phi, friction = fit_bounded_bodies(rows, build_program(factors, wide, scale, count))
         theta = np.concatenate([rows.mixing @ phi, friction])
-    power = residual_power(factors, theta, count)
-    _, information, condition = solve(factors, scale)
-    deviations = covariance(blocks, theta, information, scale)
+    power = compute_residual_power(factors, theta, count)
+    found = solve_factors(factors, scale)._replace(theta=theta)
+    deviations = compute_covariance(blocks, found, scale)
     length = sum(len(block.t) for block in blocks)
-    return Estimate(theta, deviations, np.sqrt(power), condition, length, "physical", phi)
+    return Estimate(theta, deviations, np.sqrt(power), found.condition, length, "physical", phi)
 
 
-def everywhere(rows: Design, width: int) -> Array:
+def fit_ridge(blocks: Sequence[Block], trust: float = TRUST) -> Estimate:
+    """``argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + (beta - beta_0)ᵀ P₀⁻¹ (beta - beta_0)``: `solve` with the URDF as prior.
+
+    What the log shows well, it decides; what it does not, stays at the URDF, with the deviation that the trust leaves
+    it. Friction is not held.
+
+    Args:
+        blocks: Rows.
+        trust: Relative standard deviation of the URDF's masses; lengths to half of that.
+    """
+    check_trust(trust)
+    return solve(blocks, build_urdf_prior(get_design(blocks), trust), method="ridge")
+
+
+def check_trust(trust: float) -> None:
+    """Raise `UsageError` if a trust is not positive."""
+    if not 0 < trust < np.inf:
+        raise UsageError("trust", f"is {trust:g}", "give the URDF's relative deviation, such as 0.3")
+
+
+def build_urdf_prior(design: Design, trust: float) -> Array:
+    """Rows ``[P₀^-½ 0 P₀^-½ beta_0]``, (b, k + 1): beta_0 the URDF's base parameters, ``P₀ = K (trust² G) Kᵀ``.
+
+    P₀ is their covariance if every body is the URDF's, stretched and sheared at random by `trust`: G as
+    `consistency.spread` says.
+    """
+    left, values, _ = np.linalg.svd(design.mixing @ consistency.spread(design.rig.phi) * trust, full_matrices=False)
+    whiten = left.T / np.maximum(values, 1e-9 * values[0])[:, None]
+    out = np.zeros((len(whiten), len(design.names) + 1))
+    out[:, : whiten.shape[1]] = whiten
+    out[:, -1] = whiten @ (design.mixing @ design.rig.phi)
+    return out
+
+
+def factor_wide_states(rows: Design, width: int) -> Array:
     """Each joint's triangular factor of the base columns over states that fill the rig's limits, (n, b, width).
 
     The base stands; mean squares, not sums; the columns of effects are zero.
@@ -67,29 +105,29 @@ def everywhere(rows: Design, width: int) -> Array:
     states = spread(rows.rig)
     Y = regressor(rows.rig, states.q, states.v, states.a)[:, :, find_base_columns(rows.rig, rows.reduction)]
     out = np.zeros((Y.shape[1], Y.shape[2], width))
-    out[:, :, : Y.shape[2]] = [triangle(Y[:, j] / np.sqrt(len(Y))) for j in range(Y.shape[1])]
+    out[:, :, : Y.shape[2]] = [triangularise(Y[:, j] / np.sqrt(len(Y))) for j in range(Y.shape[1])]
     return out
 
 
-def program(factors: Array, wide: Array, scale: Array, count: Array) -> Array:
-    """Rows ``[U z]`` of which `physical` minimises ``‖U theta - z‖²``, (any, k + 1).
+def build_program(factors: Array, wide: Array, scale: Array, count: Array) -> Array:
+    """Rows ``[U z]`` of which `fit_physical` minimises ``‖U theta - z‖²``, (any, k + 1).
 
     Args:
         factors: Of each joint's [A b], (n, k + 1, k + 1).
-        wide: What `everywhere` says, (n, b, k).
+        wide: What `factor_wide_states` says, (n, b, k).
         scale: Square root of each joint's weight, (n,).
         count: Rows per joint, (n,).
     """
     data = (factors * scale[:, None, None]).reshape(-1, factors.shape[2])
     weighed = (np.sqrt(ELSEWHERE * count) * scale)[:, None, None] * wide
-    return np.concatenate([data, anchored(data, weighed.reshape(-1, wide.shape[2]))])
+    return np.concatenate([data, anchor(data, weighed.reshape(-1, wide.shape[2]))])
 
 
-def anchored(data: Array, wide: Array) -> Array:
+def anchor(data: Array, wide: Array) -> Array:
     """Rows ``wide (theta - theta_0)``, theta_0 being the data's own solution, in so far as the data show theta.
 
     In coordinates in which the data's squares are the identity, singular values beyond √MOST are cut to it: so what
-    the data hardly show, and hence theta_0 does not know, is not held there.
+    the data hardly show, and hence theta_0 does not know, is not fixed_values there.
 
     Args:
         data: ``[A b]``, (any, k + 1).
@@ -98,7 +136,7 @@ def anchored(data: Array, wide: Array) -> Array:
     Returns:
         ``[U U theta_0]``, (any, k + 1).
     """
-    R = triangle(data)
+    R = triangularise(data)
     norms = np.linalg.norm(R[:, :-1], axis=0)
     unit = np.where(norms > 0, norms, 1.0)
     left, values, right = np.linalg.svd(R[:-1, :-1] / unit)
@@ -109,39 +147,41 @@ def anchored(data: Array, wide: Array) -> Array:
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
 
 
-def bounded(rows: Design, stacked: Array, weights: Sequence[float] = WEIGHTS) -> tuple[Array, Array]:
+def fit_bounded_bodies(
+    rows: Design, stacked: Array, weights: Sequence[float] = consistency.WEIGHTS
+) -> tuple[Array, Array]:
     """Return the bodies and the other coefficients: those that want to leave their bounds stay on them.
 
     Friction drives nothing: its coefficients are not negative. `weights` are what `consistency.fitted` takes.
     """
     limits = [c for effect in rows.effects for c in effect.coefficients]
     lower, upper = (np.array([getattr(c, name) for c in limits]) for name in ("lower", "upper"))
-    held = np.full(len(limits), np.nan)
+    fixed_values = np.full(len(limits), np.nan)
     while True:
-        phi, others = constrained(rows.rig.phi, rows.mixing, stacked, held, weights)
+        phi, others = fit_bodies(rows.rig.phi, rows.mixing, stacked, fixed_values, weights)
         low, high = others < lower, others > upper
         if not (low | high).any():
             return phi, others
-        held[low], held[high] = lower[low], upper[high]
+        fixed_values[low], fixed_values[high] = lower[low], upper[high]
 
 
-def constrained(
-    start: Array, mixing: Array, stacked: Array, held: Array, weights: Sequence[float] = WEIGHTS
+def fit_bodies(
+    start: Array, mixing: Array, stacked: Array, fixed_values: Array, weights: Sequence[float] = consistency.WEIGHTS
 ) -> tuple[Array, Array]:
     """Return the bodies, (10 n,), and the other coefficients, that fit best ``[U z]``, (any, k + 1).
 
     The others are not constrained, so they are eliminated: with their columns first, what stands under their part of
-    the triangle is free of them. Those that are held at a value, not NaN, go over to the torque.
+    the triangle is free of them. Those that are fixed_values at a value, not NaN, go over to the torque.
     """
     width, total = len(mixing), stacked.shape[1] - 1
     rows = stacked.copy()
-    fixed = np.isfinite(held)
-    rows[:, total] -= rows[:, width:total][:, fixed] @ held[fixed]
+    fixed = np.isfinite(fixed_values)
+    rows[:, total] -= rows[:, width:total][:, fixed] @ fixed_values[fixed]
     free = int(np.sum(~fixed))
-    R = triangle(rows[:, [*(width + np.flatnonzero(~fixed)), *range(width), total]])
+    R = triangularise(rows[:, [*(width + np.flatnonzero(~fixed)), *range(width), total]])
     end = free + width
-    phi = fitted(start, R[free:end, free:end] @ mixing, R[free:end, end], weights).phi
+    phi = consistency.fitted(start, R[free:end, free:end] @ mixing, R[free:end, end], weights).phi
     left = R[:free, end] - R[:free, free:end] @ (mixing @ phi)
-    others = held.copy()
+    others = fixed_values.copy()
     others[~fixed] = np.linalg.lstsq(R[:free, :free], left, rcond=None)[0]
     return phi, others

@@ -7,10 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.estimators.colour import coloured
-from gimbal_pin.estimation.estimators.least_squares import RANK, Estimate, effective_rows, joint_weights, residuals
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block
+from gimbal_pin.regression.covariance import compute_coloured_covariance
+from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.solve import (
+    RANK,
+    Estimate,
+    compute_residuals,
+    count_effective_rows,
+    weigh_joints,
+)
 
 PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
@@ -21,7 +27,7 @@ PRODUCTS = 1.5
 """Variance of all products that a residual's colour does not count, over that of those of half the differences."""
 
 
-def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estimate:
+def fit_instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estimate:
     """``theta = (Σ ZᵀWA)⁻¹ Σ ZᵀWb``: consistent if Z moves with A and its noise has nothing to do with A's or b's.
 
     Least squares with a noisy A shrinks: AᵀA holds the noise's own power. ZᵀA does not. Valid instruments are columns
@@ -35,10 +41,10 @@ def instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> Estim
     """
     if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
         raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
-    return iterated(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
+    return solve_instrumental(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
 
 
-def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
+def fit_repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
     """Instrumental variables from two regressors of one motion with independent noise: each is the other's instrument.
 
     ``theta = (Σ AᵀWB + BᵀWA)⁻¹ Σ (A + B)ᵀWb``: the same whichever comes first.
@@ -53,34 +59,34 @@ def repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
     middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
     half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
     # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
-    return iterated(middle, [(block.A, block.A) for block in middle], half)
+    return solve_instrumental(middle, [(block.A, block.A) for block in middle], half)
 
 
 Pairs = Sequence[tuple[Array, Array]]
 
 
-def iterated(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
+def solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
     """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
 
     `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
     """
-    rows, width = effective_rows(blocks), blocks[0].A.shape[2]
+    rows, width = count_effective_rows(blocks), blocks[0].A.shape[2]
     weight: Array = np.ones(blocks[0].b.shape[1])
     for _ in range(PASSES):
-        moment = moments(pairs, weight) - moments([(D, D) for D in noise], weight, width)
+        moment = compute_moments(pairs, weight) - compute_moments([(D, D) for D in noise], weight, width)
         target = sum((np.einsum("tjk,j,tj->k", Z, weight, block.b) for (Z, _), block in zip(pairs, blocks)), 0.0)
-        theta, inverse, condition = solved(moment, np.asarray(target))
-        squares = sum(np.sum(residuals(block, theta) ** 2, axis=0) for block in blocks)
+        theta, inverse, condition = solve_moments(moment, np.asarray(target))
+        squares = sum(np.sum(compute_residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
-        weight = joint_weights(power) ** 2
-    spread = coloured(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
-    spread = spread + inverse @ products(noise, theta, weight) @ inverse.T
+        weight = weigh_joints(power) ** 2
+    spread = compute_coloured_covariance(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
+    spread = spread + inverse @ compute_product_covariance(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
     return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "instrumental")
 
 
-def products(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
+def compute_product_covariance(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
     """Covariance that ``Σ DᵀWD theta`` and its like in ``Σ MᵀWM theta`` have by chance, (k, k).
 
     Noise times noise: the mean of two readings and half their difference hold as much of it, independent of each other.
@@ -101,13 +107,13 @@ def products(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
     return PRODUCTS * out
 
 
-def moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:
+def compute_moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:
     """``Σ ZᵀWA``, (k, k); zeros of `width` where there is no pair."""
     parts = [np.einsum("tjk,j,tjl->kl", Z, weight, A, optimize=True) for Z, A in pairs]
     return np.sum(parts, axis=0) if parts else np.zeros((width, width))
 
 
-def solved(moment: Array, target: Array) -> tuple[Array, Array, float]:
+def solve_moments(moment: Array, target: Array) -> tuple[Array, Array, float]:
     """Return ``moment⁻¹ target``, the inverse, zero where a direction is not seen, and the condition number.
 
     The columns are scaled to unit size first.
