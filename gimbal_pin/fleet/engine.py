@@ -42,8 +42,6 @@ Counts = tuple[int, int]
 
 PARTS, RUN, TABLE = "parts", "run.json", "results.parquet"
 PART = re.compile(r"part-(\d+)-(\d+)\.parquet$")
-CONNECTION_TIMEOUT = 10.0
-"""How long a scheduler may take to answer, s."""
 IN_FLIGHT_PER_WORKER = 2
 """Tasks handed to the executor per worker: no worker waits for the coordinator, and the queue stays short."""
 TASK_SECONDS = 10.0
@@ -183,11 +181,11 @@ def collect(future: Future[Counts]) -> Counts:
 
 
 @contextmanager
-def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, Capacity]]:
+def dask_executors(address: str, timeout: float = 30.0) -> Iterator[tuple[ExecutorFactory, Capacity]]:
     """Executors of the Dask cluster at an address such as ``tcp://host:8786``, and how many tasks it runs at once.
 
     Raises:
-        UsageError: Dask is not installed, or nothing answers there.
+        UsageError: Dask is not installed, or nothing answers there within `timeout`, s: it may still be starting.
     """
     try:
         from distributed import Client
@@ -195,7 +193,7 @@ def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, Capacity]]:
         mend = "pip install gimbal-pin[cluster]"
         raise UsageError("--scheduler", "needs dask[distributed], which is not installed", mend) from error
     try:
-        client = Client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
+        client = Client(address, timeout=timeout, set_as_default=False)
     except (OSError, ValueError) as error:
         what = f"does not answer ({error})"
         raise UsageError(f"--scheduler {address}", what, "start 'dask scheduler' there") from error
@@ -204,11 +202,7 @@ def dask_executors(address: str) -> Iterator[tuple[ExecutorFactory, Capacity]]:
 
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes of this machine, each of which ends with the coordinator, however that ends.
-
-    Raises:
-        UsageError: No process can be started.
-    """
+    """Processes of this machine, which end with the coordinator, however that ends; `UsageError`: none starts."""
     pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=end_with_parent)
     try:
         pool.submit(os.getpid).result()
@@ -269,11 +263,7 @@ def write_whole(folder: str, name: str, content: bytes) -> None:
 
 
 def file_system(path: str) -> tuple[AbstractFileSystem, str]:
-    """The file system that holds a path or URL, and the path in it.
-
-    Raises:
-        UsageError: Its package is not installed.
-    """
+    """The file system that holds a path or URL, and the path in it; `UsageError`: its package is not installed."""
     from fsspec.core import url_to_fs
 
     try:
@@ -283,6 +273,15 @@ def file_system(path: str) -> tuple[AbstractFileSystem, str]:
     return files, str(place)
 
 
+def list_folder(folder: str) -> list[str]:
+    """Return the paths in a folder; an object store has no empty ones."""
+    files, place = file_system(folder)
+    try:
+        return list(files.ls(place, detail=False, refresh=True))
+    except FileNotFoundError:
+        return []
+
+
 def claim_folder(run: Run) -> None:
     """Make the folder, or raise `UsageError` where it holds the results of other settings."""
     files, place = file_system(run.folder)
@@ -290,7 +289,7 @@ def claim_folder(run: Run) -> None:
     try:
         files.makedirs(f"{place}/{PARTS}", exist_ok=True)
         if not files.exists(f"{place}/{RUN}"):
-            if others := {name.rsplit("/", 1)[-1] for name in files.ls(place, detail=False)} - {PARTS}:
+            if others := {name.rsplit("/", 1)[-1] for name in list_folder(run.folder)} - {PARTS}:
                 raise UsageError(run.folder, f"holds {min(others)}, which is of no run", "give an empty folder")
             write_whole(run.folder, RUN, json.dumps({"schema": 1, "settings": settings}, indent=1).encode())
         earlier = dict(json.loads(files.cat_file(f"{place}/{RUN}"))["settings"])
@@ -303,9 +302,8 @@ def claim_folder(run: Run) -> None:
 
 def find_parts(run: Run) -> list[tuple[int, int, str]]:
     """First unit, last unit and path of every part, in the units' order."""
-    files, place = file_system(f"{run.folder}/{PARTS}")
-    names = (PART.search(path) for path in files.ls(place, detail=False, refresh=True))
-    return sorted((int(name[1]), int(name[2]), f"{place}/{name[0]}") for name in names if name)
+    names = ((PART.search(path), path) for path in list_folder(f"{run.folder}/{PARTS}"))
+    return sorted((int(name[1]), int(name[2]), path) for name, path in names if name)
 
 
 def find_missing(run: Run) -> list[Block]:
@@ -350,6 +348,6 @@ def write_table(run: Run, at_once: int = 500) -> int:
         staged = f"{place}/{PARTS}/{uuid4().hex}"
         files.put_file(f"{own}/{TABLE}", staged)
     files.mv(staged, f"{place}/{TABLE}")
-    if stale := [path for path in files.ls(f"{place}/{PARTS}", detail=False, refresh=True) if not PART.search(path)]:
+    if stale := [path for path in list_folder(f"{run.folder}/{PARTS}") if not PART.search(path)]:
         files.rm(stale)  # what killed processes were writing
     return failed

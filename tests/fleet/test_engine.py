@@ -9,13 +9,15 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import fsspec
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet import Run, process_pool, run_units
+from gimbal_pin.fleet import Progress, Run, process_pool, run_units
 from tests.fleet import stub
 
 ROOT = Path(__file__).parents[2]
@@ -64,6 +66,41 @@ def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:
     assert {0, 39} < set(again) < set(range(40)) and len(set(again)) == len(again)
     assert all(part.suffix == ".parquet" for part in parts.iterdir())
     pd.testing.assert_frame_equal(before, table(tmp_path / "out"), check_exact=True)
+
+
+class Store(MemoryFileSystem):
+    """As object stores: a folder is there when something is in it."""
+
+    protocol = "store"
+
+    def makedirs(self, path, exist_ok=False):  # type: ignore[no-untyped-def]
+        pass
+
+
+def test_results_may_go_to_an_object_store(tmp_path: Path) -> None:
+    fsspec.register_implementation("store", Store, clobber=True)
+    run = Run(stub.square, [(k, "") for k in range(40)], "store://bucket/rigs")
+    for computed in (40, 0):
+        assert run_units(run, lambda: ThreadPoolExecutor(2), quiet=True) == Progress(40 - computed, computed, 4)
+    run_units(run_of(tmp_path), lambda: ThreadPoolExecutor(2), quiet=True)
+    with fsspec.open("store://bucket/rigs/results.parquet") as source:
+        pd.testing.assert_frame_equal(pd.read_parquet(source), table(tmp_path), check_exact=True)
+
+
+def test_a_disk_that_is_full_ends_the_run_and_the_same_call_goes_on(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    parts = tmp_path / "parts"
+
+    def fill(*args: object) -> ThreadPoolExecutor:
+        parts.rename(tmp_path / "full")
+        parts.touch()
+        return ThreadPoolExecutor(2)
+
+    with pytest.raises(UsageError, match="goes on with what is missing"):
+        run_units(run, fill, quiet=True)
+    parts.unlink()
+    (tmp_path / "full").rename(parts)
+    assert run_units(run, lambda: ThreadPoolExecutor(2), quiet=True) == Progress(0, 40, 4)
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:

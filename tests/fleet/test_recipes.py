@@ -1,0 +1,59 @@
+"""The recipes of docs/pages/scale.md: what they start is there, and takes the options that they give."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+from distributed.cli import dask_scheduler, dask_worker
+
+from gimbal_pin.cli import parse
+from tests.test_docs import ROOT, blocks
+
+BLOCKS = {block.title: block.text for block in blocks(ROOT / "docs" / "pages" / "scale.md")}
+
+
+def accept(words: list[str]) -> str:
+    """Let the program that a command line calls parse its options; its name."""
+    if words[0] == "gimbal-pin":
+        parse(words[1:])
+        return words[1]
+    programs = {"scheduler": dask_scheduler.main, "worker": dask_worker.main}
+    programs[words[1]].make_context(words[1], words[2:])
+    return words[1]
+
+
+def test_kubernetes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    parts = list(yaml.safe_load_all(BLOCKS["cluster.yaml"]))
+    service = next(part for part in parts if part["kind"] == "Service")
+    pods = [part["spec"]["template"] for part in parts if part["kind"] != "Service"]
+    commands = [container["command"] for pod in pods for container in pod["spec"]["containers"]]
+    assert [accept(words) for words in commands] == ["scheduler", "worker", "montecarlo"]
+    address = f"tcp://{service['metadata']['name']}:{service['spec']['ports'][0]['port']}"
+    assert all(address in words for words in commands[1:])
+    assert any(pod.get("metadata", {}).get("labels") == service["spec"]["selector"] for pod in pods)
+
+
+def test_slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run where `srun` runs two tasks of this machine, and each program writes what it is called with."""
+    monkeypatch.chdir(tmp_path)
+    Path("rigs.sbatch").write_text(BLOCKS["rigs.sbatch"])
+    subprocess.run(["bash", "-n", "rigs.sbatch"], check=True)
+    for name, text in {
+        "srun": '"$@" & "$@" & wait',
+        "dask": "",
+        "gimbal-pin": "sleep 1",
+        "hostname": "echo node",
+    }.items():
+        note = f'echo "{name} $*" >>calls' if name in ("dask", "gimbal-pin") else ""
+        Path(name).write_text(f"#!/bin/bash\n{note}\n{text}\n")
+        Path(name).chmod(0o755)
+    environment = {"PATH": f"{tmp_path}:/usr/bin:/bin", "HOME": str(tmp_path), "SLURM_JOB_ID": "123456"}
+    subprocess.run(["bash", "rigs.sbatch"], env=environment, check=True)
+    calls = [shlex.split(line) for line in Path("calls").read_text().splitlines()]
+    assert sorted(accept(words) for words in calls) == ["montecarlo", "scheduler", "worker", "worker"]
+    assert sum("tcp://node:23456" in words for words in calls) == 3
