@@ -22,7 +22,7 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.regressor import weight
-from gimbal_pin.estimation.audit import CHECKS, CORRUPTIONS, Fault, audit
+from gimbal_pin.estimation.audit import CHECKS, Fault, audit
 from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, taken
 from gimbal_pin.estimation.audit.clock import ticks
 from gimbal_pin.estimation.audit.outliers import garbage
@@ -32,6 +32,7 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, fit_weighted
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier, prescribed
+from tests.corruption import CORRUPTIONS
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 CONTRACT = Path(__file__).parents[2] / "shared" / "CONTRACT.md"

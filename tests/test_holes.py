@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from gimbal_pin.diagnosis.evidence import gather, judged
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.audit import CORRUPTIONS
 from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.log.log import Log
@@ -21,6 +20,7 @@ from gimbal_pin.log.missing_samples import LONGEST, Filled, filled, holes, insid
 from gimbal_pin.regression import Filtering, find_standstill, smooth_samples, split_segments
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier
+from tests.corruption import CORRUPTIONS
 
 CUTOFF, DT = 4.0, 2e-3
 STEP = 2 * np.pi / 2**12

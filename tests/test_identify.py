@@ -10,7 +10,6 @@ import pytest
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.audit import CORRUPTIONS
 from gimbal_pin.estimation.estimators import ESTIMATORS
 from gimbal_pin.estimation.identification import given_beta, identify, split
 from gimbal_pin.log.log import Log
@@ -20,6 +19,7 @@ from gimbal_pin.regression import (
 from gimbal_pin.report import text
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
+from tests.corruption import CORRUPTIONS
 
 EXACT = Filtering(alignment=0.0)
 

@@ -1,8 +1,8 @@
-"""What is wrong with a log, before any physics: one file per cause, each with the fault it finds and can plant."""
+"""What is wrong with a log, before any physics: one file per cause, each with the fault it finds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -37,10 +37,6 @@ A controller answers to the rate that it logs, before a filtered one is left out
 
 CHECKS: Mapping[str, Check] = MappingProxyType({module.NAME: module.examine for module in IN_ORDER})
 """Every data cause of CONTRACT.md by its name there, in the order in which they are examined."""
-
-CORRUPTIONS: Mapping[str, Callable[..., Log]] = MappingProxyType({module.NAME: module.corrupt for module in IN_ORDER})
-"""Name → ``corrupt(log, rng, **size)``, which plants the fault."""
-
 
 FATAL = frozenset({controller_formula.NAME, stuck_channel.NAME})
 """Faults that leave no physics in a log: its torque is a formula of its motion, or is none."""

@@ -70,13 +70,6 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     return Examined(fault_of(rig, log, int(np.argmax(drowned)), figures, found), log)
 
 
-def corrupt(log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0) -> Log:
-    """Add white noise to the angles, rad, and to the rates, rad/s."""
-    q = log.q + angle * rng.standard_normal(log.q.shape)
-    v = None if log.v is None else log.v + rate * rng.standard_normal(log.q.shape)
-    return replace(log, q=q, v=v)
-
-
 def noise_share(log: Log, filtering: Filtering) -> Array | None:
     """Noise of the smoothed acceleration in the worst part, over the motion's acceleration, (n,); None without any.
 

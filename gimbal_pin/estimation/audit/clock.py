@@ -80,24 +80,6 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     return Examined(fault_of(figures, beyond, harmful, sparse), mended)
 
 
-def corrupt(
-    log: Log,
-    rng: np.random.Generator,
-    *,
-    jitter: float = 0.25,
-    holes: int = 0,
-    stale: float = 0.0,
-) -> Log:
-    """Stamp the samples late and early by `jitter` periods rms, cut holes of 0.1 s, repeat a share of the rows."""
-    n = len(log)
-    rows = np.maximum(np.arange(n) - (rng.random(n) < stale), 0)
-    late = np.clip(jitter * rng.standard_normal(n), -0.49, 0.49) * log.dt
-    lost = np.zeros(n, bool)
-    for start in rng.integers(1, n, holes):
-        lost[start : start + round(0.1 / log.dt)] = True
-    return taken(taken(log, rows, log.t + late), np.flatnonzero(~lost))
-
-
 def ticks(t: Array) -> Ticks:
     """Take the stamps apart: an even clock, lost samples, jitter."""
     gaps = np.diff(t)

@@ -63,16 +63,6 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     return Examined(fault, noted(clipped, "the commanded torque was clipped at the motors' limits"))
 
 
-def corrupt(log: Log, rng: np.random.Generator, *, noise: float = 0.01) -> Log:
-    """Replace the torque's own noise by a controller's answer, of so large a share, to angle's and rate's noise."""
-    assert log.tau is not None
-    sections = signals.lowpass(min(20.0, 0.05 / log.dt), 1.0 / log.dt)
-    rough = [x - signals.zero_phase(x, sections) for x in (log.q, log.v) if x is not None]
-    wanted = noise * np.sqrt(np.mean(log.tau**2, axis=0)) / len(rough)
-    answer = sum(wanted / np.maximum(np.std(x, axis=0), 1e-300) * x for x in rough)
-    return replace(log, tau=signals.zero_phase(log.tau, sections) - answer)
-
-
 def unexplained(log: Log, j: int, everything: Array) -> float:
     """What the other channels' third differences leave of one torque's in the best windows, as white noise, N m.
 

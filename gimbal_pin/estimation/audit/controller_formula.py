@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -140,16 +139,6 @@ def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     )
     mend = "let the motor move the joint (gimbal-pin excite), with no hand on it, and record again"
     return Examined(Fault(NAME, rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend), log)
-
-
-def corrupt(log: Log, rng: np.random.Generator, *, delay: int = 2, noise: float = 0.01) -> Log:
-    """Replace the torque by a speed loop's answer to the rate, with so large a share of a current sensor's noise."""
-    assert log.tau is not None
-    v = np.gradient(log.q, log.t, axis=0) if log.v is None else log.v
-    size = np.std(log.tau, axis=0)
-    late = np.concatenate([v[:1].repeat(delay, axis=0), v[: len(v) - delay]])
-    answer = np.mean(log.tau, axis=0) - size / np.maximum(np.std(v, axis=0), 1e-300) * late
-    return replace(log, tau=answer + noise * size * rng.standard_normal(v.shape))
 
 
 def around(q: Array, v: Array, dt: float) -> Array:

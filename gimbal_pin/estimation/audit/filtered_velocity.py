@@ -83,12 +83,6 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     return Examined(fault_of(rig.joints[worst], found[worst], len(found), unreliable), mended)
 
 
-def corrupt(log: Log, rng: np.random.Generator, *, corner: float = 8.0, order: int = 1) -> Log:
-    """Replace the rate by the angle's differences behind a causal Butterworth low-pass."""
-    raw = np.diff(log.q, axis=0, prepend=log.q[:1]) / log.dt
-    return replace(log, v=lowpassed(raw, min(corner, 0.45 / log.dt), order, log.dt))
-
-
 def in_time(log: Log, delays: Mapping[int, float]) -> Log:
     """Return a log with the rates of these joints earlier by their delays, s, as far as it then goes."""
     assert log.v is not None

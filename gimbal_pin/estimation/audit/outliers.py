@@ -80,30 +80,6 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     return Examined(fault_of(log, found, bad, harmful or bool(bad)), mended)
 
 
-def corrupt(
-    log: Log,
-    rng: np.random.Generator,
-    *,
-    channel: str = "tau",
-    size: float = 8.0,
-    share: float = 0.002,
-    seconds: float | None = None,
-) -> Log:
-    """Add spikes of `size` standard deviations to a share of one channel's samples, or noise over some seconds."""
-    values = np.array(getattr(log, channel))
-    j, n = int(rng.integers(len(log.joints))), len(log)
-    spread = size * float(np.std(values[:, j]))
-    if seconds is not None:
-        length = min(round(seconds / log.dt), n // 8)
-        begin = int(rng.integers(n // 8, 7 * n // 8 - length))
-        values[begin : begin + length, j] += 0.25 * spread * rng.standard_normal(length)
-    else:
-        hit = rng.choice(n, max(1, round(share * n)), replace=False)
-        values[hit, j] += spread * rng.choice([-1.0, 1.0], len(hit)) * rng.uniform(0.5, 1.5, len(hit))
-    changes: dict[str, Any] = {channel: values}
-    return replace(log, **changes)
-
-
 def spikes(log: Log) -> list[Wild]:
     """Return the channels that have lone wild samples."""
     out = []

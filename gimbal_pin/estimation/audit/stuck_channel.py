@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,25 +73,6 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if bad.mean() > 0.5:
         return Examined(fault, log)
     return Examined(fault, noted(taken(log, np.flatnonzero(~bad)), "rows of a stuck channel were cut out"))
-
-
-def corrupt(
-    log: Log, rng: np.random.Generator, *, channel: str = "tau", seconds: float = 1.5, rail: float | None = None
-) -> Log:
-    """Hold one channel of one joint for some seconds while it is lively, or clip it at a quantile of its size."""
-    values = np.array(getattr(log, channel))
-    j = int(rng.integers(len(log.joints)))
-    if rail is not None:
-        end = np.quantile(np.abs(values[:, j]), rail)
-        values[:, j] = np.clip(values[:, j], -end, end)
-    else:
-        length = min(round(seconds / log.dt), len(log) // 2)
-        starts = np.arange(0, len(log) - length, max(length // 4, 1))
-        spread = np.array([np.std(values[k : k + length, j]) for k in starts])
-        begin = int(rng.choice(starts[spread >= np.median(spread)]))
-        values[begin : begin + length, j] = values[begin, j]
-    changes: dict[str, Any] = {channel: values}
-    return replace(log, **changes)
 
 
 def candidates(rig: Rig, log: Log, filtering: Filtering) -> Iterator[Held]:
