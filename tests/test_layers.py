@@ -10,6 +10,7 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import budget
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
@@ -45,6 +46,14 @@ HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "mes
 HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial"}
 NAMELESS = ("estimation/identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
 """Verbs that know causes, but none of them by name."""
+
+CEILINGS = {
+    "names at the top of more than one module": 459,
+    "percent of functions that are one word": 71,
+    "upper-case constants": 1101,
+    "distinct deep names imported by the tests": 443,
+}
+"""Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 
 
 @cache
@@ -140,3 +149,9 @@ def test_loading_the_command_line_and_a_rig_loads_nothing_heavy() -> None:
     code = f"{load}; print([name for name in {sorted(HEAVY)} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=PACKAGE.parent, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_counts_of_names_only_fall() -> None:
+    counts = budget.count_names()
+    assert counts.keys() == CEILINGS.keys()
+    assert {what: count for what, count in counts.items() if count > CEILINGS[what]} == {}

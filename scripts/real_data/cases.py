@@ -36,6 +36,10 @@ CARRIED: Mapping[str, Words] = {
 
 TORQUE_CONSTANT = {"odrive_cogging": 0.0276, "laas_anti_cogging": 0.025}
 """Assumed N m per A; neither is known, and no figure in A depends on it."""
+SERVO_CONSTANT = 0.1302
+"""N m per V of the XL330: torque constant over resistance, by the data's README."""
+EMPS_CONSTANT = 35.15065188
+"""N per V, by the log's authors."""
 PLATFORM = ("t=time", *(f"gyro_base_{x.lower()}=Gyr_{x}*pi/180" for x in "XYZ"),
             *(f"accel_base_{x.lower()}=Acc_{x}" for x in "XYZ"))  # fmt: skip
 AK80_ROTOR = 0.003
@@ -149,6 +153,28 @@ def others(data: Path, made: Path) -> list[Case]:
     return [
         Case("rub_gimbal", made / "camera.urdf", (data / "rub_gimbal" / "open_loop_steps.txt",), steps, EVERY),
         Case("phantom4_motion", "turret", flight, PLATFORM, CARRIED),
+    ]
+
+
+def benchmarks(data: Path) -> list[Case]:
+    """Return an axis, a servo, an arm and a pendulum that others have published as benchmarks."""
+    emps, servo, arm, pendulum = (data / name for name in ("emps", "bam_xl330", "staubli_tx40", "dfki_simple_pendulum"))
+    volts = ("t=timestamp", "q_servo=position", f"tau_servo=motor_volts*{SERVO_CONSTANT}")
+    force = ("t=t", "q_axis=qm", f"tau_axis=vir*{EMPS_CONSTANT}")
+    single = ("t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque")
+    return [
+        Case("emps", emps / "emps.urdf", (emps / "emps_train.csv.gz",), force),
+        *(
+            Case(f"servo_{gain}", servo / "xl330.urdf", (servo / f"xl330_sin_sin_kp{gain}.csv.gz",), volts)
+            for gain in (100, 200, 400, 800)
+        ),
+        Case("staubli", arm / "tx40.urdf", (arm / "tx40_4s.csv.gz",), ()),
+        Case(
+            "simple_gravity_compensation",
+            pendulum / "pendulum.urdf",
+            (pendulum / "gravity_compensation.csv.gz",),
+            single,
+        ),
     ]
 
 
