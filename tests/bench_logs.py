@@ -7,18 +7,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from gimbal_pin.control.experiment import repeated
-from gimbal_pin.control.tuning import tune
-from gimbal_pin.dynamics.model import Model, friction_effects, nominal
-from gimbal_pin.dynamics.plant import Plant, State
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.dynamics.simulation import Sensors, simulate
-from gimbal_pin.estimation.identification import Identified, given_beta, identify
+from gimbal_pin.control import repeated, tune
+from gimbal_pin.dynamics import Model, Plant, Sensors, State, friction_effects, nominal, reduce, simulate
+from gimbal_pin.estimation import Identified, given_beta, identify
 from gimbal_pin.excitation import excite
-from gimbal_pin.log.log import Array, Log, Motion
-from gimbal_pin.log.platform import BaseMotion
+from gimbal_pin.log import Array, BaseMotion, Log, Motion
 from gimbal_pin.regression import Design, Filtering, Samples, Segment
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 
 EXACT = Filtering(alignment=0.0)
 """The torque is that at the sample itself, as in `prescribed`."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from gimbal_pin.diagnosis import shapes
+from gimbal_pin.diagnosis import State, gained, shapes
 from gimbal_pin.diagnosis.engine.selection import value
-from gimbal_pin.diagnosis.score import Gained, gained
-from gimbal_pin.diagnosis.state import State
+from gimbal_pin.diagnosis.score import Gained
 from gimbal_pin.effects import Cause, Signal
 
 

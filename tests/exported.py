@@ -11,17 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.control.laws.base import Ahead, Aim, Carried, Memory
+from gimbal_pin.control import Ahead, Aim, Carried, Memory, Stored, stored, tune
 from gimbal_pin.control.laws.carried import CarriedMemory
-from gimbal_pin.control.tuning import Stored, stored, tune
-from gimbal_pin.dynamics.model import Model, nominal
-from gimbal_pin.dynamics.simulation import Reference, plant_with
-from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.dynamics import Model, Reference, nominal, plant_with
+from gimbal_pin.effects import parse_effect
 from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export_controller
 from gimbal_pin.export.compiled import at, single
-from gimbal_pin.log.log import Array
+from gimbal_pin.log import Array
 from gimbal_pin.pointing import Measurement, Pointer
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 STRICTER = ("-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Wmissing-prototypes", "-Wstrict-prototypes")

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from lxml import etree
 
-from gimbal_pin.log.log import Array
-from gimbal_pin.rig.rig import GRAVITY
+from gimbal_pin.log import Array
+from gimbal_pin.rig import GRAVITY
 
 
 def rigid_bodies(robot: etree._Element) -> mujoco.MjModel:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.dynamics.model import Model, nominal
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.effects.base import Term
-from gimbal_pin.log.log import Log
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.diagnosis import Problem, State, solved
+from gimbal_pin.dynamics import Model, nominal, reduce
+from gimbal_pin.effects import Term
+from gimbal_pin.log import Log
+from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
-from tests.test_forms import ALIGNED, gather
+from tests.diagnosis.test_forms import ALIGNED, gather
 
 RIG = Rig.load("turret")
 

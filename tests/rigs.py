@@ -10,9 +10,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.log.log import Array
-from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
-from gimbal_pin.rig.rig import Rig, to_pinocchio
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 """Every bundled rig with every payload."""

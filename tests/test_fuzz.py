@@ -19,9 +19,6 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-
 from fuzzing import (
     bombs,
     damaged_csv,
@@ -39,8 +36,8 @@ from fuzzing.case import PORT, Case, Place
 from fuzzing.cases import READERS, Drawn
 
 from gimbal_pin.cli import VERBS, main
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.log.io import write_log
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.log import write_log
 from gimbal_pin.rig.reading import LARGEST
 from tests.bench_logs import prescribed
 from tests.rigs import bundled

@@ -9,8 +9,8 @@ import pytest
 
 from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.log.io import read_log
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.log import read_log
+from gimbal_pin.rig import Rig
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 EXPECTED = {12 * k for k in range(1, 17)} | {14 * k for k in range(1, 15)}

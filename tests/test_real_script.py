@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-
 import real
 from real_data import cases, checks, running
 from real_data.cases import Case
 from real_data.running import Outcome
 from real_data.samples import errors
 
-from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.estimation.model_file import write_extended
-from gimbal_pin.log.io import read_log, write_log
-from gimbal_pin.log.io.formats import files_of
-from gimbal_pin.log.io.mapping import read_mapping
-from gimbal_pin.log.log import Log
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.estimation import write_extended
+from gimbal_pin.log import Log, files_of, read_log, read_mapping, write_log
+from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 from tests.rigs import bundled, chain
 

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 from gimbal_pin.effects.actuator_lag import ActuatorLag as ActuatorLag
 from gimbal_pin.effects.armature import Armature as Armature
@@ -19,22 +22,39 @@ from gimbal_pin.effects.dead_zone import DeadZone as DeadZone
 from gimbal_pin.effects.delay import Delay as Delay
 from gimbal_pin.effects.encoder_offset import EncoderOffset as EncoderOffset
 from gimbal_pin.effects.friction_drift import FrictionDrift as FrictionDrift
+from gimbal_pin.effects.harmonic import Harmonic as Harmonic
 from gimbal_pin.effects.joint_flexibility import JointFlexibility as JointFlexibility
 from gimbal_pin.effects.load_dependent_friction import LoadDependentFriction as LoadDependentFriction
+from gimbal_pin.effects.losses import Losses as Losses
 from gimbal_pin.effects.off_diagonal_inertia import OffDiagonalInertia as OffDiagonalInertia
+from gimbal_pin.effects.parameter import Parameter as Parameter
 from gimbal_pin.effects.payload_mass import PayloadMass as PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift as PayloadShift
 from gimbal_pin.effects.position_dependent_friction import PositionDependentFriction as PositionDependentFriction
 from gimbal_pin.effects.presliding import Presliding as Presliding
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag as QuadraticDrag
+from gimbal_pin.effects.resistance import Resistance as Resistance
 from gimbal_pin.effects.rig_effect import RigEffect as RigEffect
+from gimbal_pin.effects.rig_effect import payload as payload
 from gimbal_pin.effects.saturation import Saturation as Saturation
+from gimbal_pin.effects.seen import Seen as Seen
+from gimbal_pin.effects.signal import Borne as Borne
 from gimbal_pin.effects.signal import Signal as Signal
 from gimbal_pin.effects.stribeck import Stribeck as Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias as TorqueBias
 from gimbal_pin.effects.torque_gain import TorqueGain as TorqueGain
 from gimbal_pin.effects.torque_ripple import TorqueRipple as TorqueRipple
 from gimbal_pin.effects.viscous import Viscous as Viscous
+
+if TYPE_CHECKING:
+    from gimbal_pin.effects.parse import parse_effect as parse_effect
+    from gimbal_pin.effects.plain import cause_from as cause_from
+    from gimbal_pin.effects.plain import term_from as term_from
+
+__getattr__, _, _ = lazy_loader.attach(
+    __name__, submod_attrs={"parse": ["parse_effect"], "plain": ["cause_from", "term_from"]}
+)
+"""What reads causes needs all of them, so it is imported on first use."""
 
 ALWAYS: tuple[type[Effect], ...] = (Coulomb, Viscous)
 """Friction that is part of every model, and no finding."""

@@ -1,6 +1,5 @@
 """Controllers for a gimbal's own processor: C99 sources, a package for ros2_control, tables for drives; and back."""
 
-from gimbal_pin.export.compiled import CompiledLaw, CompiledPointer, Library
-from gimbal_pin.export.sources import NAMES, Exported, export_controller, holder
+import lazy_loader
 
-__all__ = ["NAMES", "CompiledLaw", "CompiledPointer", "Exported", "Library", "export_controller", "holder"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """What was measured or simulated: trajectories, the sensors behind them, and their files."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

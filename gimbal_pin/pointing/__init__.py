@@ -4,28 +4,6 @@
 controllers on a simulated platform.
 """
 
-from gimbal_pin.pointing.controller import Controller
-from gimbal_pin.pointing.measurement import Measurement, Station, parse_fault
-from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.result import Contest, Pointing, Row
-from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.run import Course, compete, point
-from gimbal_pin.pointing.verify import Asked, Verified, verify
+import lazy_loader
 
-__all__ = [
-    "Asked",
-    "Contest",
-    "Controller",
-    "Course",
-    "Measurement",
-    "Pointer",
-    "Pointing",
-    "Roster",
-    "Row",
-    "Station",
-    "Verified",
-    "compete",
-    "parse_fault",
-    "point",
-    "verify",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

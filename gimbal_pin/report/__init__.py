@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
 VIEWS: Mapping[str, tuple[float, float, float]] = {
     "three-quarter": (58.0, 17.0, 0.0),
     "front": (12.0, 8.0, 0.0),

@@ -1,1 +1,5 @@
 """A gimbal as data: URDF, YAML, payloads, and what may be wrong with them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

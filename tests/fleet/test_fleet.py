@@ -14,15 +14,13 @@ import pandas as pd
 import pytest
 
 from gimbal_pin import Log, Rig, compare_fleet, nominal, write_log
-from gimbal_pin.dynamics.apply import plant_with
-from gimbal_pin.dynamics.model import Model
-from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.dynamics import Model, plant_with
+from gimbal_pin.effects import parse_effect
 from gimbal_pin.errors import UsageError
+from gimbal_pin.fleet import Design, Kind, Variation, Vary
 from gimbal_pin.fleet.fleet import Fleet, Reason, Verdict
 from gimbal_pin.fleet.manifest import read_manifest
-from gimbal_pin.fleet.population import Kind
 from gimbal_pin.fleet.units import LogStudy
-from gimbal_pin.fleet.variation import Design, Variation, Vary
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
 from tests.rigs import chain

@@ -13,13 +13,11 @@ import pandas as pd
 import pytest
 
 from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.identification import given_beta
-from gimbal_pin.fleet import process_pool
-from gimbal_pin.fleet.montecarlo import MonteCarlo
-from gimbal_pin.fleet.sensitivity import influences
-from gimbal_pin.fleet.variation import NOTHING, Design, Variation, Vary, root
+from gimbal_pin.estimation import given_beta
+from gimbal_pin.fleet import Design, MonteCarlo, Variation, Vary, influences, process_pool
+from gimbal_pin.fleet.variation import NOTHING, root
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
 from tests.fleet.stub import LastFirst

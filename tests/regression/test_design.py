@@ -9,10 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics.model import friction_effects, nominal
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.log import signals
-from gimbal_pin.log.log import Log
+from gimbal_pin.dynamics import friction_effects, nominal, reduce
+from gimbal_pin.log import Log, signals
 from gimbal_pin.regression import (
     Design,
     Filtering,
@@ -22,8 +20,7 @@ from gimbal_pin.regression import (
     compute_direction,
     fit_weighted,
 )
-from gimbal_pin.rig.files import bundled_rigs
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig, bundled_rigs
 from tests.bench_logs import EXACT, fourier, prescribed, true_theta
 
 

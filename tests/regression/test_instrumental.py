@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log.log import Array
+from gimbal_pin.log import Array
 from gimbal_pin.regression import Block, Estimate, fit_instrumental, fit_ordinary, fit_repeated, fit_weighted
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gimbal_pin.log import signals
-from gimbal_pin.log.log import Log
+from gimbal_pin.log import Log, signals
 from gimbal_pin.regression import (
     smooth_samples,
     split_segments,
 )
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, fourier
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.log.log import Array
+from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,
     Estimate,

@@ -1,0 +1,17 @@
+from .audit import Fault as Fault
+from .balance import Balance as Balance
+from .estimators import ESTIMATORS as ESTIMATORS
+from .estimators import Bootstrap as Bootstrap
+from .identification import Identified as Identified
+from .identification import given_beta as given_beta
+from .identification import greatest_base_motion as greatest_base_motion
+from .identification import identify as identify
+from .identification import refitted as refitted
+from .identification import split as split
+from .model_file import read_known as read_known
+from .model_file import read_model as read_model
+from .model_file import write_extended as write_extended
+from .model_file import write_model as write_model
+from .payloads import Several as Several
+from .payloads import identify_new as identify_new
+from .payloads import identify_several as identify_several

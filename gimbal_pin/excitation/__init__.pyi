@@ -1,0 +1,16 @@
+from .clearance import Clearance as Clearance
+from .columns import Columns as Columns
+from .columns import condition_number as condition_number
+from .criteria import Condition as Condition
+from .criteria import Criterion as Criterion
+from .criteria import Determinant as Determinant
+from .criteria import Sequential as Sequential
+from .design import Excitation as Excitation
+from .design import cleared as cleared
+from .design import excite as excite
+from .fourier import Series as Series
+from .fourier import repeats as repeats
+from .known import known as known
+from .known import sequential as sequential
+from .limits import Envelope as Envelope
+from .problem import Problem as Problem

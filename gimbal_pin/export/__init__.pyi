@@ -1,0 +1,11 @@
+from .ccode import number as number
+from .compiled import CompiledLaw as CompiledLaw
+from .compiled import CompiledPointer as CompiledPointer
+from .compiled import Library as Library
+from .sources import NAMES as NAMES
+from .sources import Exported as Exported
+from .sources import export_controller as export_controller
+from .sources import holder as holder
+from .symbolic import Chain as Chain
+from .tables import odrive as odrive
+from .tables import simplefoc as simplefoc

@@ -1,0 +1,24 @@
+import collections.abc
+
+from . import plots as plots
+from . import tables as tables
+from . import text as text
+from .evaluation import Evaluated as Evaluated
+from .evaluation import evaluate as evaluate
+from .format import figures as figures
+from .format import joints_of as joints_of
+from .html import Section as Section
+from .html import render as render
+from .pipeline import FILES as FILES
+from .pipeline import Auto as Auto
+from .pipeline import auto as auto
+from .pipeline import demo as demo
+from .summary import Summary as Summary
+from .summary import summary as summary
+from .summary import verdict as verdict
+from .table import Table as Table
+from .table import join as join
+from .view import animate as animate
+
+VIEWS: collections.abc.Mapping[str, tuple[float, float, float]]
+PRESETS: collections.abc.Mapping[str, tuple[tuple[int, int], float | None, bool]]

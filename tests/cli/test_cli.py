@@ -1,0 +1,245 @@
+"""The command line: CONTRACT's verbs, JSON keys and exit codes, on real files, through the parser."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gimbal_pin.cli import VERBS
+from gimbal_pin.cli.holding import Holding
+from gimbal_pin.control import HOLDING, Wish
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.errors import LogError
+from gimbal_pin.log import read_log, write_log
+from gimbal_pin.report.pipeline import tuned
+from gimbal_pin.rig import Rig, bundled_rigs
+from tests.bench_logs import prescribed
+from tests.command_line import Run, refused, result, whole
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="module")
+def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    write_log(prescribed(nominal(Rig.load("turret")), seconds=15.0, torque_noise=0.01), path)
+    return path
+
+
+def test_help_loads_no_heavy_library() -> None:
+    """What `--help` takes stays under half a second as long as none of these is loaded at the top of a module."""
+    code = "import sys; from gimbal_pin.cli import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
+    heavy = {"scipy", "pandas", "pinocchio", "control", "matplotlib", "yourdfpy", "meshcat", "lxml", "jinja2"}
+    assert not heavy & set(done.stderr.split()) and "gimbal_pin.cli" in done.stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help(run: Run, verb: str) -> None:
+    code, out, _ = run(verb, "--help")
+    assert code == 0 and "usage" in out.lower()
+
+
+def test_track_names_every_controller_that_it_takes(run: Run) -> None:
+    told = " ".join(run("track", "--help")[1].replace("│", " ").split())
+    assert all(f"{name} ({what})" in told for name, what in HOLDING.items())
+
+
+def test_rigs_and_check(run: Run) -> None:
+    assert {"thesis", "handheld", "turret"} <= set(result(run, "rigs")["rigs"])
+    checked = result(run, "check", "turret")
+    assert checked["camera_frame"] == "camera" and "q_pan" in checked["columns"]
+    code, out, _ = run("check", "turret")
+    assert code == 0 and "tau_pan" in out
+
+
+def test_base_is_the_thesis_table(run: Run) -> None:
+    found = result(run, "base", "thesis", "--diagonal")
+    assert (found["parameters"], found["identifiable"]) == (24, 15)
+    zero = {"spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my"}
+    assert set(found["unidentifiable"]) == zero
+    assert {"name": "spine.Iyy + fork.Izz", "terms": {"spine.Iyy": 1.0, "fork.Izz": 1.0}} in found["base"]
+
+
+def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
+    """What least squares is biased on; every other column is there."""
+    motion, log = tmp_path / "motion.csv", tmp_path / "log.csv"
+    write_log(prescribed(nominal(Rig.load("turret")), seconds=1.0), motion)
+    for option, rates in (("--no-rates", False), ("--rates", True)):
+        assert run("simulate", "turret", "--reference", motion, "-o", log, option)[0] == 0
+        found = read_log(log, Rig.load("turret"))
+        assert (found.v is not None) is rates and found.tau is not None and found.q_ref is not None
+
+
+def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:
+    model, urdf = tmp_path / "model.yaml", tmp_path / "out.urdf"
+    found = result(run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0")
+    assert found["estimator"] == "weighted" and found["held_out"]["how"] == "last third" and found["physical"] is True
+    for row in found["base_parameters"]:
+        assert {"name", "value", "std", "unit"} <= set(row)
+        assert row["deviations"] == pytest.approx((row["value"] - row["urdf"]) / row["std"]) and abs(row["urdf"]) > 0
+    assert min(found["held_out"]["fit_percent"].values()) > 99
+    assert Rig.load(urdf).joints == ("pan", "tilt")
+    tuned = result(run, "tune", "turret", model, "-o", tmp_path / "c.yaml", "--plot", tmp_path / "c.svg")
+    assert {"kp", "ki", "kd", "phase_margin_deg", "disk_margin"} <= set(tuned["joints"]["pan"])
+    assert (tmp_path / "c.svg").stat().st_size > 1000
+    asked = result(run, "tune", "turret", model, "--disk-margin", "0.9", "--delay", "0.002")
+    for row in asked["joints"].values():
+        assert 0.9 - 1e-6 <= row["worst_of_draws"]["disk_margin"] < 0.92 and row["bandwidth_hz"] > 8
+    assert (asked["draws"], asked["wish"]["delay"], asked["wish"]["bandwidth_hz"]) == (200, 0.002, None)
+    tracked = result(run, "track", "turret", tmp_path / "c.yaml")
+    rms = {(e["name"], e["controller"]): e["joints"] for e in tracked["experiments"]}
+    for joint in ("pan", "tilt"):
+        ours, pid = (rms["all-axes", kind][joint]["rms_error"] for kind in ("computed-torque", "pid"))
+        assert ours < pid
+
+
+def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path) -> None:
+    options = ("--platform", "S", "--learn", log_file, "--seeds", "1", "--seconds", "0.8")
+    plot = ("--plot", tmp_path / "p.svg")
+    found = result(run, "track", "turret", *options, *plot, "--controllers", "pid-world,switch,oracle", "--steps")
+    steps = ("pid-joint", "computed-torque-fixed", "with-friction", "lyapunov")
+    assert found["schema"] == 1 and [row["controller"] for row in found["experiments"]] == [*steps] * 3
+    rows = {row["controller"]: row for row in found["pointing"]}
+    assert list(rows) == ["pid-world", "switch", "oracle"]
+    for row in rows.values():
+        assert row["platform"] == "S" and row["seeds"] == 1 and set(row["torque_rms"]) == {"pan", "tilt"}
+        assert 0 < row["jitter_rms_deg"] < row["jitter_max_deg"] and row["drift_deg"] >= 0
+    assert rows["switch"]["jitter_rms_deg"] < 0.5 * rows["pid-world"]["jitter_rms_deg"]
+    assert sum(part["share"] for part in found["pointing_budget"].values()) == pytest.approx(1.0)
+    gain, distance, jitter, *followed = found["pointing_targets"]
+    assert [target["must"] for target in followed] == [0.02, 0.2, 0.01]
+    worst = max(joint["rms_error"] for row in found["experiments"][2::4] for joint in row["joints"].values())
+    assert followed[0]["value"] == pytest.approx(np.rad2deg(worst))
+    assert gain["value"] == pytest.approx(rows["pid-world"]["jitter_rms_deg"] / rows["switch"]["jitter_rms_deg"])
+    assert distance["must"] == 2.5 and jitter["value"] == pytest.approx(rows["switch"]["jitter_rms_deg"])
+    assert (tmp_path / "p.svg").stat().st_size > 1000
+    refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
+    refused(run("track", "turret", "--platform", "S", "--learn-map", "t=time"), 2, "--learn-map", "--learn LOG")
+    refused(run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"), 2, "--animation", "--platform S")
+    refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")
+    refused(run("track", "turret", "--steps"), 2, "CONTROLLER", "--platform S")
+
+
+def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
+    traj, page = tmp_path / "traj.csv", tmp_path / "traj.html"
+    code, _, err = run("excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3)
+    assert code == 0, err
+    code, _, err = run("animate", "turret", traj, "-o", page)
+    assert code == 0 and page.stat().st_size > 100_000, err
+
+
+@pytest.mark.parametrize("kind", ["pid", "computed-torque"])
+def test_auto_has_both_controllers_the_one_asked_for_first(kind: str) -> None:
+    """At one bandwidth; Lyapunov redesign is the model-based one's alone."""
+    made = tuned(nominal(Rig.load("turret")), Wish(6.0, 0.9, 0.002, kind=kind, robust=kind != "pid"))
+    assert set(made) == {"pid", "computed-torque"} and next(iter(made)) == kind
+    for name, tuning in made.items():
+        wish = tuning.wish
+        assert (wish.kind, wish.damping, wish.delay, tuning.bandwidth_hz) == (name, 0.9, 0.002, (6.0, 6.0))
+        assert wish.robust == (name == kind == "computed-torque")
+
+
+def test_real_double_pendulum(run: Run, tmp_path: Path) -> None:
+    """The longest log leaves no more torque than plain least squares does; `auto` walks through the shortest one."""
+    folder = DATA / "dfki_double_pendulum"
+    if not folder.is_dir():
+        pytest.skip("../shared/data/dfki_double_pendulum is not there")
+    names = [("q", "pos"), ("dq", "vel"), ("tau", "tau")]
+    pairs = [f"{ours}_{joint}={theirs}{k}" for k, joint in ((1, "shoulder"), (2, "elbow")) for ours, theirs in names]
+    mapping = [word for pair in ("t=time", *pairs) for word in ("--map", pair)]
+    long, short = (folder / f"20220812-{when}-PM_measured.csv" for when in ("061157", "060143"))
+    urdf, options = folder / "double_pendulum.urdf", (*mapping, "--cutoff", 15)
+    error = result(run, "identify", urdf, long, *options)["held_out"]["torque_rmse"]
+    assert error["shoulder"] <= 0.195 and error["elbow"] <= 0.122
+    out = tmp_path / "out"
+    found = result(run, "auto", urdf, short, *options, "--kind", "pid", "--damping", "0.9", "-o", out)
+    assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
+    whole(out)
+
+
+def test_two_logs_have_two_mappings(log_file: Path) -> None:
+    """Beside a recorded motion `--map` is that motion's, and `--learn-map` the other log's."""
+    beside = Holding(learn=str(log_file), platform_log=Path("motion.csv"), map=("t=elsewhere",))
+    assert beside.taught("turret", None) is not None
+    for wrong in (replace(beside, platform_log=None), replace(beside, learn_map=("t=elsewhere",))):
+        with pytest.raises(LogError, match="elsewhere"):
+            wrong.taught("turret", None)
+
+
+URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>
+<inertia ixx="{ixx}" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axis" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="5" velocity="9"/></joint>{more}</robot>"""
+GOOD = {"mass": "1", "ixx": "0.01", "kind": "revolute", "more": ""}
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"mass": "-1"}, "arm"),
+        ({"kind": "fixed"}, "movable"),
+        ({"more": '<joint name="back" type="fixed"><parent link="arm"/><child link="base"/></joint>'}, "loop"),
+    ],
+)
+def test_bad_urdfs(run: Run, tmp_path: Path, change: dict[str, str], place: str) -> None:
+    path = tmp_path / "bad.urdf"
+    path.write_text(URDF.format(**{**GOOD, **change}))
+    refused(run("check", path), 2, place)
+
+
+def test_bad_usage_is_one_line(run: Run) -> None:
+    for arguments in (
+        ["nonsense"],
+        ["base"],
+        ["base", "thesis", "--nope"],
+        ["excite", "turret", "-o", "x", "--starts", "x"],
+    ):
+        refused(run(*arguments), 2)
+    refused(run("base", "nowhere.urdf"), 2, "nowhere.urdf", ", ".join(bundled_rigs()))
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda text: text.replace("tau_tilt", "other"), ["tau_tilt", "--map"]),
+        (lambda text: text.replace("q_pan", "q_nose", 1), ["q_pan"]),
+        (lambda text: re.sub(r"\n([\d.]+,)[^,]+", r"\n\1nan", text), ["q_pan"]),
+        (lambda text: re.sub(r"\n(0\.01,)[^,]+", r"\n\1abc", text), ["q_pan", "abc"]),
+        (lambda text: re.sub(r"\n[\d.]+(,[^\n]*\n)\Z", r"\n0.001\1", text), ["log.csv:"]),
+    ],
+)
+def test_bad_logs(run: Run, log_file: Path, tmp_path: Path, edit: Callable[[str], str], words: list[str]) -> None:
+    text = log_file.read_text()
+    assert edit(text) != text
+    (tmp_path / "log.csv").write_text(edit(text))
+    refused(run("identify", "turret", tmp_path / "log.csv", "-o", tmp_path / "m.yaml"), 2, *words)
+    refused(run("auto", "turret", tmp_path / "log.csv", "-o", tmp_path / "out"), 2, *words)
+    assert {path.name for path in tmp_path.iterdir()} == {"log.csv"}
+
+
+def test_missing_file_and_bad_yaml(run: Run, tmp_path: Path) -> None:
+    refused(run("identify", "turret", tmp_path / "none.csv"), 2, "none.csv")
+    (tmp_path / "rig.yaml").write_text("urdf: turret\nmoters: {}\n")
+    refused(run("check", tmp_path / "rig.yaml"), 2, "moters", "motors")
+
+
+def test_data_that_cannot_answer(run: Run, log_file: Path, tmp_path: Path) -> None:
+    """Ten samples, and a rig that stood still: exit code 3 and some of the parameters that do not show."""
+    rig = Rig.load("turret")
+    log = read_log(log_file, rig)
+    write_log(log.part(slice(0, 10)), tmp_path / "short.csv")
+    refused(run("identify", "turret", tmp_path / "short.csv", "-o", tmp_path / "m.yaml"), 3, "head_mount.Iyy", "more;")
+    still = prescribed(nominal(rig), seconds=15.0)
+    frozen = type(still)("still", still.joints, still.t, np.zeros_like(still.q), None, np.ones_like(still.q))
+    write_log(frozen, tmp_path / "still.csv")
+    refused(run("identify", "turret", tmp_path / "still.csv"), 3, "head_mount.Iyy", " more; ")
+    assert not (tmp_path / "m.yaml").exists()

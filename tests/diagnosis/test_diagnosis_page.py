@@ -1,0 +1,271 @@
+"""What is shown of a diagnosis: look-alikes, gain, residual, and the summary's words."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import lxml.html
+import numpy as np
+import pytest
+from markupsafe import escape
+
+from gimbal_pin.control import tune
+from gimbal_pin.diagnosis import Diagnosis, Residual, describe_motion, diagnose, heat, write_diagnosis
+from gimbal_pin.diagnosis import Rival as Told
+from gimbal_pin.diagnosis.engine.selection import Rival
+from gimbal_pin.diagnosis.findings import nearest, together
+from gimbal_pin.diagnosis.gain import BANDWIDTH, SIZE
+from gimbal_pin.diagnosis.likeness import cosine, span
+from gimbal_pin.diagnosis.result import TOGETHER
+from gimbal_pin.effects import CAUSES, Backlash, Cogging, Delay, Parameter
+from gimbal_pin.errors import UsageError
+from gimbal_pin.estimation import Fault, read_model
+from gimbal_pin.log import Log, write_log
+from gimbal_pin.report import joints_of, tables, text, verdict
+from gimbal_pin.report.sections import diagnosis as sections
+from gimbal_pin.report.sections.diagnosis import measures, ranked
+from gimbal_pin.report.summary import about_gain, missed, to_do
+from gimbal_pin.report.table import plain
+from gimbal_pin.rig import Rig
+from tests.bench_logs import prescribed
+from tests.command_line import Run
+from tests.control.test_compensation import with_causes
+
+FEW = ("cogging", "cable-spring", "torque-ripple", "delay", "actuator-lag", "stribeck")
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+@pytest.fixture(scope="module")
+def log(rig: Rig) -> Log:
+    """A turret whose tilt motor cogs."""
+    model = with_causes(rig, "cogging:tilt:amplitude=0.04,harmonic=11")
+    return prescribed(model, seconds=20.0, torque_noise=0.01, dt=0.002)
+
+
+@pytest.fixture(scope="module")
+def found(rig: Rig, log: Log) -> Diagnosis:
+    few = {name: CAUSES[name] for name in FEW}
+    return diagnose(rig, [log], few, rng=np.random.default_rng(0))
+
+
+def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
+    assert [(one.cause, one.joint) for one in found.findings] == [("cogging", "tilt")]
+    rows = found.to_dict()["tracking"]
+    assert list(rows) == ["pan", "tilt"]
+    assert 0 < rows["tilt"]["rms_after"] < 0.3 * rows["tilt"]["rms_before"]
+
+
+def test_nothing_is_promised_of_findings_that_nothing_confirms_or_that_a_spoilt_log_shows(found: Diagnosis) -> None:
+    refuted = replace(found, verdict="named", findings=tuple(replace(x, status="unconfirmed") for x in found.findings))
+    assert "nothing of what this log suggests is confirmed" in sections.diagnosis(refuted).html
+    assert missed(refuted).startswith("Nothing is confirmed of what was found")
+    assert "What to do about it" in sections.diagnosis(found).html
+    fault = Fault("acceleration-noise", "tilt", "tilt: noise", (), 2.0, True, "record again")
+    spoilt = replace(found, verdict="data", faults=(fault,))
+    shown = sections.diagnosis(spoilt).html
+    assert "not to be acted on" in shown and "What to do about it" not in shown
+
+
+def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:
+    """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
+    said = describe_motion(found.after.model.rig)
+    assert f"{BANDWIDTH:g} Hz" in said and f"{np.degrees(SIZE):.0f}°" in said
+    assert f"({said})" in text.diagnosis(found, {}) and escape(said) in sections.diagnosis(found).html
+
+
+def test_a_joint_that_is_followed_worse_is_spoken_of(found: Diagnosis) -> None:
+    rows = {joint: {"rms_before": 1e-3, "rms_after": 2e-3 if joint == "tilt" else 1.05e-3} for joint in found.tracking}
+    worse = replace(found, tracking=rows)
+    for page in (text.diagnosis(worse, {}), sections.diagnosis(worse).html):
+        assert "tilt: followed no closer" in page and "pan: followed" not in page
+    assert "followed no closer" not in text.diagnosis(found, {})
+
+
+def test_what_only_fits_together_says_so_on_every_page(found: Diagnosis) -> None:
+    """Of figures none of which has a deviation neither terminal nor page lets one be taken for known."""
+    (finding,) = found.findings
+    loose = replace(finding, parameters=tuple(replace(p, std=float("nan")) for p in finding.parameters))
+    open_ = replace(found, findings=(loose,))
+    assert finding.sized and not finding.unsized and loose.unsized == loose.parameters and not loose.sized
+    for page, one in ((text.diagnosis(open_, {}), True), (text.diagnosis(found, {}), False)):
+        assert (TOGETHER in page) == one
+    assert TOGETHER in sections.diagnosis(open_).html and TOGETHER not in sections.diagnosis(found).html
+    sure = (Parameter("gap", 1e-3, "rad", 0.0, std=1e-4), Parameter("inertia", 1e-3, "kg m^2", 0.0))
+    cause = Backlash("tilt", 1e-3, 1e-3)
+    assert together(cause, sure) == " (inertia only together: other sizes fit as well)"
+    assert together(cause, sure[:1]) == ""
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_of_a_gap_whose_flanks_do_not_give_the_headline_holds_what_is_known(share: float) -> None:
+    """Twice the gap and half the rotor pass the same torque on, and are told alike; the one alone is another."""
+    one, same, other = (Backlash("tilt", 0.02 * k, 1e-3 / m, share) for k, m in ((1, 1), (2, 2), (2, 1)))
+    command = np.cumsum(np.random.default_rng(0).standard_normal(4000)) / 50
+    np.testing.assert_allclose(same.acting(command, 1e-3), one.acting(command, 1e-3), atol=1e-9)
+    assert not np.allclose(other.acting(command, 1e-3), one.acting(command, 1e-3))
+    assert one.says() == same.says() != other.says() and "2e-05 rad kg m^2" in one.says()
+
+
+def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:
+    rows = {joint: {"rms_before": float("nan"), "rms_after": 1e-4} for joint in found.tracking}
+    broken = replace(found, tracking=rows)
+    assert broken.to_dict()["tracking"]["pan"] == {"rms_before": None, "rms_after": 1e-4}
+    assert "not stable" in sections.diagnosis(broken).html
+
+
+def test_the_map_of_look_alikes_is_a_matrix_of_cosines(found: Diagnosis) -> None:
+    (known,) = found.likeness
+    C = known.correlation
+    assert (known.causes[0], known.joint) == ("cogging", "tilt") and len(known.causes) == len(C) >= 2
+    assert np.allclose(C, C.T) and np.allclose(np.diag(C), 1.0) and np.all((C >= 0) & (C <= 1 + 1e-9))
+    assert np.all(np.diff(C[0, 1:]) <= 1e-9)  # the likest first
+    assert np.all(C[0, 1:] < 0.95)  # or the finding would be ambiguous
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 2])
+def test_a_cosine_is_that_of_the_angle_between(angle: float) -> None:
+    a, b = np.eye(4)[:, :1], np.zeros((4, 2))
+    b[0, 0], b[1, 0], b[2, 1] = np.cos(angle), np.sin(angle), 1.0
+    assert cosine(span(a), span(3.0 * b)) == pytest.approx(np.cos(angle), abs=1e-12)
+    assert cosine(a, b[:, :0]) == 0.0
+
+
+def test_joints_with_findings_are_drawn_first(rig: Rig, found: Diagnosis) -> None:
+    assert ranked(found, joints_of(rig)) == [1, 0]
+    assert ranked(replace(found, findings=(), residual={}), joints_of(rig)) == [0, 1]
+    left = {"pan": Residual("noise", 0.1, 1.0), "tilt": Residual("structured", 0.1, 9.0, 1.0)}
+    assert ranked(replace(found, findings=(), residual=left), joints_of(rig)) == [1, 0]
+
+
+def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
+    page = lxml.html.fromstring(f"<div>{sections.diagnosis(found).html}</div>")
+    labels = [svg.get("aria-label") for svg in page.iter("svg")]
+    assert [label.split()[0] for label in labels] == ["Correlation", "Held-out", "Errors"]
+    (table,) = [t for t in page.iter("table") if "in the place of cogging" in t.getparent().get("aria-label")]
+    shown = [row.findtext("th") for row in table.find("tbody")]
+    assert "cogging" not in shown and len(set(shown)) == len(shown)
+    assert shown == [rival.cause for rival in found.findings[0].rivals[:6]] and shown
+    assert "cogging feed-forward by angle" in page.text_content()
+
+
+def test_rivals_are_the_nearest_of_each_other_name_in_order(found: Diagnosis) -> None:
+    """Neither the cause itself at another joint, nor one name twice, nor one that is further off above a nearer one."""
+    assert found.state is not None
+    blocks = np.random.default_rng(0).standard_normal(40)
+    each = ((Delay("pan", 0.01), 3.0), (Cogging("pan", (9.0,)), 2.0), (Backlash("tilt", 1e-3, 1e-3), 1.0))
+    each = (*each, (Delay("tilt", 0.02), 0.5))
+    rivals = [Rival(cause, found.state, 10.0 * k, blocks + size) for k, (cause, size) in enumerate(each)]
+    told = nearest(Cogging("tilt", (9.0,)), rivals)
+    assert [one.cause for one in told] == ["delay", "backlash"]
+    assert told[0].delta == 15.0 and told[0].z < told[1].z
+    assert all(one.cause != rival.cause for one in found.findings for rival in one.rivals)
+
+
+def test_a_rival_that_is_further_off_and_not_ruled_out_says_why(found: Diagnosis) -> None:
+    (finding,) = found.findings
+    rivals = (Told("delay", 9.0, 1.2), Told("torque-ripple", 90.0, 6.1), Told("stribeck", 99.0, 7.3))
+    table = tables.rivals(replace(finding, alike=("cogging", "delay", "stribeck"), rivals=rivals))
+    assert [plain(row[-1]) for row in table.rows] == ["no", "yes", "no, too like it in form"]
+
+
+def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:
+    (finding,) = found.findings
+    lost = replace(finding, gain={**finding.gain, "rollout_rmse_after": float("nan")})
+    extended = {**found.extended, "rollout_rmse": dict.fromkeys(found.residual, float("nan"))}
+    still = replace(found, findings=(lost,), extended=extended, tracking={})
+    page = lxml.html.fromstring(f"<div>{sections.diagnosis(still).html}</div>").text_content()
+    assert not re.search(r"\bnan\b", page) and "not stable" not in page and "cannot be simulated" in page
+    assert "tracking error" not in page  # none was simulated
+
+
+def test_what_is_left_is_praised_nowhere_and_what_speaks_against_a_finding_is_said(found: Diagnosis) -> None:
+    """The state is that of the part that was fitted: the held-out error beside it may be another."""
+    assert 'class="good"' not in str(tables.residual(found).__html__())
+    against = replace(found, findings=tuple(replace(one, status="unconfirmed") for one in found.findings))
+    for page in (sections.diagnosis(against).html, text.diagnosis(against, {})):
+        assert "the error grew with cogging at tilt" in page
+    assert "the error grew" not in text.diagnosis(found, {})
+
+
+def test_tune_says_first_what_speaks_against_a_finding(found: Diagnosis, rig: Rig, tmp_path: Path) -> None:
+    against = replace(found, findings=tuple(replace(one, status="unconfirmed") for one in found.findings))
+    for one, warned in ((against, True), (found, False)):
+        files, _ = write_diagnosis(one, tmp_path / str(warned), "")
+        said = text.tuning(tune(read_model(files["extended model"], rig)))
+        assert said.startswith("warning: tilt: cogging is unconfirmed: ") == warned and "warning" not in said[9:]
+
+
+def test_a_gain_that_is_none_is_no_fall(found: Diagnosis) -> None:
+    assert found.held is not None
+    said = about_gain(found, found.held.band)
+    assert "tilt's torque error falls from" in said and f"up to {found.held.band:g} Hz" in said
+    assert "lowers no joint's" in about_gain(replace(found, extended=found.baseline), 12.0)
+
+
+def test_the_bars_hold_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
+    torque, rolled, followed = measures(found, joints_of(rig))
+    told = found.to_dict()
+    scale = 1e3 if "mN m" in torque.title else 1.0
+    assert torque.after["tilt"] == pytest.approx(scale * told["extended"]["torque_rmse"]["tilt"])
+    assert rolled.before["tilt"] == pytest.approx(np.degrees(told["baseline"]["rollout_rmse"]["tilt"]))
+    assert followed.after["pan"] == pytest.approx(np.degrees(told["tracking"]["pan"]["rms_after"]))
+
+
+def test_a_model_that_knows_leaves_joints_cold(rig: Rig, log: Log, found: Diagnosis) -> None:
+    before, after = (heat(known.model, log) for known in (found.before, found.after))
+    for warm in (before, after):
+        assert warm.shape == log.q.shape and np.all((warm >= 0) & (warm <= 1))
+    assert before[:, 1].mean() > 3 * after[:, 1].mean()
+    louder = replace(log, tau=2 * np.asarray(log.tau))
+    assert heat(found.after.model, louder).mean() > after.mean()
+    with pytest.raises(UsageError, match="torque"):
+        heat(found.after.model, replace(log, tau=None))
+
+
+def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
+    assert missed(found) == "The rigid model misses cogging at tilt"
+    (finding,) = found.findings
+    either = replace(finding, status="ambiguous", alike=("cogging", "cable-spring"))
+    assert missed(replace(found, findings=(either,))).endswith("cogging or cable-spring at tilt")
+    left = {"pan": Residual("structured", 0.1, 9.0, 1.0)}
+    assert "something at pan that no known cause" in missed(
+        replace(found, verdict="unknown", findings=(), residual=left)
+    )
+    assert missed(None) == missed(replace(found, verdict="nothing", findings=())) == ""
+    said = verdict(99.0, missed(found))
+    assert "cogging at tilt" in said and "explains" not in said
+    assert to_do(found, None) == ("Against cogging at tilt: cogging feed-forward by angle.",)
+    either = replace(either, rivals=(), next_experiment="turn slowly")
+    assert to_do(replace(found, findings=(either,)), None)[0].endswith("cogging or cable-spring at tilt: turn slowly.")
+
+
+def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis) -> None:
+    """The verdict is named where any finding is; of another that is ambiguous it says that it is open."""
+    finding = found.findings[0]
+    either = replace(finding, joint="roll", status="ambiguous", alike=("cogging", "cable-spring"), next_experiment="it")
+    mixed = replace(found, verdict="named", findings=(finding, either))
+    assert text.diagnosis(mixed, {}).startswith("verdict: named, but for cogging/cable-spring at roll: which of these")
+    assert sections.verdict(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
+    sure = replace(found, verdict="named", findings=(finding,))
+    assert text.diagnosis(sure, {}).startswith("verdict: named\n") and sections.verdict(sure).endswith("says what.")
+
+
+def test_a_diagnosis_has_a_page_of_its_own(
+    run: Run, log: Log, found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stands beside the JSON and says what the terminal says."""
+    monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr("gimbal_pin.diagnosis.planned", lambda found, **_: found)
+    write_log(log, tmp_path / "log.csv")
+    code, out, err = run("diagnose", "turret", tmp_path / "log.csv", "-o", tmp_path / "wrong")
+    page = tmp_path / "wrong" / "report.html"
+    assert code == 0 and f"report: {page}" in out, err
+    words = lxml.html.fromstring(page.read_text(encoding="utf-8")).text_content()
+    assert all(one.sentence in words for one in found.findings) and "Travel" in words
+    assert (tmp_path / "wrong" / "diagnosis.json").exists()

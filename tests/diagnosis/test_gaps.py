@@ -1,0 +1,122 @@
+"""Laws of gaps with flanks that give: what they are without a gap, what they pass on, and that a log tells them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from math import sqrt
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gimbal_pin.control import tune
+from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved, without
+from gimbal_pin.diagnosis.state import consistent
+from gimbal_pin.diagnosis.two_mass import axes, flown
+from gimbal_pin.dynamics import nominal, reduce, simulate
+from gimbal_pin.effects import Backlash, JointFlexibility, parse_effect
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Log
+from gimbal_pin.rig import Rig
+from tests.bench_logs import fourier
+from tests.candidates import refined, worth
+
+RIG = Rig.load("turret")
+JOINT = RIG.joints[-1]
+
+
+@given(st.floats(5.0, 40.0), st.floats(0.05, 0.15), st.floats(0.1, 0.6), st.integers(0, 99))
+@settings(deadline=None, max_examples=10)
+def test_flanks_without_a_gap_are_a_spring(flank: float, damping: float, share: float, seed: int) -> None:
+    """The link rings on a held motor at F's zero."""
+    dt = 1e-4
+    x = np.cumsum(np.random.default_rng(seed).normal(size=2000)) / 50
+    loose = Backlash(JOINT, 1e-9, 1e-3, share, flank, damping)
+    ring = JointFlexibility(JOINT, flank / sqrt(share), damping / sqrt(share), share)
+    np.testing.assert_allclose(loose.acting(x, dt), ring.acting(x, dt), atol=0.01 * np.max(np.abs(x)))
+
+
+@given(st.floats(1e-4, 0.02), st.floats(10.0, 60.0), st.floats(0.2, 1.5), st.integers(0, 99))
+@settings(deadline=None, max_examples=10)
+def test_a_flight_is_told_by_steps_of_a_millisecond(gap: float, flank: float, damping: float, seed: int) -> None:
+    """Where the landings lie within a step hardly matters: steps a fiftieth as long tell the same."""
+    t, phase = np.arange(0.0, 0.6, 1e-3), np.random.default_rng(seed).uniform(0, 6)
+    fine = np.arange(0.0, t[-1] + 1e-9, 2e-5)
+    one = Backlash(JOINT, gap, 1e-3, 0.2, flank, damping)
+    coarse, exact = (flown(20 * np.cos(12 * x + phase), 0.0 * x, x[1], one) for x in (t, fine))
+    assert np.sqrt(np.mean((coarse - exact[::50]) ** 2)) < 0.05 * (gap / 2 + 20 / (2 * np.pi * flank) ** 2)
+
+
+@given(st.floats(0.1, 0.5), st.floats(10.0, 40.0), st.floats(-0.3, 0.3), st.integers(0, 99))
+@settings(deadline=None, max_examples=8)
+def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: float, load: float, seed: int) -> None:
+    """``∫(y - load) dt = (I + J) v`` of two masses that push on each other through a gap with flanks that give."""
+    dt, rotor, rng = 1e-4, 0.004, np.random.default_rng(seed)
+    link, gap = rotor * (1 / share - 1), 0.01
+    one = Backlash(JOINT, gap, rotor, share, flank, 0.5)
+    k = link * (2 * np.pi * flank) ** 2
+    command = load + 0.5 * np.sin(2 * np.pi * rng.uniform(2, 4) * dt * np.arange(8000) + 0.3)
+    place, v, u, rates = one.start(command[0] + share / (1 - share) * load)[0], 0.0, 0.0, []
+    for push in command.tolist():
+        deep = place - np.clip(place, -gap / 2, gap / 2)
+        held = (k * deep + 2 * 0.5 * sqrt(k * link) * (v - u)) if deep else 0.0
+        v, u = v + (push - held) / rotor * dt, u + (held - load) / link * dt
+        place += (v - u) * dt
+        rates.append(v)
+    beside = share / (1 - share) * load
+    acting = one.acting(command + beside, dt) - beside
+    impulse = np.cumsum(acting - load) * dt
+    assert np.mean(np.abs(impulse - (rotor + link) * np.array(rates))) < 0.03 * np.max(np.abs(impulse))
+
+
+def test_a_gap_whose_flanks_give_is_told_by_the_log() -> None:
+    """Simulation and fit are of one formula, with dry friction on the rotor."""
+    true, controller = Backlash(JOINT, 0.013, 2e-3, 0.1, 30.0, 0.7), tune(nominal(RIG), bandwidth_hz=2.0).controller
+    reference = fourier(RIG, 5, 10.0, controller.dt)
+    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
+    first = plain(log)
+    after = consistent(solved(first.problem, (true,), first))
+    assert np.max(after.fit.dispersion) < 0.1 * np.max(first.fit.dispersion)
+    base = without(after, true)
+    others = [replace(true, **{name: k * getattr(true, name)}) for name in ("gap", "inertia") for k in (0.6, 1.6)]
+    assert max(worth(base, one) for one in others) < worth(base, true)
+
+
+def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
+    """At 27 Hz and more, far beyond the band: each flight lasts but a few samples, and its jumps are no noise."""
+    true, controller = Backlash(RIG.joints[0], 0.012, 0.01), tune(nominal(RIG), bandwidth_hz=8.0).controller
+    reference = fourier(RIG, 3, 8.0, controller.dt)
+    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(3), drive=(true,))
+    first = plain(replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape)))
+    assert np.max(first.fit.dispersion) > 10
+    tried = Backlash.tried(true.joint, first.problem.evidence.seen[0])
+    found = refined(first, max(tried, key=partial(worth, first)))
+    assert isinstance(found, Backlash) and not found.rotor_share
+    # What the rotor crosses under a torque goes by their product alone.
+    assert found.gap * found.inertia == pytest.approx(true.gap * true.inertia, rel=0.02)
+
+
+def test_flanks_that_nothing_comes_of_are_refused() -> None:
+    with pytest.raises(UsageError, match="rotor_share"):
+        parse_effect(f"backlash:{JOINT}:gap=0.02,inertia=0.01,flank=8", RIG)
+    made = parse_effect(f"backlash:{JOINT}:gap=0.02,inertia=0.01,flank=8,rotor_share=0.3", RIG)
+    assert isinstance(made, Backlash) and made.springy
+
+
+def test_a_round_rotor_is_felt_along_the_axes_of_what_carries_it() -> None:
+    q = np.random.default_rng(0).uniform(-1, 1, (20, RIG.n))
+    for j in range(RIG.n):
+        found, data = axes(RIG, q, j), RIG.model.createData()
+        for angles, row in zip(q, found):
+            jacobian = pin.computeJointJacobians(RIG.model, data, angles)[3:]
+            np.testing.assert_allclose(row[: j + 1], (jacobian.T @ jacobian[:, j])[: j + 1], atol=1e-9)
+            np.testing.assert_allclose(row[j + 1 :], 0.0, atol=1e-9)
+
+
+def plain(log: Log) -> State:
+    """The refitted model of a log, without any cause."""
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
+    return solved(problem, (), solved(problem, ()))

@@ -1,0 +1,216 @@
+"""Laws of gaps and springs between motor and link: where a gap opens, what a spring passes on, that logs tell them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from math import copysign, sqrt
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from gimbal_pin.control import tune
+from gimbal_pin.diagnosis import BAND, Problem, gather, solved
+from gimbal_pin.dynamics import nominal, reduce, simulate
+from gimbal_pin.effects import Backlash, Borne, JointFlexibility, Presliding, Term
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.rig import Rig
+from tests.bench_logs import fourier, prescribed
+from tests.candidates import refined, worth
+
+RIG = Rig.load("turret")
+JOINT = RIG.joints[-1]
+HARD = 3.0
+
+
+def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, dt: float) -> Array:
+    """Rate of a rotor that `push`, N m, drives through a gap, landing without a bounce, a link that bears a load."""
+    place, rates, out, touching = gap / 2, [0.0, 0.0], [], True
+    for u in push.tolist():
+        between = (link * u + rotor * load) / (rotor + link)  # what holds the two together while they touch
+        touching = touching and between * place >= 0
+        if touching:
+            rates = [rates[0] + (u - load) / (rotor + link) * dt] * 2
+        else:
+            before = rates[0] - rates[1]
+            rates = [rates[0] + u / rotor * dt, rates[1] - load / link * dt]
+            place += (before + rates[0] - rates[1]) / 2 * dt
+            if abs(place) >= gap / 2:
+                rates = [(rotor * rates[0] + link * rates[1]) / (rotor + link)] * 2
+                place, touching = copysign(gap / 2, place), True
+        out.append(rates[0])
+    return np.array(out)
+
+
+@given(st.floats(0.5, 500.0), st.floats(1e-3, 0.5), st.floats(1e-6, 0.95))
+def test_a_spring_within_its_bounds_is_felt(frequency: float, damping: float, share: float) -> None:
+    """Whatever a search comes by on its way can be computed: it refused a soft spring before a light rotor."""
+    load, inertial = np.ones((40, 1)), np.linspace(-1.0, 1.0, 40)[:, None]
+    assert np.all(np.isfinite(JointFlexibility(JOINT, frequency, damping, share).felt(load, inertial, 0.005)))
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
+@settings(deadline=None, max_examples=25)
+def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: float, load: float, brake: float) -> None:
+    """Impulse of what acts, less friction and load, is the momentum of both masses at the rotor's rate."""
+    rng, dt, inertia = np.random.default_rng(seed), 1e-4, 0.004
+    t = dt * np.arange(8000)
+    friction = brake * np.sign(np.sin(2 * np.pi * t + rng.uniform(0, 6)))
+    command = load + friction + 0.5 * np.sin(2 * np.pi * rng.uniform(2, 4) * t + 0.3)
+    signal = Backlash(JOINT, 0.01, inertia, share)
+    link = inertia * (1 / share - 1)
+    rate = two_masses(command - friction, signal.gap, inertia, link, load, dt)
+    acting = signal.along(command, dt, Borne(friction, np.full_like(t, load)))
+    impulse = np.cumsum(acting - friction - load) * dt
+    assert np.mean(np.abs(impulse - (inertia + link) * rate)) < 0.01 * np.max(np.abs(impulse)) + 1e-12
+
+
+def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing() -> None:
+    x = np.sin(np.arange(500) / 20)
+    gap, ring = Backlash(JOINT, 0.01, 1e-3, 0.3), JointFlexibility(JOINT, 9.0, 0.05, 0.3)
+    np.testing.assert_array_equal(gap.along(x, 1e-3, None), gap.acting(x, 1e-3))
+    np.testing.assert_allclose(gap.along(x, 1e-3, Borne(0 * x, 0 * x)), gap.acting(x, 1e-3))
+    np.testing.assert_array_equal(ring.along(x, 1e-3, None), ring.acting(x, 1e-3))
+    on_link = replace(ring, rotor_share=0.0)
+    np.testing.assert_array_equal(on_link.along(x, 1e-3, Borne(x, x)), on_link.acting(x, 1e-3))
+
+
+class Swung(NamedTuple):
+    """Two masses on a spring, the rotor behind dry friction: push and friction, N m, the rotor's acceleration."""
+
+    push: Array
+    friction: Array
+    acceleration: Array
+    still: NDArray[np.bool_]
+
+
+def swung(ring: JointFlexibility, inertia: float, dry: float, load: Array, push: Array, dt: float) -> Swung:
+    """Integrate them, the link swinging already; the rotor sticks where the friction can hold it."""
+    rotor, link = ring.rotor_share * inertia, (1 - ring.rotor_share) * inertia
+    w = 2 * np.pi * ring.frequency
+    k, c = w * w * rotor * link / inertia, 2 * ring.damping * w * rotor * link / inertia
+    bend, bending, rate, rows = 0.3 / k, 0.0, 0.0, []
+    for u, asked in zip(push.tolist(), load.tolist()):
+        spring = k * bend + c * bending
+        free = rate + (u - spring) / rotor * dt
+        brake = max(-dry, min(dry, free * rotor / dt))
+        a = (u - spring - brake) / rotor
+        rows.append((brake, a, abs(rate + a * dt) < 1e-12))
+        rate += a * dt
+        bending += (a - (spring - asked) / link) * dt
+        bend += bending * dt
+    brakes, accelerations, still = map(np.array, zip(*rows))
+    return Swung(push, brakes, accelerations, still)
+
+
+@given(st.floats(5.0, 25.0), st.floats(0.02, 0.3), st.floats(0.1, 0.6), st.floats(0.0, 0.2), st.integers(0, 99))
+@settings(deadline=None, max_examples=20)
+def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
+    frequency: float, damping: float, share: float, dry: float, seed: int
+) -> None:
+    """``y = (I + J) a + friction + load``, whatever friction is taken to hold the rotor where it stands."""
+    dt, inertia, rng = 1e-4, 0.01, np.random.default_rng(seed)
+    ring, t = JointFlexibility(JOINT, frequency, damping, share), 1e-4 * np.arange(15000)
+    load = 0.1 + 0.05 * np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6))
+    push = load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
+    was = swung(ring, inertia, dry, load, push, dt)
+    told = np.where(was.still, rng.normal(size=len(t)), was.friction)
+    acting = ring.along(push, dt, Borne(told, load, inertia * was.acceleration, was.still))
+    wrong = acting - (inertia * was.acceleration + was.friction + load)
+    assert np.sqrt(np.mean(wrong[~was.still] ** 2)) < 0.02 * np.sqrt(np.mean(push**2))
+
+
+@given(st.floats(5.0, 60.0), st.floats(0.05, 0.5), st.floats(0.8, 1.4))
+def test_a_resonance_is_moved_along_its_zero(frequency: float, share: float, factor: float) -> None:
+    one = JointFlexibility(JOINT, frequency, 0.05, share)
+    other = one.moved("frequency", factor * frequency)
+    assert isinstance(other, JointFlexibility)
+    assert sqrt(other.rotor_share) * other.frequency == pytest.approx(sqrt(share) * frequency)
+    assert other.damping / other.frequency == pytest.approx(0.05 / frequency)
+    assert JointFlexibility(JOINT, frequency).moved("frequency", 9.0) == JointFlexibility(JOINT, 9.0)
+
+
+def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
+    """A slow motion of all joints, and fast sines of one."""
+    slow, rng = fourier(RIG, 0, seconds, dt), np.random.default_rng(seed)
+    q, v, a = map(np.array, (slow.q, slow.v, slow.a))
+    for w in 2 * np.pi * np.linspace(1.0, 11.0, 21):
+        size, phase = 0.3 / w**1.5, w * slow.t + rng.uniform(0, 2 * np.pi)
+        for x, y in zip((q, v, a), (np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase))):
+            x[:, joint] += size * y
+    return Motion(slow.t, q, v, a)
+
+
+@pytest.mark.parametrize(("frequency", "share"), [(13.0, 0.2), (36.0, 0.15)])
+def test_a_spring_is_found_by_its_zero_in_the_band_or_far_above_it(frequency: float, share: float) -> None:
+    """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
+    true, controller = JointFlexibility(JOINT, frequency, 0.08, share), tune(nominal(RIG), bandwidth_hz=2.0).controller
+    reference = brisk(RIG.joint_index(JOINT), 5, 9.0, controller.dt)
+    log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
+    seen = problem.evidence.seen[RIG.joint_index(JOINT)]
+    state = solved(problem, (), solved(problem, ()))
+    found = refined(state, max(JointFlexibility.tried(JOINT, seen), key=partial(worth, state)))
+    assert isinstance(found, JointFlexibility)
+    stiff, told = (x.frequency / sqrt(1 / x.rotor_share - 1) for x in (true, found))
+    assert told == pytest.approx(stiff, rel=0.1)
+
+
+@pytest.mark.parametrize(("stroke", "damping", "slips"), [(0.03, 0.2, False), (0.08, 0.05, False), (0.05, 0.1, True)])
+def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, damping: float, slips: bool) -> None:
+    name = RIG.joints[0]
+    term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
+    plain = nominal(RIG)
+    log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
+    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
+    first = solved(problem, (), solved(problem, ()))
+    tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
+    found = max(tried, key=partial(worth, first))
+    state = solved(problem, (found,), first)
+    assert isinstance(found, Presliding) and found.damped and found.slips == slips
+    assert found.stroke == pytest.approx(stroke, rel=0.1)
+    assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)
+
+
+@given(st.floats(15, 30), st.floats(0.1, 0.3), st.floats(1.5, 3.0))
+@settings(max_examples=20)
+def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(hertz: float, share: float, factor: float) -> None:
+    command = np.sin(2 * np.pi * 2.0 * np.arange(2000) / 1000) * np.hanning(2000)
+    other = factor * hertz, 1 / (1 + (1 / share - 1) * factor**2)  # the same (1/r - 1)/ω²
+    one, two = (command - JointFlexibility("pan", f, 0.05, r).acting(command, 1e-3) for f, r in ((hertz, share), other))
+    assert np.linalg.norm(one - two) < 0.05 * np.linalg.norm(one)
+
+
+def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
+    spring, torque = JointFlexibility("pan", 8.0, hardening=HARD), np.linspace(-3.0, 3.0, 61)
+    z = np.array([spring.start(level)[0] for level in torque.tolist()])
+    np.testing.assert_allclose(z * (1 + HARD * z**2), torque, atol=1e-12)
+    assert replace(spring, hardening=0.0).start(2.0) == (2.0, 0.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_spring_that_hardens_steps_as_its_equation_says(share: float) -> None:
+    """``z'' = ω² (x - z - h z³) - 2 ζ ω z'`` by a solver, its momentum passed on, and at rest what it bends to."""
+    spring, dt, w = JointFlexibility("pan", 3.0, 0.3, share, HARD), 1e-3, 6 * np.pi
+    command = np.sin(7.0 * dt * np.arange(1000))
+    memory, passed = spring.start(), []
+    for x in command.tolist():
+        memory, y = spring.step(memory, x, dt)
+        passed.append(y)
+
+    def rates(t: float, z: Array) -> list[float]:
+        x = command[min(int(t / dt), len(command) - 1)]
+        return [z[1], w * w * (x - z[0] * (1 + HARD * z[0] ** 2)) - 0.6 * w * z[1]]
+
+    end = solve_ivp(rates, (0.0, dt * len(command)), [0.0, 0.0], rtol=1e-6, max_step=dt).y[:, -1]
+    np.testing.assert_allclose(memory, end, atol=2e-3 * w)
+    kept = 1 - 1 / share if share else 1.0
+    assert np.sum(passed) * dt == pytest.approx(np.sum(command) * dt - kept * memory[1] / w**2)
+    for _ in range(5000):
+        memory, y = spring.step(memory, 2.0, dt)
+    assert memory[0] == pytest.approx(spring.start(2.0)[0]) and y == pytest.approx(2.0)

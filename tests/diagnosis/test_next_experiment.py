@@ -1,0 +1,281 @@
+"""Laws of the next experiment: it parts what was ambiguous, as far as promised, and knows what no motion parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gimbal_pin.diagnosis import (
+    BAND,
+    Diagnosis,
+    NextExperiment,
+    diagnose,
+    next_experiment,
+    planned,
+    solved,
+    write_diagnosis,
+)
+from gimbal_pin.diagnosis.next_experiment import MARGIN, Contest, contest, imagined, nearest
+from gimbal_pin.diagnosis.parting import NAMED, Apart, Parting
+from gimbal_pin.dynamics import nominal, plant_with
+from gimbal_pin.effects import CAUSES, Backlash, Cause, JointFlexibility, parse_effect
+from gimbal_pin.excitation import Envelope
+from gimbal_pin.log import Array, Log, Motion, read_motion
+from gimbal_pin.rig import Rig
+
+DT, SECONDS = 0.005, 20.0
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return Rig.load("turret")
+
+
+def few(*names: str) -> Mapping[str, type[Cause]]:
+    return {name: CAUSES[name] for name in names}
+
+
+def small(travel: float, seconds: float = 18.0) -> Motion:
+    """Two joints to and fro over a part of their travel, at two incommensurable rates."""
+    t = DT * np.arange(round(seconds / DT) + 1)
+    size, slow, fast = travel / 4 * np.array([1.0, 0.7]), np.array([1.38, 2.28]), np.array([2.62, 3.2])
+    q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
+    for w in (slow, fast):
+        q += size * np.sin(np.outer(t, w))
+        v += size * w * np.cos(np.outer(t, w))
+        a -= size * w**2 * np.sin(np.outer(t, w))
+    return Motion(t, q, v, a)
+
+
+def recorded(rig: Rig, motion: Motion, planted: str, seed: int) -> Log:
+    """A log of the motion on a rig that hides a cause; sensors whose noise does not depend on the motion."""
+    plant = plant_with(nominal(rig), [parse_effect(planted, rig)]).plant
+    rng, shape = np.random.default_rng(seed), motion.q.shape
+    q, v = (x + std * rng.standard_normal(shape) for x, std in ((motion.q, 1e-5), (motion.v, 1e-3)))
+    tau = plant.inverse(motion.q, motion.v, motion.a, t=motion.t) + 3e-3 * rng.standard_normal(shape)
+    return Log(f"log {seed}", rig.joints, motion.t, q, v, tau)
+
+
+def said(rig: Rig, logs: list[Log], causes: Mapping[str, type[Cause]]) -> Diagnosis:
+    band = replace(BAND, alignment=0.0)  # the torque is that of the sample itself
+    return diagnose(rig, logs, causes, rng=np.random.default_rng(1), holdout="last-third", filtering=band)
+
+
+def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 10) -> NextExperiment:
+    plan = next_experiment(found, causes, rng=np.random.default_rng(3), seconds=SECONDS, tries=tries, dt=DT)
+    assert plan is not None
+    return plan
+
+
+AMBIGUOUS = {
+    "cogging:pan:amplitude=0.05,harmonic=3": ("cogging", "cable-spring", 0.4),
+    "load-dependent-friction:tilt:mu=0.1": ("load-dependent-friction", "position-dependent-friction", 0.3),
+}
+
+
+@cache
+def begun(planted: str) -> tuple[Log, Diagnosis]:
+    """The first log of a rig that hides one of `AMBIGUOUS`, and what it says."""
+    rig, (name, rival, travel) = Rig.load("turret"), AMBIGUOUS[planted]
+    log = recorded(rig, small(travel), planted, 0)
+    return log, said(rig, [log], few(name, rival))
+
+
+@cache
+def follows(planted: str) -> NextExperiment:
+    """The experiment designed on that first log."""
+    return designed(begun(planted)[1], few(*AMBIGUOUS[planted][:2]))
+
+
+@pytest.mark.parametrize("planted", AMBIGUOUS)
+def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) -> None:
+    """Ambiguous on a first log, named with the next one; measured as far apart as promised."""
+    name, rival, _ = AMBIGUOUS[planted]
+    causes, (first, before) = few(name, rival), begun(planted)
+    assert before.verdict == "ambiguous" and {name, rival} <= set(before.findings[0].alike)
+    plan = follows(planted)
+    promised = next(p for p in plan.partings if {p.cause, p.rival} == {name, rival})
+    assert plan.motion is not None and promised.expected is not None
+    assert promised.expected.deviations > 3 * promised.now.deviations
+    after = said(rig, [first, recorded(rig, plan.motion, planted, 1)], causes)
+    assert after.verdict == "named" and [(f.cause, f.joint) for f in after.findings] == [(name, planted.split(":")[1])]
+    assert after.state is not None
+    measured = contest(after.state, after.state.causes[0], causes[rival])
+    assert measured is not None
+    assert measured.apart(measured.known).deviations > max(NAMED, promised.expected.deviations / 3)
+    assert planned(after, causes, rng=np.random.default_rng(0)).planned is None
+
+
+@pytest.mark.parametrize("planted", AMBIGUOUS)
+def test_the_next_experiment_is_promised_to_name_what_it_names(planted: str) -> None:
+    """As the test above shows that it does."""
+    name, rival, _ = AMBIGUOUS[planted]
+    promised = next(p for p in follows(planted).partings if {p.cause, p.rival} == {name, rival})
+    assert promised.outcome == "named"
+
+
+def swept(rig: Rig, seconds: float) -> Motion:
+    """Three joints to and fro at two rates each, the second in small strokes."""
+    t = DT * np.arange(round(seconds / DT) + 1)
+    sizes, rates = np.array([[0.8, 0.1, 0.5], [0.1, 0.05, 0.08]]), np.array([[1.1, 0.9, 1.7], [2.9, 2.3, 3.7]])
+    turn = t[:, None, None] * rates
+    q, v, a = summed(sizes * np.sin(turn), sizes * rates * np.cos(turn), -sizes * rates**2 * np.sin(turn))
+    return Motion(t, q, v, a)
+
+
+def summed(*waves: Array) -> list[Array]:
+    """Sum over the rates, (m, 2, n) each."""
+    return [np.sum(wave, axis=1) for wave in waves]
+
+
+def test_friction_of_the_weight_is_parted_from_one_of_the_angle_where_another_joint_turns_the_weight() -> None:
+    """On the next experiment's log alone it is named."""
+    rig, planted = Rig.load("handheld"), "load-dependent-friction:tilt:mu=0.2,weighs=1"
+    causes = few("load-dependent-friction", "position-dependent-friction")
+    first = recorded(rig, swept(rig, 45.0), planted, 0)
+    before = said(rig, [first], causes)
+    assert before.verdict == "ambiguous"
+    plan = designed(before, causes, tries=30)
+    assert plan.motion is not None and plan.partings[0].outcome == "named"
+    assert np.ptp(plan.motion.q[:, 1]) > 2 * np.ptp(first.q[:, 1])
+    after = said(rig, [recorded(rig, plan.motion, planted, 1)], causes)
+    assert after.verdict == "named" and after.findings[0].cause == "load-dependent-friction"
+
+
+@pytest.fixture(scope="module")
+def ambiguous() -> Diagnosis:
+    return begun("cogging:pan:amplitude=0.05,harmonic=3")[1]
+
+
+@pytest.fixture(scope="module")
+def plan() -> NextExperiment:
+    return follows("cogging:pan:amplitude=0.05,harmonic=3")
+
+
+def test_it_keeps_to_the_limits_and_to_rest(rig: Rig, plan: NextExperiment) -> None:
+    motion = plan.motion
+    assert motion is not None and plan.seconds == pytest.approx(SECONDS)
+    assert Envelope.of(rig).shares(nominal(rig), motion).max() <= 1 - 0.99 * MARGIN
+    for end in (0, -1):
+        np.testing.assert_allclose([motion.v[end], motion.a[end]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.gradient(motion.q, DT, axis=0)[1:-1], motion.v[1:-1], atol=1e-2)
+
+
+def test_it_is_a_file_that_others_read(rig: Rig, ambiguous: Diagnosis, plan: NextExperiment, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    files, _ = write_diagnosis(replace(ambiguous, planned=plan), tmp_path, "page")
+    motion = read_motion(files["next experiment"], rig)
+    np.testing.assert_allclose(motion.q, plan.motion.q if plan.motion else 0.0, atol=1e-12)
+    assert "next experiment" not in write_diagnosis(ambiguous, tmp_path / "none", "page")[0]
+    data = replace(ambiguous, planned=plan).to_dict()["next_experiment"]
+    assert data["partings"][0]["deviations_expected"] > data["partings"][0]["deviations_now"]
+
+
+def test_more_rows_never_bring_two_causes_nearer(ambiguous: Diagnosis, plan: NextExperiment) -> None:
+    """A separation is the smallest sum of squares: rows are only ever added to it."""
+    assert all(p.expected is None or p.expected.deviations >= p.now.deviations * (1 - 1e-9) for p in plan.partings)
+    assert all(p.now.share <= 1 for p in plan.partings)
+
+
+def test_an_interrupted_search_keeps_the_best_so_far(ambiguous: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: Iterator[int] = iter(range(100))
+
+    expected = Contest.expected
+
+    def interrupted(each: Contest, *at: Any) -> Apart:
+        if next(calls) == 3:
+            raise KeyboardInterrupt
+        return expected(each, *at)
+
+    monkeypatch.setattr(Contest, "expected", interrupted)
+    plan = designed(ambiguous, few("cogging", "cable-spring"))
+    assert plan.motion is not None and not plan.finished and "interrupted" in plan.lines[-1]
+
+
+def test_no_motion_parts_a_bias_from_asymmetric_friction(rig: Rig) -> None:
+    """They are one torque: no file, and a sentence that says so and what would part them."""
+    causes = few("torque-bias", "asymmetric-friction")
+    found = said(rig, [recorded(rig, small(1.0), "torque-bias:pan:bias=0.03", 4)], causes)
+    assert found.verdict == "ambiguous"
+    plan = designed(found, causes, tries=6)
+    assert plan.motion is None and plan.seconds == 0.0
+    assert [p.expected for p in plan.partings] == [None]
+    assert "one torque" not in plan.lines[0] and "holds at rest" in plan.lines[0] and len(plan.lines) == 1
+    assert "can be the same torque in every motion that was tried; what else may part them" in plan.lines[0]
+
+
+def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
+    return Parting("cogging", "pan", rival, now, expected, ("slow sweeps", f"what shows {rival}"))
+
+
+def test_rivals_that_fare_alike_are_told_together() -> None:
+    """One line for each thing that is to be said, with every figure, and no figure of what is one to the last digit."""
+    far, near, none = Apart(12.0, 0.6), Apart(1.4, 0.5), Apart(6.8e-13, 1e-15)
+    rivals = [("a", near, far), ("b", near, far), ("c", none, far), ("d", near, near), ("e", none, None)]
+    lines = NextExperiment(("pan",), None, tuple(parted(*row) for row in rivals)).lines
+    assert not any("e-1" in line for line in lines) and all(line.count("slow sweeps") <= 1 for line in lines)
+    assert lines[0] == "pan: cogging and a, b, c lie 1.4, 1.4, 0 standard deviations apart so far, " + (
+        "12, 12, 12 with the next experiment"
+    )
+    assert "cogging and d lie" in lines[1] and "too few to name one; try also slow sweeps; or what shows d" in lines[1]
+    assert "cogging and e can be the same" in lines[2] and len(lines) == 3
+
+
+def test_a_motion_that_leaves_every_finding_a_rival_is_said_to_name_none() -> None:
+    far, near = Apart(12.0, 0.6), Apart(1.4, 0.5)
+    motion = small(1.0)
+    for rest, named in ((far, True), (near, False)):
+        rivals = (parted("a", near, far), parted("b", near, rest))
+        (last,) = NextExperiment(("pan",), motion, rivals).lines[-1:]
+        assert ("it names no cause, as each keeps a rival" in last) != named
+
+
+def test_many_deviations_of_what_looks_alike_are_not_told_as_if_they_parted_it() -> None:
+    """A small share of a loud torque is many deviations, and may be what its formula gets wrong."""
+    loud = parted("a", Apart(253.0, 0.1), Apart(400.0, 0.5)).to_dict()["sentence"]
+    assert "253" not in loud and "nearly the same torque on these logs, 400 standard deviations apart with" in loud
+
+
+def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:
+    rng = np.random.default_rng(0)
+    A, b = rng.standard_normal((50, 4)), rng.standard_normal(50)
+    plain, copies = nearest(A, b)[1], [A * [1e-9, 1.0, 1e9, 3.0], A[:, :1] - A[:, 1:2], np.zeros((50, 1))]
+    assert nearest(np.hstack(copies), b)[1] == pytest.approx(plain, rel=1e-9)
+    assert plain == pytest.approx(np.linalg.norm(b - A @ np.linalg.pinv(A) @ b), rel=1e-9)
+
+
+@cache
+def cogged() -> Diagnosis:
+    """What a log of a cogging motor says."""
+    log = recorded(Rig.load("turret"), small(0.8), "cogging:pan:amplitude=0.05,harmonic=3", 0)
+    return said(Rig.load("turret"), [log], few("cogging"))
+
+
+@pytest.mark.parametrize(
+    "cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3), Backlash("tilt", 1e-3, 1e-3, 0.25)]
+)
+def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig, cause: Cause) -> None:
+    """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
+    found = cogged()
+    assert found.state is not None
+    state = solved(found.state.problem, (*found.state.causes, cause), found.state)
+    against = contest(state, cause, CAUSES["actuator-lag"])
+    assert against is not None
+    after = against.expected(*imagined(state.problem, small(0.8, 9.0), nominal(rig)))
+    assert np.isfinite(after.deviations) and after.deviations >= 0
+
+
+def test_a_joint_bears_on_the_same_motion_imagined_what_it_bears_along_the_log() -> None:
+    """The logs' fit asked on the logs' own rows and torque: nothing is lost by way of the imagination."""
+    found = cogged()
+    assert found.state is not None
+    state = solved(found.state.problem, found.state.causes, found.state)
+    asked: list[Array] = [x - y for x, y in zip(state.acting, state.unexplained)]
+    again = replace(state, torque=asked, acting=asked, learned=state)
+    for one, other in zip(state.bearing, again.bearing):
+        np.testing.assert_allclose(other[0].load, one[0].load, atol=1e-9)
+        np.testing.assert_allclose(other[0].brake, one[0].brake, atol=1e-9)

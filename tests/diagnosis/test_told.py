@@ -1,0 +1,84 @@
+"""Laws of what is told of findings: what else they may be, what is only roughly known, what the noise may hide."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from gimbal_pin.cli.diagnose import diagnose as verb
+from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival
+from gimbal_pin.diagnosis.findings import rough
+from gimbal_pin.effects import CAUSES, Parameter, TorqueRipple
+from gimbal_pin.estimation.audit import CHECKS
+from gimbal_pin.report import text
+from gimbal_pin.rig import Rig
+from tests.diagnosis.test_forms import SEEN
+
+
+def test_the_help_lists_every_cause() -> None:
+    said = inspect.getdoc(verb) or ""
+    assert {*CAUSES, *CHECKS, "platform-motion"} <= set(re.findall(r"[a-z]+(?:-[a-z]+)*", said))
+
+
+def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
+    rivals = (Rival("actuator-lag", 40.0, 4.9), Rival("armature", 80.0, 9.0), Rival("cogging", 3.0, 1.0))
+    gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
+    alike = ("delay", "actuator-lag", "cogging")
+    found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
+    one, other = found.open.split("; ")
+    assert one == "this log cannot tell it from cogging" and "armature" not in other
+    assert other.startswith("not ruled out, though less well") and other.endswith(
+        ": actuator-lag (4.9 standard deviations)"
+    )
+    assert f"  {found.open}; try a chirp" in text.about_finding(found)
+    assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
+    assert not replace(found, alike=("delay",)).open
+
+
+@pytest.mark.parametrize(("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)])
+def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], bent: bool) -> None:
+    """Of a joint that swings by a radian, as an encoder's error bends its weight; by two turns, a ripple."""
+    alike = TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=1.0))
+    assert ("encoder-offset" in alike) == ("torque-gain" in alike) == bent
+    assert TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=4 * np.pi)) == ()
+
+
+def test_a_size_that_the_log_hardly_tells_is_told_as_rough() -> None:
+    """Beyond half of itself; not what may have either sign, which may be near zero and known, nor what was set."""
+    limit, phase = Parameter("limit", 1.0, "N m", 0.0, 10.0), Parameter("phase", 0.0, "rad", -3.0, 3.0)
+    assert rough([replace(limit, std=0.1), replace(phase, std=0.1), limit]) == ""
+    assert rough([replace(limit, std=0.51), replace(limit, name="knee", std=2.0)]) == " (limit, knee only roughly)"
+
+
+def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
+    left = {"pan": Residual("noise", 0.1, 1.0), "tilt": Residual("structured", 0.1, 9.0, 1.0, "slow")}
+    some, none = (SimpleNamespace(findings=[], residual=rest) for rest in (left, {"pan": left["pan"]}))
+    assert text.caveats(cast(Diagnosis, some)).endswith("unknown is left at tilt)")
+    assert text.caveats(cast(Diagnosis, none)) == ""
+
+
+@pytest.mark.parametrize(
+    ("fit", "state", "told"), [(80.0, "noise", True), (97.0, "noise", False), (80.0, "slow", False)]
+)
+def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
+    fit: float, state: str, told: bool
+) -> None:
+    figures = {"torque_rmse": {"pan": 0.02}, "fit_percent": {"pan": fit}}
+    shown = SimpleNamespace(residual={"pan": Residual(state, 1e-3, 1.0)}, extended=figures)
+    shown.after = SimpleNamespace(model=SimpleNamespace(rig=Rig.load("turret")))
+    shown.noisy = Diagnosis.__dict__["noisy"].fget(shown)
+    said = Diagnosis.__dict__["hidden"].fget(shown)
+    assert said.startswith("the noise may hide up to 0.02 N m at pan") if told else not said
+
+
+@pytest.mark.parametrize(("cause", "told"), [("payload-shift", True), ("cogging", False)])
+def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) -> None:
+    """The payload's figures beside a finding about it are taken with its inertias open."""
+    found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
+    assert ("inertias left open" in text.caveats(cast(Diagnosis, found))) == told

@@ -1,0 +1,761 @@
+"""Excitation: exact gradients, limits that hold between the samples too, rest at both ends, better than chance."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from math import inf
+from pathlib import Path
+from select import select
+from time import monotonic
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gimbal_pin.cli.excite import to_show
+from gimbal_pin.dynamics import Model, nominal, regressor
+from gimbal_pin.effects import CAUSES, Coulomb, Effect, LoadDependentFriction, Stribeck, Term
+from gimbal_pin.errors import RigError, UsageError
+from gimbal_pin.excitation import (
+    Clearance,
+    Columns,
+    Condition,
+    Criterion,
+    Determinant,
+    Envelope,
+    Excitation,
+    Problem,
+    Sequential,
+    Series,
+    cleared,
+    condition_number,
+    excite,
+    known,
+    repeats,
+    sequential,
+)
+from gimbal_pin.excitation.adjoint import links, regressor_gradient
+from gimbal_pin.excitation.interior import descent
+from gimbal_pin.excitation.limits import find_crest
+from gimbal_pin.log import Array, Log, Motion, read_motion
+from gimbal_pin.report import text
+from gimbal_pin.rig import Limits, Rig, bundled_rigs
+from tests.command_line import Run, heard, refused, result
+
+PENDULUM = Path(__file__).parents[3] / "shared/data/dfki_double_pendulum/double_pendulum.urdf"
+RIGS = bundled_rigs()
+
+
+def problem(
+    rig: Rig, criterion: Criterion | None = None, effects: tuple[Effect, ...] = (), model: Model | None = None
+) -> Problem:
+    return Problem(
+        model or nominal(rig),
+        Series(10.0, 5),
+        Columns.of(rig, effects),
+        criterion or Condition(),
+        Envelope.of(rig, 0.05),
+        per_period=12,
+    )
+
+
+def differences(function, x: Array) -> Array:
+    """Central differences of a function of a vector, one column per entry."""
+    step = 1e-6
+    return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=-1)
+
+
+@given(st.integers(0, 10**6))
+def test_a_crest_between_samples_is_found(seed: int) -> None:
+    """Of sines sampled thirty times a period: within a hundredth of what the samples miss, and no less than they."""
+    rng = np.random.default_rng(seed)
+    size, phase = rng.uniform(0.1, 2.0, 3), rng.uniform(0, 2 * np.pi, 3)
+    sampled = size * np.sin(2 * np.pi * np.arange(40)[:, None] / 30 + phase)
+    assert np.abs(find_crest(sampled) - size).max() < 0.01 * (1 - np.cos(np.pi / 30)) * size.max()
+    assert (find_crest(sampled) >= sampled.max(axis=0)).all()
+    assert find_crest(np.full((5, 1), 0.5)) == pytest.approx(0.5)
+
+
+@cache
+def designed(name: str, seed: int) -> Excitation:
+    return excite(Rig.load(name), starts=1, rng=np.random.default_rng(seed))
+
+
+def pendulum() -> Rig:
+    if not PENDULUM.is_file():
+        pytest.skip("needs ../shared/data/dfki_double_pendulum, which is not beside this checkout")
+    return Rig.load(PENDULUM)
+
+
+def moved(rig: Rig, **changes: object) -> Rig:
+    """The rig with the same change to every joint's limits."""
+    return replace(rig, limits=tuple(replace(limit, **changes) for limit in rig.limits))
+
+
+def assert_within(rig: Rig, model: Model, found: Excitation, margin: float) -> None:
+    """Every limit holds at 20 000 random instants, whichever of them is stated."""
+    t = np.sort(np.random.default_rng(7).uniform(0.0, found.seconds, 20_000))
+    motion = found.series.motion(found.coefficients, t)
+    tau = model.inverse(motion.q, motion.v, motion.a)
+    share, slack = 1 - margin, 1e-3
+    for j, limit in enumerate(rig.limits):
+        trimmed = margin / 2 * (limit.upper - limit.lower) if np.isfinite(limit.upper - limit.lower) else 0.0
+        assert motion.q[:, j].min() >= limit.lower + trimmed - slack
+        assert motion.q[:, j].max() <= limit.upper - trimmed + slack
+        assert np.abs(motion.v[:, j]).max() <= share * limit.velocity + slack
+        assert np.abs(motion.a[:, j]).max() <= share * limit.acceleration + slack
+        assert np.abs(tau[:, j]).max() <= share * rig.tau_max[j] + slack
+
+
+# gradients
+
+
+@pytest.mark.parametrize("criterion", [Condition(), Condition(sharpness=8.0), Determinant()], ids=["m64", "m8", "det"])
+@pytest.mark.parametrize("name", RIGS)
+def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> None:
+    at = problem(Rig.load(name), criterion)
+    for seed in range(3):
+        x = at.start(np.random.default_rng(seed))
+        exact, rough = at.gradient(x), differences(at.objective, x)
+        assert np.abs(exact - rough).max() < 1e-5 * np.abs(rough).max()
+
+
+def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
+    rig = Rig.load("thesis")
+    effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"), LoadDependentFriction("tilt", True, 0.5, 0.2))
+    at = problem(rig, Determinant(), effects)
+    x = at.start(np.random.default_rng(3))
+    rough = differences(at.objective, x)
+    assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
+    assert len(at.columns.scale) == len(problem(rig).columns.scale) + 3
+
+
+def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
+    rig = Rig.load("thesis")
+    carrying = Term(LoadDependentFriction("roll"), (0.1,)), Term(LoadDependentFriction("tilt", True, 0.5, 0.2), (0.1,))
+    terms = (*nominal(rig).terms, *carrying, Term(Stribeck("tilt", 0.2), (0.02,)))
+    at = problem(moved(rig, effort=1.0, acceleration=inf), model=Model(moved(rig, effort=1.0), terms))
+    assert at.driven.all()
+    x = at.start(np.random.default_rng(4))
+    assert np.abs(at.room_slopes(x) - differences(at.room, x)).max() < 1e-6
+
+
+# what a design promises
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_limits_hold_between_the_samples(name: str) -> None:
+    rig = Rig.load(name)
+    found = designed(name, 0)
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    assert max(max(used.values()) for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_starts_and_ends_at_rest_and_repeats(name: str) -> None:
+    found = designed(name, 0)
+    for end in (0, -1):
+        assert np.abs(found.motion.v[end]).max() < 1e-12
+        assert np.abs(found.motion.a[end]).max() < 1e-12
+    t = found.motion.t
+    assert t[0] == 0.0
+    assert t[-1] == found.seconds == 10.0
+    later = found.series.motion(found.coefficients, t + found.seconds)
+    assert np.abs(later.q - found.motion.q).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_rate_and_acceleration_are_the_derivatives(name: str) -> None:
+    motion = designed(name, 0).motion
+    dt = motion.t[1]
+    assert np.abs((motion.q[2:] - motion.q[:-2]) / (2 * dt) - motion.v[1:-1]).max() < 1e-4
+    assert np.abs((motion.v[2:] - motion.v[:-2]) / (2 * dt) - motion.a[1:-1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_much_better_than_random_motions_within_the_same_limits(name: str) -> None:
+    rig, rng = Rig.load(name), np.random.default_rng(5)
+    at = problem(rig)
+    chance = [condition_number(rig, at.motion(at.start(rng), at.dense)) for _ in range(20)]
+    assert designed(name, 0).condition_number < 0.7 * min(chance)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_friction_shows_on_both_sides_of_standstill(name: str) -> None:
+    rig, v = Rig.load(name), designed(name, 0).motion.v
+    fast = 0.3 * np.array([limit.velocity for limit in rig.limits])
+    for side in (v, -v):
+        assert (np.mean(side > 0, axis=0) > 0.25).all()
+        assert (side.max(axis=0) > fast).all()
+
+
+def test_same_seed_same_motion() -> None:
+    again = excite(Rig.load("turret"), starts=1, rng=np.random.default_rng(1))
+    assert np.array_equal(again.coefficients, designed("turret", 1).coefficients)
+    assert not np.array_equal(again.coefficients, designed("turret", 0).coefficients)
+
+
+def test_each_criterion_is_best_by_its_own_measure() -> None:
+    rig, determinant = Rig.load("turret"), Determinant()
+    by_condition = designed("turret", 0)
+    by_determinant = excite(rig, starts=1, rng=np.random.default_rng(0), criterion=determinant)
+    columns = Columns.of(rig)
+
+    def information(found: Excitation) -> float:
+        return determinant.value(columns.unit(found.motion, np.sign(found.motion.v)))
+
+    assert information(by_determinant) < information(by_condition)
+    assert by_condition.condition_number < by_determinant.condition_number
+
+
+def test_json_has_the_contracts_keys() -> None:
+    found = designed("thesis", 0)
+    read = json.loads(json.dumps(found.to_dict()))
+    assert {"schema", "criterion", "condition_number", "seconds", "limits_used"} <= read.keys()
+    assert list(read["limits_used"]) == ["yaw", "roll", "tilt"]
+    assert all(list(used) == ["q", "dq", "ddq", "tau"] for used in read["limits_used"].values())
+
+
+# limits that bind, are missing, or cannot be kept
+
+
+def test_pendulum_is_kept_within_its_torque() -> None:
+    rig = pendulum()
+    found = excite(rig, starts=1, rng=np.random.default_rng(0))
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    assert found.limits_used["shoulder"]["tau"] == pytest.approx(0.95, abs=0.01)
+    assert found.limits_used["shoulder"]["ddq"] == 0.0
+    assert found.condition_number < 10
+
+
+def test_torque_limit_counts_the_friction_of_the_model_given() -> None:
+    rig = moved(Rig.load("turret"), effort=1.0, acceleration=inf, velocity=100.0)
+    stiff = Model(rig, (*nominal(rig).terms, Term(Coulomb("pan"), (0.4,))))
+    options = {"starts": 1, "harmonics": 4, "seconds": 4.0, "speed": 0.0}
+    found = excite(rig, rng=np.random.default_rng(0), torque_model=stiff, **options)
+    assert_within(rig, stiff, found, margin=0.05)
+    assert max(used["tau"] for used in found.limits_used.values()) == pytest.approx(0.95, abs=0.01)
+    light = excite(rig, rng=np.random.default_rng(0), **options)
+    heavy = np.abs(stiff.inverse(light.motion.q, light.motion.v, light.motion.a)).max(axis=0)
+    assert (heavy > 0.95 * rig.tau_max).any()
+
+
+def test_joint_without_angle_limits_turns_at_most_half_a_turn_either_way() -> None:
+    rig = replace(Rig.load("turret"), limits=(Limits(effort=4.0, velocity=3.0),) * 2)
+    found = excite(rig, starts=1, rng=np.random.default_rng(0))
+    assert np.abs(found.motion.q).max() <= np.pi
+    assert all(used["dq"] > 0.2 and used["ddq"] == 0 for used in found.limits_used.values())
+
+
+def test_no_motion_is_designed_on_a_limit_that_nobody_states(run: Run, tmp_path: Path) -> None:
+    """A rate without a limit is asked for; an acceleration without one is bounded by the motor's torque."""
+    source = Rig.load("turret").urdf
+    (tmp_path / "turret.urdf").write_text(re.sub(r'velocity="[^"]*"', 'velocity="0"', source))
+    excited = ("excite", tmp_path / "turret.urdf", "--starts", 1, "-o")
+    refused(
+        run(*excited, tmp_path / "out.csv"), 2, "states no limit for pan.velocity, tilt.velocity", "--limit pan.velo"
+    )
+    limits = ("--limit=pan.velocity=1.5", "--limit=tilt.velocity=1.5")
+    full = result(run, *excited, tmp_path / "full.csv", *limits)["limits_used"]
+    slow = result(run, *excited, tmp_path / "slow.csv", *limits, "--first")["limits_used"]
+    assert max(used["dq"] for used in full.values()) == pytest.approx(0.95, abs=0.05)
+    assert max(used["dq"] for used in slow.values()) == pytest.approx(0.095, abs=0.005)
+
+
+@pytest.mark.parametrize("limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2", "pan.velocity=-1"])
+def test_a_limit_that_is_none_is_named(run: Run, tmp_path: Path, limit: str) -> None:
+    refused(run("excite", "turret", "-o", tmp_path / "out.csv", "--limit", limit), 2, f"--limit {limit}")
+
+
+SLIDER = """<robot name="crane"><link name="rail"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="boom"><inertial><origin xyz="0.2 0 0.1"/><mass value="1"/>
+<inertia ixx="0.02" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-0.3" upper="0.4" effort="40" velocity="1"/></joint>
+<joint name="swing" type="continuous"><parent link="cart"/><child link="boom"/><axis xyz="0 1 0"/>
+<limit effort="5" velocity="4"/></joint></robot>"""
+
+
+def crane(folder: Path) -> Rig:
+    path = folder / "crane.urdf"
+    path.write_text(SLIDER)
+    return Rig.load(path)
+
+
+def test_slide_with_limits_is_moved_within_them(tmp_path: Path) -> None:
+    rig = crane(tmp_path)
+    found = excite(rig, starts=1, rng=np.random.default_rng(0))
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    assert found.limits_used["slide"]["q"] > 0.5
+
+
+def test_slide_without_limits_is_named(tmp_path: Path) -> None:
+    rig = replace(crane(tmp_path), limits=(Limits(), Limits()))
+    with pytest.raises(UsageError, match="joint 'slide': slides without limits"):
+        excite(rig, rng=np.random.default_rng(0))
+
+
+def test_motors_that_cannot_hold_the_payload_are_named() -> None:
+    rig = moved(Rig.load("thesis"), effort=0.01)
+    with pytest.raises(UsageError, match=r"joint '\w+': no pose was found that the motors can hold"):
+        excite(rig, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"velocity": 0.0}, "velocity limit of 0"),
+        ({"acceleration": 0.0}, "acceleration limit of 0"),
+        ({"lower": 0.3, "upper": 0.3}, "travel of 0"),
+        ({"effort": 0.0}, "torque limit of 0"),
+    ],
+)
+def test_limits_that_leave_no_motion_are_named(changes: dict[str, float], what: str) -> None:
+    with pytest.raises(UsageError, match=f"joint 'pan': has a {what}"):
+        excite(moved(Rig.load("turret"), **changes), rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place"),
+    [
+        ({"harmonics": 1}, "harmonics"),
+        ({"seconds": 0.0}, "seconds"),
+        ({"seconds": -3.0}, "seconds"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": 0.003}, "dt"),
+        ({"starts": 0}, "starts"),
+        ({"margin": 1.0}, "margin"),
+        ({"margin": -0.1}, "margin"),
+        ({"criterion": "best"}, "criterion"),
+    ],
+)
+def test_arguments_out_of_range_are_named(arguments: dict[str, object], place: str) -> None:
+    with pytest.raises(UsageError, match=f"^{place}"):
+        excite(Rig.load("turret"), rng=np.random.default_rng(0), **arguments)
+
+
+# length
+
+
+def test_a_longer_motion_is_never_worse_than_the_usual_one() -> None:
+    """With five harmonics whatever the length 20 s were two to four times worse; a long one repeats a shorter one."""
+    rig, usual = Rig.load("turret"), designed("turret", 0).condition_number
+    for seconds, periods in ((20.0, 1), (24.0, 2)):
+        found = excite(rig, seconds=seconds, starts=1, rng=np.random.default_rng(0), dt=0.01)
+        assert found.condition_number <= usual and found.seconds == seconds
+        assert found.seconds / found.series.seconds == pytest.approx(periods, rel=1e-12)
+        assert found.motion.q[0] == pytest.approx(found.motion.q[-1], abs=1e-9)
+        assert_within(rig, nominal(rig), found, 0.05)
+
+
+@given(seconds=st.floats(0.5, 5000.0))
+def test_a_motion_repeats_five_times_unless_its_periods_get_short(seconds: float) -> None:
+    count = repeats(seconds)
+    assert count == 5 if seconds >= 20.0 else count == max(1, int(seconds / 4.0))
+    series = Series.of(seconds, periods=count)
+    assert series.seconds >= min(seconds, 4.0) * (1 - 1e-12)
+    assert seconds / series.seconds / count == pytest.approx(round(seconds / series.seconds / count), rel=1e-12)
+
+
+def test_the_default_motion_is_the_same_in_every_period_and_says_why(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    found = result(run, "excite", "turret", "-o", path, "--starts", 1, "--rate", 100)
+    q = read_motion(path, Rig.load("turret")).q
+    rows = round(100 * found["period"])
+    assert found["periods"] == 5 and len(q) == 5 * rows + 1
+    for k in range(5):
+        assert np.allclose(q[k * rows : (k + 1) * rows + 1], q[: rows + 1], atol=1e-9)
+    said = run("excite", "turret", "-o", path, "--starts", 1, "--rate", 100)[1]
+    assert "5 periods: what differs from one to the next is noise" in said
+    alone = run("excite", "turret", "-o", path, "--starts", 1, "--rate", 100, "--periods", 1, "--seconds", 5)[1]
+    assert "too few repeats" in alone
+
+
+@given(seconds=st.floats(0.5, 5000.0))
+def test_the_highest_harmonic_has_half_a_hertz(seconds: float) -> None:
+    series, shorter = Series.of(seconds), Series(seconds, 3)
+    fastest = series.harmonics / series.seconds
+    assert fastest >= 0.5 * (1 - 1e-12) and (fastest <= 0.6 or series.harmonics == 5) and series.seconds <= 20.0
+    assert seconds / series.seconds == pytest.approx(round(seconds / series.seconds), rel=1e-12)
+    assert Series.of(10.0) == Series(10.0, 5) and Series.of(seconds, 3) == shorter
+
+
+# interruption
+
+
+def test_interrupted_it_returns_the_best_so_far() -> None:
+    rig, calls = Rig.load("turret"), []
+
+    class Interrupted:
+        name = "interrupted"
+
+        def value(self, a: Array) -> float:
+            return Condition().value(a)
+
+        def factors(self, a: Array) -> tuple[Array, Array]:
+            calls.append(1)
+            if len(calls) == 20:
+                raise KeyboardInterrupt
+            return Condition().factors(a)
+
+    found = excite(rig, rng=np.random.default_rng(0), criterion=Interrupted())
+    assert not found.finished
+    assert len(calls) == 20
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    first = problem(rig)
+    start = first.motion(first.start(np.random.default_rng(0)), first.dense)
+    assert found.condition_number < condition_number(rig, start)
+
+
+# criteria and columns
+
+
+@given(seed=st.integers(0, 10_000), sharpness=st.floats(2.0, 200.0))
+def test_smooth_condition_number_lies_just_above_the_true_one(seed: int, sharpness: float) -> None:
+    a = np.random.default_rng(seed).standard_normal((30, 6)) * np.logspace(-2, 1, 6)
+    true = np.log(np.linalg.cond(a))
+    excess = Condition(sharpness).value(a) - true
+    assert -1e-9 <= excess <= 2 * np.log(6) / sharpness + 1e-9
+
+
+@given(seed=st.integers(0, 10_000))
+def test_information_of_two_logs_adds_up(seed: int) -> None:
+    first, second = np.random.default_rng(seed).standard_normal((2, 20, 4))
+    before = Determinant(0.3)
+    after = Determinant(before.information(first))
+    assert after.value(second) == pytest.approx(before.value(np.vstack([first, second])))
+
+
+def test_yardstick_does_not_depend_on_what_is_mounted() -> None:
+    motion = designed("thesis", 0).motion
+    numbers = [condition_number(Rig.load("thesis", payload), motion) for payload in ("none", "cinema", "infrared")]
+    assert numbers == pytest.approx([numbers[0]] * 3, rel=1e-9)
+    stated = designed("thesis", 0).condition_number  # on another grid: thirty reversals fall between its samples
+    assert numbers[0] == pytest.approx(stated, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_columns_have_unit_torque_over_the_rigs_states(name: str) -> None:
+    rig = Rig.load(name)
+    states = Envelope.of(rig).spread()
+    unit = Columns.of(rig).unit(states, np.sign(states.v))
+    assert np.mean(unit**2, axis=0) == pytest.approx(np.ones(unit.shape[1]))
+
+
+@given(seconds=st.floats(0.5, 100.0), harmonics=st.integers(2, 12), seed=st.integers(0, 1000))
+@settings(max_examples=30)
+def test_every_series_in_the_rest_basis_ends_at_rest(seconds: float, harmonics: int, seed: int) -> None:
+    series = Series(seconds, harmonics)
+    assert series.rest.T @ series.rest == pytest.approx(np.eye(2 * harmonics - 1), abs=1e-12)
+    coefficients = series.rest @ np.random.default_rng(seed).standard_normal((2 * harmonics - 1, 2))
+    ends = series.motion(coefficients, np.array([0.0, seconds]))
+    assert np.abs(ends.v).max() < 1e-9
+    assert np.abs(ends.a).max() < 1e-9 * (2 * np.pi * harmonics / seconds + 1)
+    assert ends.q[0] == pytest.approx(ends.q[1])
+
+
+# what teaches most after earlier logs
+
+
+def one_joint(rig: Rig, moving: int) -> Log:
+    """A log in which one joint alone swings, the others standing."""
+    t = 0.005 * np.arange(3001)
+    q, v = np.zeros((len(t), rig.n)), np.zeros((len(t), rig.n))
+    q[:, moving], v[:, moving] = 0.5 * np.sin(1.7 * t), 0.85 * np.cos(1.7 * t)
+    return Log("one joint", rig.joints, t, q, v, np.zeros_like(q))
+
+
+def test_information_of_a_log_is_that_of_its_motion() -> None:
+    """Smoothing, chunks and thinning change little: the integral over the true motion, away from its reversals."""
+    rig = Rig.load("turret")
+    log, columns = one_joint(rig, 0), Columns.of(rig)
+    moving = np.abs(log.v[:, :1]) > 0.1 if log.v is not None else np.zeros(0)
+    a = np.zeros_like(log.q)
+    a[:, 0] = -0.5 * 1.7**2 * np.sin(1.7 * log.t)
+    motion = Motion(log.t, log.q, np.asarray(log.v), a)
+    rows = columns.unit(motion, np.sign(motion.v)).reshape(-1, rig.n, len(columns.scale))[:, 0] * moving
+    viscous = len(columns.places) + 1
+    found = known(columns, [log])
+    assert found[viscous, viscous] == pytest.approx(0.005 * rows[:, viscous] @ rows[:, viscous], rel=0.03)
+    np.testing.assert_allclose(known(columns, [log, log]), 2 * found, rtol=1e-12)
+
+
+def test_the_next_motion_teaches_what_the_earlier_log_left_open() -> None:
+    """After a log of the pan alone: all of the tilt is narrowed, and more than by a motion that knows of no log."""
+    rig = Rig.load("turret")
+    criterion = sequential(rig, [one_joint(rig, 0)], 8.0)
+    options = {"seconds": 8.0, "starts": 1, "dt": 0.01}
+    found = excite(rig, criterion=criterion, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+    blind = excite(rig, criterion="condition", rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+    assert found.narrowed is not None and found.narrowed.max() <= 1 + 1e-9 and found.narrowed.min() < 0.05
+    columns = Columns.of(rig)
+    values = [criterion.value(columns.unit(x.motion, np.sign(x.motion.v))) for x in (found, blind)]
+    assert values[0] < values[1]
+    assert found.to_dict()["narrowed"] == found.narrowed.tolist() and blind.narrowed is None
+
+
+@given(st.integers(0, 1000))
+def test_sequential_gradient_and_sampling(seed: int) -> None:
+    """Its factors are its derivative, and rows that are given twice, for half the time each, count once."""
+    rng = np.random.default_rng(seed)
+    a, change, root = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), rng.standard_normal((5, 3))
+    criterion = Sequential(root.T @ root, 4.0, 2)
+    left, right = criterion.factors(a)
+    slope = (criterion.value(a + 1e-6 * change) - criterion.value(a - 1e-6 * change)) / 2e-6
+    assert np.sum(left * (change @ right.T)) == pytest.approx(slope, rel=1e-5, abs=1e-7)
+    assert criterion.value(np.vstack([a, a])) == pytest.approx(criterion.value(a), rel=1e-12)
+
+
+# the regressor's derivative, and the descent inside limits
+
+
+def branched(folder: Path) -> Rig:
+    """A slide that carries two swinging arms, one with a wrist: a tree, not a chain."""
+    text = SLIDER.replace("</robot>", "")
+    for name, parent, axis in (("left", "cart", "0.6 0 0.8"), ("hand", "boom", "1 0 0")):
+        text += f"""<link name="{name}"><inertial><origin xyz="0.1 0.05 0"/><mass value="0.5"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="to_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/><origin xyz="0.1 0.2 0.3"
+rpy="0.3 -0.2 0.5"/><axis xyz="{axis}"/><limit lower="-1" upper="1" effort="5" velocity="4"/></joint>"""
+    path = folder / "tree.urdf"
+    path.write_text(text + "</robot>")
+    return Rig.load(path)
+
+
+@pytest.mark.parametrize("which", [*RIGS, "tree"])
+def test_gradient_of_the_regressor_is_exact_on_chains_and_trees(which: str, tmp_path: Path) -> None:
+    rig, rng, count = branched(tmp_path) if which == "tree" else Rig.load(which), np.random.default_rng(0), 5
+    states = rng.standard_normal((3, count, rig.n))
+    weights = rng.standard_normal((count, rig.n, 10 * rig.n))
+    by_body = weights.reshape(count, rig.n, rig.n, 10).transpose(2, 3, 1, 0)
+    exact = regressor_gradient(links(rig.model), rig.model.gravity.linear, Motion(np.zeros(count), *states), by_body)
+
+    def total(flat: Array) -> Array:
+        return np.sum(weights * regressor(rig, *flat.reshape(states.shape)))
+
+    rough = differences(total, states.ravel()).reshape(states.shape)
+    assert np.abs(exact - rough).max() < 1e-7 * np.abs(rough).max()
+
+
+class Disc:
+    """Minimise a slope over a disc whose rim is a curved limit: the minimum is on the rim, down the slope."""
+
+    slope = np.array([3.0, -4.0])
+
+    def __init__(self) -> None:
+        self.seen: list[Array] = []
+
+    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
+        self.seen.append(x)
+        return float(self.slope @ x), lambda: self.slope
+
+    def room(self, x: Array) -> Array:
+        return np.array([1 - x @ x, 5 - x[0]])
+
+    def room_slopes(self, x: Array) -> Array:
+        return np.array([-2 * x, [-1.0, 0.0]])
+
+
+def test_descent_ends_at_the_minimum_and_never_leaves_the_limits() -> None:
+    disc = Disc()
+    points = list(descent(disc, np.array([0.3, 0.4]), 1e-6))
+    assert points[-1].x == pytest.approx([-0.6, 0.8], abs=2e-3)
+    assert all(disc.room(x).min() > 0 for x in disc.seen)
+    assert points[-1].f == pytest.approx(-5, abs=0.01)
+
+
+# what must not hit
+
+
+POST = """<robot name="post"><link name="base"><collision><origin xyz="0 0 -0.05"/>
+<geometry><cylinder radius="0.05" length="0.1"/></geometry></collision></link>
+<link name="post"><collision><origin xyz="{at} 0.1"/><geometry><cylinder radius="0.02" length="0.4"/></geometry>
+</collision></link><joint name="bolt" type="fixed"><parent link="base"/><child link="post"/></joint>
+<link name="arm"><inertial><origin xyz="0.05 0 0.02"/><mass value="0.8"/>
+<inertia ixx="0.004" iyy="0.006" izz="0.007" ixy="0" ixz="0.0005" iyz="0"/></inertial>
+<collision><origin xyz="0.05 0 0.05"/><geometry><box size="0.1 0.05 0.02"/></geometry></collision></link>
+<link name="head"><inertial><origin xyz="0.06 0.01 0.02"/><mass value="1.1"/>
+<inertia ixx="0.002" iyy="0.005" izz="0.005" ixy="0.0002" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0.08 0 0"/><geometry><box size="0.24 0.06 0.06"/></geometry></collision>{more}</link>
+<joint name="pan" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-2.5" upper="2.5" effort="4" velocity="2"/><dynamics damping="0.01" friction="0.03"/></joint>
+<joint name="tilt" type="revolute"><parent link="arm"/><child link="head"/><origin xyz="0.05 0 0.08"/>
+<axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="4" velocity="2"/><dynamics damping="0.01" friction="0.02"/></joint></robot>"""
+"""A head that swings round and meets a post which stands beside its base."""
+
+
+def beside(folder: Path, at: str = "0.12 0.18", more: str = "") -> Rig:
+    path = folder / "post.urdf"
+    path.write_text(POST.format(at=at, more=more))
+    return Rig.load(path)
+
+
+def apart(rig: Rig, found: Excitation) -> float:
+    """The smallest distance of all pairs on a grid twice as dense, without any short cut."""
+    all_pairs = Clearance.of(rig, 0.0, Envelope.of(rig))
+    q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 2401)).q
+    return float(all_pairs.distances(q, range(len(all_pairs.geometry.collisionPairs))).min())
+
+
+def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
+    free = excite(beside(tmp_path, "3 3"), starts=1, seconds=5.0, rng=np.random.default_rng(0))
+    passed = np.median(free.motion.q[:, 0])
+    rig = beside(tmp_path, f"{0.21 * np.cos(passed)} {0.21 * np.sin(passed)}")
+    assert apart(rig, free) < 0  # what is best where there is no post runs into one that stands in its way
+    found = excite(rig, starts=1, seconds=5.0, rng=np.random.default_rng(0), clearance=0.01)
+    assert found.clearance is not None
+    assert found.clearance.distance == pytest.approx(apart(rig, found), abs=2e-6)
+    assert found.clearance.distance >= 0.01 - 1e-6
+    assert "head" in found.clearance.between
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    read = json.loads(json.dumps(found.to_dict()))["clearance"]
+    assert read == {"distance": found.clearance.distance, "between": list(found.clearance.between)}
+    assert f"smallest clearance: {1000 * read['distance']:.3g} mm, between" in text.excitation(found)
+
+
+def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = replace(problem(rig), clearance=replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=()))
+    for seed in range(40):
+        x = at.start(np.random.default_rng(seed))
+        gap = at.clearance.smallest(at.motion(x, at.dense).q)  # type: ignore[union-attr]
+        if gap is not None and gap.distance < 0.01 and at.clearance.distances(at.coefficients(x)[:1], (0,))[0] > 0.02:  # type: ignore[union-attr]
+            break
+    mended, now = cleared(at, x)
+    assert gap is not None and gap.distance < 0.01 <= now.distance + 1e-6  # type: ignore[union-attr]
+    assert np.abs(mended).sum() < np.abs(x).sum()
+
+
+def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=(0, 1, 2))
+    q = Envelope.of(rig).spread().q[:30]
+    exact, step = at.room_slopes(q), 1e-3
+    rough = np.stack([(at.room(q + step * e) - at.room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1)
+    error = np.abs(exact - rough)
+    assert np.quantile(error, 0.9) < 1e-3 * np.abs(rough).max()  # the others: another edge becomes the nearest
+    watching = replace(problem(rig), clearance=at)
+    x = watching.start(np.random.default_rng(0))
+    assert watching.room_slopes(x).shape == (len(watching.room(x)), len(x))
+
+
+def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = Clearance.of(rig, 0.01, Envelope.of(rig))
+    pairs = {frozenset(at.names(k)) for k in range(len(at.geometry.collisionPairs))}
+    assert pairs == {frozenset(p) for p in (("base", "head"), ("post", "head"), ("post", "arm"))}
+    assert frozenset(("post", "arm")) not in {
+        frozenset(built.names(k))
+        for built in [Clearance.of(rig, 0.2, Envelope.of(rig))]
+        for k in range(len(built.geometry.collisionPairs))
+    }
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_short_cut_to_the_smallest_distance_misses_nothing(name: str) -> None:
+    rig, found = Rig.load(name), designed(name, 0)
+    q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 301)).q
+    at = Clearance.of(rig, 0.005, Envelope.of(rig))
+    gap = at.smallest(q)
+    assert gap is not None
+    every = at.distances(q, range(len(at.geometry.collisionPairs)))
+    assert gap.distance == pytest.approx(every.min(), abs=2e-6)
+    assert gap.between == at.names(int(np.argmin(every.min(axis=0))))
+
+
+def test_rig_without_collision_geometry_has_no_clearance(tmp_path: Path) -> None:
+    rig = crane(tmp_path)
+    assert Clearance.of(rig, 0.005, Envelope.of(rig)).smallest(np.zeros((3, 2))) is None
+
+
+def test_mesh_that_is_not_there_is_named_and_one_that_is_counts(tmp_path: Path) -> None:
+    mesh = '<collision><geometry><mesh filename="package://rig/{}.stl"/></geometry></collision>'
+    rig = beside(tmp_path, more=mesh.format("lens") + mesh.format("gone"))
+    trimesh.creation.box((0.02, 0.02, 1.0)).export(tmp_path / "lens.stl")
+    at = Clearance.of(rig, 0.0, Envelope.of(rig))
+    assert at.unchecked == ("head",)
+    plain = Clearance.of(beside(tmp_path), 0.0, Envelope.of(rig))
+    level = np.zeros((1, 2))
+    assert at.smallest(level).distance < 0 < plain.smallest(level).distance  # type: ignore[union-attr]
+    (tmp_path / "gone.stl").write_text("no mesh")
+    with pytest.raises(RigError, match="collision mesh that cannot be read"):
+        Clearance.of(rig, 0.0, Envelope.of(rig))
+
+
+def test_rig_that_can_only_hit_is_named(tmp_path: Path) -> None:
+    rig = moved(beside(tmp_path, "0.2 0"), lower=-1.0, upper=1.0)
+    with pytest.raises(UsageError, match=r"keep 0.1 m from each other: at mid-range \w+ and \w+ are"):
+        excite(rig, starts=1, rng=np.random.default_rng(0), clearance=0.1)
+
+
+# a speed that shows friction
+
+
+def test_speed_target_is_reached_and_its_gradient_exact() -> None:
+    rig = Rig.load("handheld")
+    at = replace(problem(rig), speed=0.9)
+    x = at.start(np.random.default_rng(0))
+    rough = differences(at.objective, x)
+    assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
+    usual = designed("handheld", 0).speed
+    found = excite(rig, starts=1, rng=np.random.default_rng(0), speed=0.6)
+    for joint, limit in zip(rig.joints, rig.limits):
+        assert usual[joint] < 0.9 * 0.6 * limit.velocity
+        assert found.speed[joint] > 0.92 * 0.6 * limit.velocity
+
+
+# a real Ctrl-C, on a terminal
+
+
+def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    arguments = ["excite", "turret", "-o", str(tmp_path / "t.csv"), "--json", str(tmp_path / "j.json")]
+    arguments += ["--starts", "30", "--seconds", "4", "--harmonics", "3"]
+    command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard) as running:
+        shown, last, asked = b"", monotonic() + 120, False
+        while running.poll() is None and monotonic() < last:  # a terminal that nobody reads stops who writes to it
+            if select([ours], [], [], 0.1)[0]:
+                shown += os.read(ours, 1000)
+            if re.search(rb"excitation: +[1-9]", shown) and not asked:  # a bar may pass over one per cent
+                running.send_signal(signal.SIGINT)
+                asked = True
+        running.kill()
+        assert running.stdout is not None
+        said = running.stdout.read()
+    assert b"descent/s" in shown
+    os.close(ours)
+    os.close(theirs)
+    assert running.returncode == 0
+    assert "interrupted: this is the best it had found" in said
+    assert json.loads((tmp_path / "j.json").read_text())["finished"] is False
+    assert len((tmp_path / "t.csv").read_text().splitlines()) == 4_002
+
+
+@pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not issubclass(kind, Effect)))
+def test_a_cause_that_no_motion_is_designed_for_says_what_shows_it(name: str) -> None:
+    """A drive, or a body: the refusal names the excitation that shows it, and who plants it."""
+    kind = CAUSES[name]
+    values = ",".join(f"{p.name}={max(p.lower, min(p.upper, 0.01)):g}" for p in kind.stated())
+    asked = f"{name}:{'pan:' if kind.of_joint else ''}{values}"
+    with pytest.raises(UsageError, match="'simulate --effect' plants it") as refused:
+        to_show(nominal(Rig.load("turret")), [asked])
+    assert kind.experiment in str(refused.value) and name in refused.value.place

@@ -1,0 +1,329 @@
+"""Controllers as C99: they compile everywhere, give Python's torques, and bear what Python bears."""
+
+from __future__ import annotations
+
+import subprocess
+from math import inf, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gimbal_pin.control import tune
+from gimbal_pin.dynamics import Model, Reference, nominal
+from gimbal_pin.effects import Sample, Term
+from gimbal_pin.errors import ModelError
+from gimbal_pin.export import Chain, Library, number
+from gimbal_pin.export.sources import quoted, state_bytes, written
+from gimbal_pin.export.symbolic import CLOSE, checked, table, terms
+from gimbal_pin.log import write_yaml
+from gimbal_pin.pointing import WANTED, Course, Measurement, Roster, Shaken, Sight, Station, compete, parse_fault, point
+from gimbal_pin.rig import Rig
+from tests.command_line import Run, refused, result
+from tests.effects.test_effects import TORQUES, planted
+from tests.exported import (
+    COMPILERS,
+    EVERYTHING,
+    STRICTER,
+    Side,
+    Twin,
+    built,
+    compile_,
+    has,
+    holding_gap,
+    modelled,
+    sources,
+    tracking_gap,
+)
+from tests.rigs import bundled, chain
+
+pytest.importorskip("casadi")
+compiled_here = pytest.mark.skipif(not has("gcc"), reason="no C compiler")
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    """Computed torque of the thesis's rig."""
+    return built(modelled(bundled("thesis", "mirrorless")), tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    """Everything that a controller may have: Lyapunov redesign, terms of every kind, drives that differ."""
+    model = modelled(bundled("handheld", "cinema"), EVERYTHING)
+    return built(model, tmp_path_factory.mktemp("full"), robust=True)
+
+
+@pytest.fixture(scope="module")
+def pid(tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    """A PID of a rig with two axes and no gyro between."""
+    return built(modelled(bundled("turret", "zoom-lens")), tmp_path_factory.mktemp("pid"), kind="pid")
+
+
+# --- Equations -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rig", [bundled("thesis"), bundled("turret"), chain(1), chain(5)], ids=lambda rig: rig.name)
+def test_the_equations_are_pinocchios(rig: Rig) -> None:
+    """`checked` refuses what differs by more than 1e-12, and finds a rig whose bodies weigh otherwise."""
+    chained = Chain(rig)
+    functions = [chained.torque(), chained.camera(), chained.drift(), chained.between()]
+    assert checked(rig, functions, Sight(rig), np.random.default_rng(0)) < 1e-12
+    with pytest.raises(ModelError, match="Pinocchio"):
+        checked(rig, functions, Sight(rig.with_phi(rig.phi * 1.001)), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("name", TORQUES)
+def test_a_term_is_the_causes_own_formula(name: str) -> None:
+    """At a sample whose memory nobody keeps, as a controller evaluates it."""
+    rng, rig = np.random.default_rng(1), bundled("thesis")
+    term: Term = planted(name, rng)
+    function, values = terms(Model(rig, (term,)))
+    j = rig.joint_index("tilt")
+    for _ in range(20):
+        columns = rng.normal(size=(6, rig.n))
+        columns[3] = np.clip(columns[3], -1, 1)
+        q, v, a, slide, tau, weight = columns[:, j].tolist()
+        right = 0.0 if term.effect.affine else float(term.torque(Sample(2.0, q, v, a, slide, tau, weight=weight)))
+        found = np.array(function(values or [0.0], 2.0, *columns)).ravel()
+        assert found[j] == pytest.approx(right, rel=1e-12, abs=1e-15)
+        assert not np.delete(found, j).any()
+
+
+SHAPES = ["dead-zone:tilt:width=0.1", "dead-zone:tilt:width=0.01,sharpness=3", "saturation:tilt:limit=2,knee=3"]
+
+
+@pytest.mark.parametrize("cause", SHAPES)
+def test_a_table_of_commands_is_as_close_as_it_says(cause: str) -> None:
+    from gimbal_pin.control.laws.computed_torque import passed
+
+    (drive,) = [own for own in modelled(bundled("thesis"), [cause]).drives if own]
+    points = np.array(table(lambda torque: passed(drive, torque), 3.6))
+    assert (np.diff(points[:, 0]) > 0).all()
+    torque = np.random.default_rng(0).uniform(-3.6, 3.6, 2000)
+    right = np.array([passed(drive, float(x)) for x in torque])
+    off = np.abs(np.interp(torque, *points.T) - right)[np.abs(right) < 3.6]
+    assert off.max() < 3 * CLOSE * 3.6
+    assert table(lambda torque: torque, 3.6) == []
+
+
+# --- Sources -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("which", ["full", "pid"])
+def test_it_compiles_without_a_warning(compiler: str, which: str, request: pytest.FixtureRequest) -> None:
+    if not has(compiler):
+        pytest.skip(f"no {compiler}")
+    tested: Twin = request.getfixturevalue(which)
+    compile_(tested.folder, COMPILERS[compiler], *STRICTER, "-O1", "-fsyntax-only", *sources(tested.folder), "main.c")
+
+
+def test_values_are_written_as_c_reads_them() -> None:
+    assert [number(x) for x in (1.0, 0.1, 1e-20, -inf)] == ["1.0f", "0.100000001f", "9.99999968e-21f", "-INFINITY"]
+    assert written({"a": [1.0, True], "b": 3}) == "{\n    .a = {1.0f, true},\n    .b = 3,\n}"
+    assert quoted('q??/"\\ä') == r'"q\077\077\057\042\134\303\244"'
+
+
+@compiled_here
+def test_the_state_has_the_size_that_is_told(full: Twin, pid: Twin) -> None:
+    assert full.library.code.gimbal_holding_size() == state_bytes(3, 1, full.pointer.navigator.forecast.due)
+    assert pid.library.code.gimbal_holding_size() == state_bytes(2, 0, pid.pointer.navigator.forecast.due)
+
+
+# --- Torques -------------------------------------------------------------------------------------------------------
+
+
+@compiled_here
+@pytest.mark.parametrize("which", ["plain", "full", "pid"])
+def test_torques_are_pythons(which: str, request: pytest.FixtureRequest) -> None:
+    """Within 1e-5 of the limit, and most of them not at the limit, where anything agrees."""
+    tested: Twin = request.getfixturevalue(which)
+    rng = np.random.default_rng(0)
+    gaps = np.array([tracking_gap(tested, rng) for _ in range(200)])
+    assert gaps[:, 0].max() < 1e-5 and gaps[:, 1].mean() < 0.6
+    if which != "pid":
+        gaps = np.array([holding_gap(tested, rng) for _ in range(200)])
+        assert gaps[:, 0].max() < 1e-5 and gaps[:, 1].mean() < 0.6
+
+
+FAULTS = [
+    [],
+    ["frozen:platform-imu:0.05:0.12", "nan:gyros-between:0.3:0.35", "dropped:0.4:0.41", "clock:0.45:-1"],
+    ["nan:encoders:0.05:0.1", "nan:camera-gyro:0.3:0.35", "nan:platform-imu:0.5:0.51"],
+    ["frozen:encoders:0.05:0.2", "nan:camera-gyro:0.15:0.25"],
+]
+
+
+@compiled_here
+@pytest.mark.parametrize("faults", FAULTS)
+def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: list[str]) -> None:
+    """Sample by sample from profile S with failing sensors, nothing fed back: what differs is rounding, integrated."""
+    model, side = plain.stored.model, Side(plain)
+    station = Station.of(model.rig, tuple(map(parse_fault, faults)))
+    ground = Shaken(Sight(model.rig).centre, 0.6)(0)
+    point(model, side, ground, rng=np.random.default_rng(0), seconds=0.6, station=station)  # type: ignore[arg-type]
+    assert max(side.gaps) < 2e-3 and float(np.median(side.gaps)) < 2e-4
+
+
+@compiled_here
+def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
+    rng, c, n = np.random.default_rng(0), full.compiled, full.library.n
+    good = Measurement(0.0, np.zeros(n), *(rng.normal(0, 0.1, 3) for _ in range(4)))
+    memory = c.start(good, np.eye(3), np.eye(3))
+    for k in range(1000):
+        seen = Measurement(1e-3 * k, *(rng.normal(0, 0.1, size) for size in (n, 3, 3, 3, 3)))
+        for name in ("q", "gyro", "w", "f", "links"):
+            if rng.random() < 0.2:
+                getattr(seen, name)[rng.integers(3)] = rng.choice([nan, inf, -inf, 1e30, -3e38, 1e5, 1e-42])
+        tau, memory = c.torque(seen._replace(t=rng.choice([seen.t, 0.0, 1e6])), memory)
+        assert (np.abs(tau) <= full.stored.model.tau_max * (1 + 1e-6)).all()
+    still = np.zeros(n)
+    tau, _ = full.law.torque(0.0, np.full(n, nan), still, Reference(still, still, still), full.law.start())
+    assert not tau.any()
+
+
+def resting(twin: Twin, rng: np.random.Generator, k: int) -> Measurement:
+    """A sample of a gimbal that looks where it shall, on a base that stands."""
+    links = 3 * len(twin.pointer.navigator.sight.moved)
+    q, gyro, w, more = (1e-4 * rng.standard_normal(size) for size in (twin.library.n, 3, 3, links))
+    return Measurement(1e-3 * k, q, gyro, w, np.array([0.0, 0.0, 9.81]) + 1e-3 * rng.standard_normal(3), more)
+
+
+@compiled_here
+@pytest.mark.parametrize("huge", [1e6, 1e20, 3e38])
+@pytest.mark.parametrize("channels", [("q",), ("q", "gyro"), ("f",), ("q", "gyro", "w", "f", "links")], ids="+".join)
+def test_huge_finite_readings_are_refused_and_the_torque_comes_back(
+    plain: Twin, channels: tuple[str, ...], huge: float
+) -> None:
+    for holder in (plain.compiled, plain.pointer):
+        rng, looking = np.random.default_rng(0), plain.pointer.navigator.sight.attitude(np.zeros(plain.library.n))
+        memory = holder.start(resting(plain, rng, 0), looking, np.eye(3))
+        torques = []
+        for k in range(1, 600):
+            seen = resting(plain, rng, k)
+            for name in channels if 100 <= k < 200 else ():
+                getattr(seen, name)[:] = huge
+            tau, memory = holder.torque(seen, memory)
+            torques.append(tau)
+        before, after = np.mean(torques[50:99], axis=0), np.mean(torques[-50:], axis=0)
+        assert np.abs(after - before).max() < 0.05 * plain.library.limit.min() and after.any()
+
+
+@compiled_here
+def test_a_law_without_numbers_begins_anew(plain: Twin) -> None:
+    for holder in (plain.compiled, plain.pointer):
+        rng = np.random.default_rng(0)
+        memory = holder.start(resting(plain, rng, 0), np.full((3, 3), nan), np.eye(3))
+        torques = []
+        for k in range(1, 60):
+            tau, memory = holder.torque(resting(plain, rng, k), memory)
+            torques.append(tau)
+        assert not np.any(torques[:19]) and np.all(np.any(torques[22:], axis=1))
+        assert np.abs(torques[-1]).max() < plain.library.limit.min()
+    assert any("begins anew" in event for event in memory.events)
+
+
+@compiled_here
+@pytest.mark.parametrize("huge", [1e6, 1e20, 3e38])
+def test_a_reference_is_followed_again_after_huge_readings(plain: Twin, huge: float) -> None:
+    n, law = plain.library.n, plain.law
+    still, memory = np.zeros(n), law.start()
+    reference = Reference(still, still, still)
+    before, memory = law.torque(0.0, still, still, reference, memory)
+    for q, v in ((huge, 0.0), (0.0, huge), (-huge, huge)):
+        for k in range(100):
+            tau, memory = law.torque(1e-3 * k, np.full(n, q), np.full(n, v), reference, memory)
+            assert not tau.any()
+        tau, memory = law.torque(0.1, still, still, reference, memory)
+        np.testing.assert_allclose(tau, before, atol=1e-6)
+
+
+# --- The verb ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def controller(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("yaml") / "controller.yaml"
+    write_yaml(tune(nominal(bundled("turret"))).to_dict(), path)
+    return path
+
+
+def test_export_writes_sources_that_say_what_they_cost(run: Run, controller: Path, tmp_path: Path) -> None:
+    found = result(run, "export", controller, "--c", tmp_path / "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {*found["files"], "run.json"}
+    readme = (tmp_path / "out" / "README.md").read_text()
+    assert str(found["memory_bytes"]) in readme and str(found["operations"]["rigid_torque"]) in readme
+    assert found["difference_from_pinocchio"] < 1e-12
+
+
+def test_export_refuses_what_is_no_controller_of_the_rig(run: Run, controller: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    refused(run("export", controller, "--c", out, "--rig", "thesis"), 2, "is for the joints pan, tilt")
+    (tmp_path / "model.yaml").write_text("rig: turret\n")
+    refused(run("export", tmp_path / "model.yaml", "--c", out), 2, "holds no controller")
+    text = controller.read_text()
+    (tmp_path / "own.yaml").write_text(text.replace("rig: turret", "rig: mine"))
+    refused(run("export", tmp_path / "own.yaml", "--c", out), 2, "--rig", "mine")
+    (tmp_path / "bad.yaml").write_text(text.replace("kp:", "kq:"))
+    refused(run("export", tmp_path / "bad.yaml", "--c", out), 2, "kp")
+    assert not out.exists()
+
+
+@compiled_here
+def test_a_library_of_another_rig_or_none_is_refused(pid: Twin, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="is for the joints pan, tilt"):
+        Library.load(pid.library.path, bundled("thesis"))
+    (tmp_path / "text.so").write_text("no library")
+    with pytest.raises(ModelError, match="cannot be loaded"):
+        Library.load(tmp_path / "text.so", bundled("turret"))
+    (tmp_path / "other.c").write_text("int nothing(void);\nint nothing(void)\n{\n    return 0;\n}\n")
+    compile_(tmp_path, COMPILERS["gcc"], "-fPIC", "-shared", "-o", "other.so", "other.c")
+    with pytest.raises(ModelError, match="holds no controller"):
+        Library.load(tmp_path / "other.so", bundled("turret"))
+
+
+@compiled_here
+def test_the_compiled_controller_runs_beside_pythons(run: Run, pid: Twin, tmp_path: Path) -> None:
+    """A PID has no feed-forward that chatters: on the same seed both logs agree but for rounding."""
+    write_yaml(tune(nominal(bundled("turret", "zoom-lens")), kind="pid").to_dict(), tmp_path / "pid.yaml")
+    logs = []
+    for index, law in enumerate((pid.library.path, tmp_path / "pid.yaml")):
+        path = tmp_path / f"{index}.csv"
+        words = ("--payload", "zoom-lens", "--controller", law, "--seconds", 0.3, "--encoder-bits", 40, "-o", path)
+        code, _, err = run("simulate", "turret", *words)
+        assert code == 0, err
+        logs.append(np.genfromtxt(path, delimiter=",", names=True))
+    for name in logs[0].dtype.names:
+        np.testing.assert_allclose(logs[0][name], logs[1][name], atol=1e-4)
+    found = result(run, "track", "turret", tmp_path / "pid.yaml", "--compiled", pid.library.path)
+    steps = {(row["name"], row["controller"]): row["joints"] for row in found["experiments"]}
+    for joint, row in steps["all-axes", "pid"].items():
+        assert steps["all-axes", "compiled"][joint]["rms_error"] == pytest.approx(row["rms_error"], rel=0.02)
+    refused(run("track", "turret", "--platform", "S", "--compiled", pid.library.path), 2, "--compiled", "CONTROLLER")
+
+
+@compiled_here
+def test_the_compiled_controller_holds_the_camera_as_pythons(plain: Twin) -> None:
+    """On profile S both leave the same jitter, the sensors' noise and the encoders' steps fed back."""
+    model, law = plain.stored.model, plain.stored.law
+    spectrum, station = plain.pointer.navigator.forecast.spectrum, Station.of(model.rig)
+    ground = Shaken(Sight(model.rig).centre, 2.6)
+    roster = Roster(
+        model, WANTED, spectrum, station.noise, float(station.step.max()), law=law, machine=plain.library, learns=False
+    )
+    found = compete(Course(model, ground, "S", 2.6, station), roster, ("tuned", "compiled"), 1)
+    assert found.jitter["compiled"] == pytest.approx(found.jitter["tuned"], rel=0.02)
+
+
+@compiled_here
+def test_a_foreign_library_is_refused_before_its_constructor_runs(tmp_path: Path) -> None:
+    touched, code = tmp_path / "touched", tmp_path / "other.c"
+    code.write_text(
+        f'#include <stdio.h>\n__attribute__((constructor)) static void run(void) {{ fopen("{touched}", "w"); }}\n'
+        "const char *gimbal_about(void) { return 0; }\n"
+    )
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", tmp_path / "other.so", code], check=True)
+    with pytest.raises(ModelError, match="holds no controller"):
+        Library.load(tmp_path / "other.so", bundled("turret"))
+    assert not touched.exists()

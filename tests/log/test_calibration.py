@@ -1,0 +1,124 @@
+"""IMUs on several links: what is planted in how they sit comes back, and what they cannot tell stays near zero."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gimbal_pin.dynamics import noisy, nominal, readings
+from gimbal_pin.estimation import given_beta, identify
+from gimbal_pin.log import Array, Imu, Log, Platform, profile_s, rectified
+from gimbal_pin.log.calibration import gyro_rates, mountings
+from gimbal_pin.regression import Filtering
+from gimbal_pin.rig import Rig, bundled_rigs
+from tests.bench_logs import fourier
+from tests.rigs import bundled
+
+STEP = 2 * np.pi / 2**16
+"""Angle of one encoder step, rad."""
+
+
+@cache
+def true_log(name: str, moving: bool = True, seconds: float = 10.0) -> Log:
+    """A prescribed motion on profile S at half size, or on a base that stands, with exact IMUs."""
+    rig = bundled(name)
+    motion = fourier(rig, 0, seconds)
+    platform = profile_s(motion.t, np.random.default_rng(0), 0.5) if moving else Platform.still(motion.t)
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a, platform=platform)
+    imus = readings(rig, rig.config.imus, motion.q, motion.v, motion.a, platform)
+    return Log("log", rig.joints, motion.t, motion.q, motion.v, tau, imus=imus)
+
+
+def drawn(rig: Rig, rng: np.random.Generator, size: float = 0.035) -> dict[str, tuple[Array, Array]]:
+    """Misalignments of some degrees and biases of half a degree a second."""
+    return {link: (rng.normal(0, size, 3), rng.normal(0, 0.01, 3)) for link in rig.config.imus}
+
+
+def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng: np.random.Generator) -> Log:
+    """The log as encoders of 16 bit and noisy IMUs that sit askew see it, without joint rates."""
+    imus = {}
+    for link, (turn, bias) in planted.items():
+        imu, M = noisy(log.imus[link], rig.config.noise, log.dt, rng), pin.exp3(turn)
+        assert imu.gyro is not None and imu.accel is not None
+        imus[link] = Imu(imu.gyro @ M + bias, imu.accel @ M, imu.quat)
+    return replace(log, q=np.round(log.q / STEP) * STEP, v=None, imus=imus)
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: str) -> None:
+    rig, rng = bundled(name), np.random.default_rng(1)
+    planted = drawn(rig, rng)
+    found = mountings(rig, mounted(true_log(name), rig, planted, rng))
+    assert set(found) == set(planted)
+    for link, (turn, bias) in planted.items():
+        error = np.concatenate([found[link].misalignment - turn, found[link].bias - bias])
+        assert np.all(np.abs(error) < 5 * found[link].std), link
+        assert np.all(np.abs(error) < 2e-3)
+        assert not found[link].contradicts
+    last = found[rig.config.imus[-1]]
+    assert last.after < 0.1 * last.before
+
+
+@settings(max_examples=4)
+@given(st.integers(0, 2**32 - 1))
+def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> None:
+    rig, log = bundled("turret"), true_log("turret")
+    part = log.part(slice(seed % 4000, seed % 4000 + 2000))
+    np.testing.assert_allclose(gyro_rates(rig, replace(part, v=None)), part.v, atol=1e-12)
+    for mounting in mountings(rig, part).values():
+        assert np.all(np.abs([*mounting.misalignment, *mounting.bias]) < 3 * mounting.std)
+
+
+def test_what_a_standing_base_hides_stays_as_it_is() -> None:
+    """A base that does not turn says nothing of how its IMU is turned; the links' are found all the same."""
+    rig, rng = bundled("turret"), np.random.default_rng(2)
+    planted = drawn(rig, rng)
+    planted[rig.base] = (planted[rig.base][0], np.zeros(3))
+    found = mountings(rig, mounted(true_log("turret", moving=False), rig, planted, rng))
+    base, link = found[rig.base], found[rig.config.imus[1]]
+    assert not np.any(base.misalignment) and base.std[:3].min() == 0.1
+    assert np.abs(link.misalignment - planted[rig.config.imus[1]][0]).max() < 2e-3
+
+
+def test_identification_from_imus_that_sit_askew_is_as_good_as_from_ones_that_do_not() -> None:
+    rig, rng = bundled("turret"), np.random.default_rng(3)
+    log = mounted(true_log("turret"), rig, drawn(rig, rng), rng)
+    straight = mounted(true_log("turret"), rig, {link: (np.zeros(3), np.zeros(3)) for link in rig.config.imus}, rng)
+    base_alone = replace(log, imus={rig.base: log.imus[rig.base]})
+    found, best, blind = (
+        identify(rig, [one], filtering=Filtering(alignment=0.0), holdout="none") for one in (log, straight, base_alone)
+    )
+    true = given_beta(rig, found.reduction)
+    errors = [np.abs(one.estimate.theta[: len(true)] - true).max() for one in (found, best, blind)]
+    assert errors[0] < 2 * errors[1] + 0.01 * np.abs(true).max() and errors[2] > 5 * errors[0]
+    assert set(found.to_dict()["imus"]["log"]) == set(rig.config.imus) and not blind.mountings
+
+
+def test_a_gyro_of_another_motion_is_left_out_and_an_event_says_so() -> None:
+    rig, log = bundled("thesis"), true_log("thesis")
+    spine = log.imus["spine"]
+    assert spine.gyro is not None and log.v is not None
+    broken = replace(log, v=None, imus={**log.imus, "spine": Imu(spine.gyro[::-1], spine.accel)})
+    found = rectified(rig, broken)
+    assert set(found.log.imus) == {"head", "cradle"} and len(found.log.events) == 1
+    assert found.log.events[0].startswith("log: the gyro of spine is off by")
+    told = identify(rig, [replace(broken, v=log.v)], filtering=Filtering(alignment=0.0), holdout="none")
+    assert told.notes == found.log.events and set(told.mountings["log"]) == {"head", "cradle"}
+    assert found.log.v is not None
+    clear = np.abs(np.cos(log.q[:, 1])) > 0.3  # with the roll at a quarter turn the cradle's gyro alone hides a rate
+    assert np.abs(found.log.v - log.v)[clear].max() < 0.05
+
+
+def test_a_log_without_imus_on_its_links_is_left_as_it_is() -> None:
+    log = true_log("turret")
+    for imus in ({}, {"base": log.imus["base"]}):
+        bare = replace(log, v=None, imus=imus)
+        found = rectified(bundled("turret"), bare)
+        assert not found.mountings and found.log.v is None and set(found.log.imus) == set(imus)

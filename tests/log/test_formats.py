@@ -1,0 +1,382 @@
+"""Every ecosystem's own writer of the same motion gives the same log."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import sqlite3
+import struct
+import time
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pyarrow
+import pytest
+import scipy.io
+from fuzzing import bombs
+from fuzzing.formats import Columns, as_bag, as_hdf5, as_mat, as_npy, as_records, as_ulog
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import parquet
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from gimbal_pin import identify, nominal
+from gimbal_pin.errors import GimbalPinError, LogError
+from gimbal_pin.log import Imu, Log, io
+from gimbal_pin.log.io import isolated
+from gimbal_pin.log.io.columns import log_columns
+from gimbal_pin.log.io.csv import unzipped
+from gimbal_pin.rig import Rig
+from gimbal_pin.rig.reading import LARGEST
+from tests.bench_logs import prescribed
+from tests.command_line import Run, refused
+from tests.log.test_io import same
+
+TURRET = Rig.load("turret")
+SOON = 15.0
+"""Longest that a damaged file may take, s: a process and a library begin in less than one."""
+
+
+def motion(rows: int = 60) -> Log:
+    """A log on whole microseconds, with the rates of an IMU at its base."""
+    rng = np.random.default_rng(1)
+    t = np.arange(rows) * 2000 / 1e6
+    q, v, tau = (0.1 * np.cumsum(rng.normal(size=(rows, TURRET.n)), axis=0) for _ in range(3))
+    imu = Imu(rng.normal(size=(rows, 3)), rng.normal(size=(rows, 3)), np.tile([1.0, 0, 0, 0], (rows, 1)))
+    return Log("made", TURRET.joints, t, q, v, tau, imus={TURRET.base: imu})
+
+
+def frame(columns: Columns) -> pandas.DataFrame:
+    return pandas.DataFrame(dict(columns))
+
+
+def plain_text(separator: str, header: bool = True) -> Callable[[Columns, Path], None]:
+    return lambda columns, path: frame(columns).to_csv(path, sep=separator, index=False, header=header)
+
+
+WRITERS: Mapping[str, tuple[str, Callable[[Columns, Path], None]]] = {
+    "csv": ("log.csv", plain_text(",")),
+    "semicolons": ("log.txt", plain_text(";")),
+    "tabs": ("log.tsv", plain_text("\t")),
+    "spaces": ("log.txt", plain_text(" ")),
+    "no header": ("log.csv", plain_text(",", header=False)),
+    "savetxt": ("log.txt", lambda c, path: np.savetxt(path, np.column_stack(list(c.values())), header=" ".join(c),
+                                                      fmt="%25.17g")),
+    "csv.gz": ("log.csv.gz", lambda c, path: frame(c).to_csv(path, index=False)),
+    "parquet of pandas": ("log.parquet", lambda c, path: frame(c).to_parquet(path)),
+    "parquet": ("log", lambda c, path: parquet.write_table(pyarrow.table(dict(c)), path)),
+    "npy": ("log.npy", as_npy),
+    "npy by columns": ("log.npy", lambda c, path: np.save(path, np.array(list(c.values())).T)),
+    "record array": ("log.npy", as_records),
+    "npz": ("log.npz", lambda c, path: np.savez(path, **c)),
+    "packed npz": ("log", lambda c, path: path.with_suffix(".npz").rename(path)
+                   if np.savez_compressed(path.with_suffix(".npz"), **c) is None else None),
+    "mat": ("log.mat", as_mat),
+    "mat of a structure": ("log.mat", lambda c, path: scipy.io.savemat(path, {"log": dict(c)})),
+    "mat 7.3": ("log.mat", as_hdf5),
+    "ros1": ("log.bag", as_bag("ros1")),
+    "ros2 sqlite3": ("log", as_bag("sqlite3")),
+    "ros2 mcap": ("log", as_bag("mcap")),
+    "ulog": ("log.ulg", as_ulog),
+}  # fmt: skip
+
+
+def maps(writer: str, columns: Columns) -> list[str]:
+    """What a format without names, or with longer ones, is mapped by."""
+    if writer in ("no header", "npy", "npy by columns"):
+        first, name = (1, "column") if writer == "no header" else (0, "c")
+        return [f"{column}={name}{k}" for k, column in enumerate(columns, start=first)]
+    if writer == "ulog":
+        return ["t=rig.timestamp", *(f"{name}=rig.{name}" for name in columns if name != "t")]
+    return [f"{name}=log.{name}" for name in columns] if writer in ("mat of a structure", "mat 7.3") else []
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_every_writer_gives_the_same_log(writer: str, tmp_path: Path) -> None:
+    log = motion()
+    columns = log_columns(log)
+    name, write = WRITERS[writer]
+    write(columns, tmp_path / name)
+    same(io.read_log(tmp_path / name, TURRET, maps(writer, columns)), log)
+
+
+def test_a_bags_file_is_a_bag_by_its_first_bytes(tmp_path: Path) -> None:
+    as_bag("mcap")(log_columns(motion()), tmp_path / "bag")
+    only = next((tmp_path / "bag").glob("*.mcap")).rename(tmp_path / "some.log")
+    same(io.read_log(only, TURRET), motion())
+
+
+def drive_bag(path: Path) -> None:
+    """Write a bag of joints, and 5 ms later a drive's message of a type of its own: no stamps, recorded in 2026."""
+    store, start = get_typestore(Stores.ROS2_HUMBLE), 1_790_000_000_123_456_789
+    store.register(get_types_from_msg("float64 current\nfloat32[3] heat\nbool on\nstring name", "drive_msgs/msg/Drive"))
+    drive, joints = store.types["drive_msgs/msg/Drive"], store.types["sensor_msgs/msg/JointState"]
+    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), "")
+    with Writer2(path, version=9) as bag:
+        one = bag.add_connection("/drive", drive.__msgtype__, typestore=store)
+        two = bag.add_connection("/joints", joints.__msgtype__, typestore=store)
+        for k in range(20):
+            at = start + k * 10**7
+            message = drive(current=0.1 * k, heat=np.full(3, k, np.float32), on=True, name="pan")
+            bag.write(one, at + 5 * 10**6, store.serialize_cdr(message, drive.__msgtype__))
+            state = joints(header, list(TURRET.joints), np.full(2, 0.01 * k), np.zeros(0), np.full(2, 0.5))
+            bag.write(two, at, store.serialize_cdr(state, joints.__msgtype__))
+
+
+def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(tmp_path: Path) -> None:
+    drive_bag(tmp_path / "bag")
+    table = io.formats.open_table(tmp_path / "bag")
+    assert {"/drive.current", "/drive.heat[2]", "/drive.on", "q_pan"} <= set(table.columns)
+    log = io.read_log(tmp_path / "bag", TURRET, ["tau_pan=/drive.current"])
+    # Counted from a whole second, which is told; currents that lie between two drive messages are on their line.
+    np.testing.assert_allclose(log.t, 0.123456789 + 0.01 * np.arange(1, 20), atol=1e-9)
+    np.testing.assert_allclose(log.tau[:, 0], 0.1 * np.arange(1, 20) - 0.05, atol=1e-6)  # type: ignore[index]
+    assert log.v is None and any("1790000000 s since 1970" in event for event in log.events)
+    with closing(sqlite3.connect(next((tmp_path / "bag").glob("*.db3")))) as data:
+        data.execute("DELETE FROM message_definitions")
+        data.commit()
+    left = io.formats.open_table(tmp_path / "bag")
+    assert "/drive" in left.notes[-1] and not any("drive" in column for column in left.columns)
+
+
+def test_the_same_motion_identifies_the_same_rig(tmp_path: Path) -> None:
+    ran = prescribed(nominal(TURRET), 1, seconds=8.0, dt=1e-2)
+    still = Imu(np.zeros((len(ran), 3)), np.tile([0, 0, 9.81], (len(ran), 1)), np.tile([1.0, 0, 0, 0], (len(ran), 1)))
+    columns = log_columns(replace(ran, t=np.round(ran.t, 6), q_ref=None, temperature=None, imus={TURRET.base: still}))
+    theta = []
+    for writer in ("csv", "parquet of pandas", "npz", "mat", "mat 7.3", "ros1", "ros2 mcap", "ulog"):
+        name, write = WRITERS[writer]
+        write(columns, tmp_path / f"{writer}-{name}")
+        log = io.read_log(tmp_path / f"{writer}-{name}", TURRET, maps(writer, columns))
+        estimated = identify(TURRET, [log]).model.estimated
+        assert estimated is not None
+        theta.append(estimated.theta)
+    np.testing.assert_allclose(theta, [theta[0]] * len(theta), rtol=1e-9)
+
+
+def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_told(tmp_path: Path) -> None:
+    """Some blanks, stale first rows and a column of another rate: what is left is the log, wherever they stand."""
+    log = motion(100)
+    table = frame(log_columns(log)).assign(temp_pan=np.nan, temp_tilt=20.0)
+    table.loc[[0, 40, 99], "tau_tilt"] = np.nan
+    stale = pandas.concat([table[60:62], table[3:4], table])
+    kept = np.delete(np.arange(100), [0, 40, 99])
+    for path in (tmp_path / "log.csv", tmp_path / "log.parquet", tmp_path / "log.npz"):
+        writers = {".csv": lambda to: stale.to_csv(to, index=False), ".parquet": stale.to_parquet}
+        writers.get(path.suffix, lambda to: np.savez(to, **{c: stale[c].to_numpy() for c in stale}))(path)
+        read = io.read_log(path, TURRET)
+        same(read, log.part(kept))
+        told = " ".join(read.events)
+        assert "3 of 103 rows lack" in told and "3 of 103 rows, is" in told and "'temp_pan'" in told
+    table.loc[::2, "tau_tilt"] = np.nan
+    table.to_csv(tmp_path / "half.csv", index=False)
+    with pytest.raises(LogError, match=r"a.csv\+b.csv"):
+        io.read_log(tmp_path / "half.csv", TURRET)
+    pandas.DataFrame({"t": [np.nan] * 3, "asked": 0.0}).to_csv(tmp_path / "timeless.csv", index=False)
+    with pytest.raises(LogError, match="no time in common"):
+        io.read_log(f"{tmp_path / 'log.csv'}+{tmp_path / 'timeless.csv'}", TURRET, ["temp_pan=asked"])
+
+
+# --- What is damaged, hostile or not installed ----------------------------------------------------------------------
+
+BINARY = ("csv.gz", "parquet", "npy", "record array", "npz", "packed npz")
+APART = ("mat", "mat 7.3", "ros1", "ulog")
+"""Formats that are read in this process, and those that are read in one of their own."""
+
+
+def soon(read: Callable[[], Log]) -> None:
+    """Read, or refuse in one line, at once."""
+    start = time.perf_counter()
+    try:
+        read()
+    except GimbalPinError as error:
+        assert "\n" not in str(error)
+    assert time.perf_counter() - start < SOON
+
+
+class Files(dict[str, bytes]):
+    """Format → a good file's bytes, which no failure prints."""
+
+    def __repr__(self) -> str:
+        return "good files"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Files:
+    """The bytes of a good file of each kind."""
+    folder, columns, found = tmp_path_factory.mktemp("whole"), log_columns(motion(20)), Files()
+    for writer in (*BINARY, *APART):
+        name, write = WRITERS[writer]
+        path = folder / writer / name
+        path.parent.mkdir()
+        write(columns, path)
+        found[writer] = path.read_bytes()
+    for kind, pattern in (("sqlite3", "*.db3"), ("mcap", "*.mcap")):
+        as_bag(kind)(columns, folder / kind)
+        found[kind] = next((folder / kind).glob(pattern)).read_bytes()
+    return found
+
+
+@pytest.mark.parametrize("writer", BINARY)
+@given(data=st.data())
+def test_a_damaged_file_is_refused_in_one_line(writer: str, data: st.DataObject, whole: Files, tmp_path: Path) -> None:
+    path, content = tmp_path / WRITERS[writer][0], bytearray(whole[writer])
+    for _ in range(data.draw(st.integers(0, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    path.write_bytes(content[: data.draw(st.sampled_from([len(content)]) | st.integers(0, len(content)))])
+    soon(lambda: io.read_log(path, TURRET))
+
+
+@pytest.mark.parametrize("writer", [*APART, "sqlite3", "mcap"])
+def test_a_damaged_file_is_refused_by_a_process_of_its_own(writer: str, whole: Files, tmp_path: Path) -> None:
+    """Cut off, and with bytes changed behind its first ones, by which it is known."""
+    rng, content = np.random.default_rng(2), bytearray(whole[writer])
+    for place in rng.integers(16, len(content), size=20):
+        content[place] ^= 0x55
+    (tmp_path / "log").write_bytes(content if writer != "ulog" else whole[writer][: len(content) // 2])
+    soon(lambda: io.read_log(tmp_path / "log", TURRET))
+
+
+def test_what_unfolds_without_measure_is_refused(tmp_path: Path) -> None:
+    """Kilobytes that stand for gigabytes are refused before these are in memory, also where they state less."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for name, content in {
+        "bomb.npz": bombs.npz(bombs.FULL),
+        "lying.npz": bombs.npz(1000),
+        "bomb.h5": bombs.hdf5(2**40, filled=False),
+        "bomb.mat": bombs.mat(),
+        "bomb.parquet": bombs.parquet(9),
+    }.items():
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(LogError, match="damaged" if name == "lying.npz" else "holds more than"):
+            (table := io.formats.open_table(tmp_path / name)).read(table.columns)
+    with pytest.raises(LogError, match="holds more than 20 MB, unpacked"):
+        unzipped(bombs.gz(), "bomb.csv.gz", most=20_000_000)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < LARGEST / 1024
+
+
+@pytest.mark.parametrize("name", ["x.mat", "x.h5", "x.bag", "x.ulg", "x.csv", "x.parquet", "x.npz"])
+def test_a_pipe_that_nobody_fills_is_refused_at_once(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / name)
+    soon(lambda: io.read_log(tmp_path / name, TURRET))
+    (tmp_path / f"end{name}").symlink_to("/dev/zero")
+    soon(lambda: io.read_log(tmp_path / f"end{name}", TURRET))
+
+
+def test_objects_and_shapes_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "objects.npy", np.array([{}, 1], dtype=object), allow_pickle=True)
+    np.savez(tmp_path / "objects.npz", t=np.array([[], 1], dtype=object))
+    np.save(tmp_path / "line.npy", np.zeros(9))
+    huge = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 9), }\n"
+    (tmp_path / "huge.npy").write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", len(huge)) + huge)
+    for name, word in (("objects.npy", "objects"), ("objects.npz", "objects"), ("line.npy", "1 dimension"),
+                       ("huge.npy", "damaged")):  # fmt: skip
+        with pytest.raises(LogError, match=word):
+            io.read_log(tmp_path / name, TURRET)
+
+
+@pytest.mark.parametrize(("name", "extra"), [("x.bag", "ros"), ("x.ulg", "px4"), ("x.h5", "mat")])
+def test_a_missing_library_is_one_line(
+    name: str, extra: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / name).write_bytes(b"\x89HDF\r\n\x1a\n" if extra == "mat" else b"")
+    monkeypatch.setattr(isolated, "find_spec", lambda module: None)
+    refused(run("identify", "turret", tmp_path / name), 2, f"pip install 'gimbal_pin[{extra}]'")
+
+
+# --- Several files are one log --------------------------------------------------------------------------------------
+
+
+OFFSET = 0.1372
+
+
+def swing(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates of two joints that never repeat, (N, 2) each."""
+    terms = [(0.5, 1.1, 0.3), (0.3, 2.3, 1.1), (0.2, 4.7, 2.0), (0.1, 7.9, 0.7)]
+    q = sum(np.column_stack([a * np.sin(w * t + p), a * np.sin(1.3 * w * t + 2 * p)]) for a, w, p in terms)
+    v = sum(
+        np.column_stack([a * w * np.cos(w * t + p), 1.3 * a * w * np.cos(1.3 * w * t + 2 * p)]) for a, w, p in terms
+    )
+    return np.asarray(q), np.asarray(v)
+
+
+def two_files(folder: Path, shared: bool, offset: float, rate: float = 730.0) -> Path:
+    """Write angles and torques in one file, rates by another clock and at another rate in a second one."""
+    t, u = np.arange(0, 20, 0.002), np.arange(3, 16, 1 / rate)
+    (q, v), (_, w) = swing(t), swing(u)
+    one = {"t": t, **{f"q_{j}": q[:, k] for k, j in enumerate(TURRET.joints)}}
+    one |= {f"tau_{j}": np.cos(t) for j in TURRET.joints} | ({"gyro": v[:, 0]} if shared else {})
+    other = {"t": u + offset, **{f"dq_{j}": w[:, k] for k, j in enumerate(TURRET.joints)}, "gyro": w[:, 0]}
+    frame(one).to_csv(folder / "a.csv", index=False)
+    frame(other).assign(note="turning").to_csv(folder / "b.csv", index=False)
+    return Path(f"{folder / 'a.csv'}+{folder / 'b.csv'}")
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("offset", [OFFSET, -41.5, 0.0])
+def test_the_offset_of_two_clocks_is_found_and_told(shared: bool, offset: float, tmp_path: Path) -> None:
+    log = io.read_log(two_files(tmp_path, shared, offset), TURRET)
+    assert log.v is not None
+    # Between samples the rate bends by less than max|d²v/dt²| h²/8 = 0.2e-3; 0.2 ms of clock are at most 8e-3 rad/s.
+    np.testing.assert_allclose(log.v, swing(log.t)[1], atol=9e-3)
+    assert 3 <= log.t[0] < 3.01 and 15.99 < log.t[-1] <= 16
+    clock = next(event for event in log.events if "b.csv: " in event)
+    assert (f"{offset:+.3g}"[:5] in clock) if offset else "the first's clock" in clock
+    assert any("samples are left out" in event for event in log.events)
+
+
+def test_a_clock_that_cannot_be_known_is_taken_as_it_is_and_said(tmp_path: Path) -> None:
+    t, rng = np.arange(0, 5, 0.01), np.random.default_rng(0)
+    one = {"t": t} | {f"{of}_{j}": rng.normal(size=len(t)) for of in ("q", "tau") for j in TURRET.joints}
+    frame(one).to_csv(tmp_path / "a.csv", index=False)
+    other = {"t": t + 0.003} | {f"dq_{j}": rng.normal(size=len(t)) for j in TURRET.joints}
+    frame(other).to_csv(tmp_path / "b.csv", index=False)
+    log = io.read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", TURRET)
+    assert any("taken as zero" in event for event in log.events)
+
+
+def test_files_of_one_clock_are_joined_exactly_and_holes_stay(tmp_path: Path) -> None:
+    log = motion(200)
+    columns = log_columns(log)
+    split = [name for name in columns if name.startswith("dq")]
+    frame({name: values for name, values in columns.items() if name not in split}).to_csv(tmp_path / "a.csv")
+    rows = np.r_[0:80, 120:200]
+    frame({name: columns[name][rows] for name in ["t", *split]}).to_parquet(tmp_path / "b.parquet")
+    same(io.read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.parquet'}", TURRET), log.part(rows))
+
+
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_topics_of_several_rates_are_joined_at_the_joints_times(offset: float, tmp_path: Path) -> None:
+    """The first column that is asked for says whose times they are; stamps that are off are told.
+
+    What was asked for leads, and a torque lags, by the loop's own time: no clock's offset.
+    """
+    t, u, lead = np.arange(0, 10, 0.01), np.arange(0, 10, 0.0037), 0.06
+    q = swing(t)[0]
+    arrays = {"t": t, "q": q, "imu": {"time": u + offset, "gyro": swing(u)[1][:, [0, 1, 1]]}}
+    arrays |= {
+        "asked": {"time": u[:-1:2], "q_setpoint": swing(u[:-1:2] + lead)[0], "dq_setpoint": swing(u[:-1:2] + lead)[1]}
+    }
+    arrays |= {"drive": {"time": u[1:-1:2], "torque": swing(u[1:-1:2] - lead)[1]}}
+    scipy.io.savemat(tmp_path / "log.mat", arrays)
+    sources = {"q": "q", "tau": "drive.torque", "q_ref": "asked.q_setpoint"}
+    named = [f"{of}_{j}={name}[{k}]" for of, name in sources.items() for k, j in enumerate(TURRET.joints)]
+    named += [f"gyro_{TURRET.base}_{a}=imu.gyro[{k}]" for k, a in enumerate("xyz")]
+    log = io.read_log(tmp_path / "log.mat", TURRET, named)
+    assert 0 < len(t) - len(log) < 5 and set(log.t) < set(t)
+    np.testing.assert_allclose(log.imus[TURRET.base].gyro, swing(log.t)[1][:, [0, 1, 1]], atol=9e-3 if offset else 1e-3)
+    np.testing.assert_allclose(log.q_ref, swing(log.t + lead)[0], atol=2e-3)
+    np.testing.assert_allclose(log.tau, swing(log.t - lead)[1], atol=2e-3)
+    shifts = [float(found[1]) for event in log.events if (found := re.search(r"(\S+) s off .*shifted", event))]
+    assert shifts == ([pytest.approx(offset, abs=1e-3)] if offset else [])
+
+
+def test_a_verb_writes_over_no_file_of_several(tmp_path: Path, run: Run) -> None:
+    log = two_files(tmp_path, True, 0.0)
+    refused(run("identify", "turret", log, "-o", tmp_path / "b.csv"), 2, "would write over")

@@ -1,0 +1,153 @@
+"""The camera's controller in one's own loop: a measurement in, a torque out, and its file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin.dynamics import State, nominal
+from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.log import Array
+from gimbal_pin.pointing import (
+    WANTED,
+    Controller,
+    Measurement,
+    Roster,
+    Sensed,
+    Shaken,
+    Sight,
+    Spectrum,
+    Station,
+    attitude,
+    leveled,
+    point,
+    rehearsed,
+    shaken_log,
+    unbalanced,
+)
+from gimbal_pin.pointing.sight import holding
+from tests.rigs import bundled
+
+DT = 1e-3
+
+
+@cache
+def made() -> Controller:
+    rig = bundled("thesis")
+    station = Station.of(rig)
+    spectrum = Spectrum.of(rehearsed(rig)[1], DT)
+    return Controller(Roster(nominal(unbalanced(rig)), WANTED, spectrum, station.noise, float(station.step.max())))
+
+
+def measured(seconds: float) -> list[Measurement]:
+    """What the sensors say of a camera that is held exactly on profile S."""
+    rig = bundled("thesis")
+    ground = Shaken(Sight(rig).centre, seconds)(0)
+    held, t = holding(Sight(rig), WANTED, ground.part(slice(0, None, 2))), np.asarray(ground.t[::2])
+    sensed = Sensed(nominal(rig), ground, Station.of(rig), t, np.random.default_rng(0))
+    states = zip(held.q, held.v)
+    return [m for k, (q, v) in enumerate(states) if (m := sensed.see(k, State(q, v))) is not None]
+
+
+def torques(controller: Controller, stream: list[Measurement]) -> Array:
+    return np.array([controller.step(measurement) for measurement in stream])
+
+
+def test_a_file_keeps_all_of_a_controller(tmp_path: Path) -> None:
+    """The same torques before and after; and what a flight taught of the platform goes along."""
+    rig, path, stream = bundled("thesis"), tmp_path / "camera.json", measured(0.1)
+    made().start(stream[0])
+    made().save(path)
+    loaded = Controller.load(path, rig)
+    np.testing.assert_allclose(torques(made(), stream), torques(loaded, stream), rtol=0, atol=1e-9)
+    assert made().events == loaded.events
+    flown = loaded.memory.known.past._replace(power=(np.ones((2, 1025)), 1))  # type: ignore[union-attr]
+    loaded.memory = loaded.memory._replace(known=loaded.memory.known._replace(past=flown))  # type: ignore[union-attr]
+    loaded.save(path)
+    after = Controller.load(path, rig).recipe.spectrum
+    np.testing.assert_allclose(after.rate, loaded.pointer.navigator.forecast.known(flown).rate)
+
+
+def test_the_loop_of_ones_own_is_the_simulations() -> None:
+    """A simulated hardware that calls `step` moves as the benchmark's loop does."""
+    controller, rig = made(), bundled("thesis")
+
+    class Stepped:
+        dt, navigator = controller.dt, controller.pointer.navigator
+
+        def start(self, seen: Measurement, camera: Array, base: Array) -> Any:
+            return controller.start(seen, base)
+
+        def torque(self, seen: Measurement, memory: Any) -> tuple[Array, Any]:
+            return controller.step(seen), controller.memory
+
+    plant, ground = nominal(unbalanced(rig)), Shaken(Sight(rig).centre, 0.3)(0)
+    runs = [
+        point(plant, who, ground, rng=np.random.default_rng(1), seconds=0.3, station=Station.exact(rig))
+        for who in (Stepped(), controller.pointer)
+    ]
+    np.testing.assert_allclose(runs[0].error, runs[1].error, atol=1e-9)
+
+
+def test_a_controller_is_learned_from_a_shaken_log() -> None:
+    rig = bundled("turret")
+    log = shaken_log(nominal(rig), seconds=4.0)
+    controller = Controller.learn(rig, log, attitude(0.1, 0.2))
+    still = Measurement(0.0, np.array([0.1, 0.2]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]))
+    torque = [controller.step(still._replace(t=k * DT)) for k in range(5)][-1]
+    needed = nominal(rig).inverse(still.q[None], np.zeros((1, 2)), np.zeros((1, 2)))[0]
+    np.testing.assert_allclose(torque, needed, atol=0.05 * float(rig.tau_max.max()))
+    with pytest.raises(UsageError, match="cannot hold its camera"):
+        Controller(replace(controller.recipe, wanted=attitude(0.0, 0.0, 1.5) @ attitude(3.0, 1.5)))
+
+
+@given(st.floats(-1.2, 1.2), st.floats(-1.4, 1.4))
+def test_gravity_says_where_up_is(roll: float, pitch: float) -> None:
+    R = attitude(0.0, pitch, roll)
+    np.testing.assert_allclose(leveled(R.T @ [0, 0, 9.81]), R, atol=1e-12)
+    assert (leveled(np.full(3, np.nan)) == np.eye(3)).all() and (leveled(np.zeros(3)) == np.eye(3)).all()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("joints", ["a", "b", "c"], "joints"),
+        ("wanted", [1.0] * 9, "rotation"),
+        ("trusted", [True], "trusted"),
+        ("spectrum", {"rate": [1.0], "force": [1.0, 2.0]}, "as many"),
+        ("dt", -1, "dt"),
+        ("model", {}, "phi"),
+        ("noise", None, "noise"),
+    ],
+)
+def test_a_file_that_is_no_controller_says_what_is_wrong(tmp_path: Path, key: str, value: object, said: str) -> None:
+    path = tmp_path / "camera.json"
+    made().save(path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
+    with pytest.raises(ModelError, match=said) as refused:
+        Controller.load(path, bundled("thesis"))
+    assert str(path) in str(refused.value) and len(str(refused.value)) <= 300
+    path.write_bytes(b"\x80\x04pickle")
+    with pytest.raises(ModelError, match="no controller's file"):
+        Controller.load(path, bundled("thesis"))
+
+
+READING = st.sampled_from([0.0, 1.0, np.nan, np.inf, -1e9])
+
+
+@given(st.lists(st.tuples(st.sampled_from([DT, -1.0, np.nan, 5.0]), *[READING] * 4), min_size=1, max_size=15))
+def test_whatever_is_measured_the_torque_is_finite_and_within_limits(stream: list[tuple[float, ...]]) -> None:
+    controller, limit, t = made(), bundled("thesis").tau_max, 0.0
+    controller.memory = None
+    for step, *values in stream:
+        t = t + step if np.isfinite(t) else step
+        torque = controller.step(Measurement(t, *(np.full(3, x) for x in values), np.full(3, values[0])))
+        assert np.isfinite(torque).all() and (np.abs(torque) <= limit * (1 + 1e-12)).all()

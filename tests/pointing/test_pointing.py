@@ -1,0 +1,678 @@
+"""A camera held still on a platform that moves: kinematics, forecast, laws, margins, measures, failing sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from math import degrees, hypot, pi, radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin.control import (
+    Ahead,
+    Aim,
+    Carried,
+    CarriedTorque,
+    Equal,
+    JointPid,
+    Margins,
+    Observer,
+    Pid,
+    margins,
+    observed_margins,
+    tune,
+)
+from gimbal_pin.control.laws.carried import share
+from gimbal_pin.control.laws.observer import observed_loop
+from gimbal_pin.dynamics import Estimated, Model, nominal, plant_with, readings, rnea
+from gimbal_pin.effects import Delay, parse_effect
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log import Array, Imu, Platform, profile_s
+from gimbal_pin.pointing import (
+    WANTED,
+    Budget,
+    Contest,
+    Course,
+    Forecast,
+    Fusion,
+    Guard,
+    Measurement,
+    Pointing,
+    Roster,
+    Row,
+    SensorFault,
+    Shaken,
+    Sight,
+    Spectrum,
+    Station,
+    Target,
+    attitude,
+    compete,
+    gyros_between,
+    jitter,
+    parse_fault,
+    point,
+    rotations,
+    targets,
+    trusted,
+    unbalanced,
+)
+from gimbal_pin.pointing.forecast import TAPS, Past, waves
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO
+from gimbal_pin.pointing.navigator import Fused
+from gimbal_pin.pointing.result import SLOW, cumulative
+from gimbal_pin.pointing.roster import NAMES, Loops, slack, without_hidden
+from gimbal_pin.pointing.sight import STEEP, holding, inverted, lost_turn
+from gimbal_pin.pointing.verify import planted_once
+from gimbal_pin.rig import Noise, Rig
+from tests.rigs import chain
+
+DT = 1e-3
+NOISE = Noise(GYRO, ACCELEROMETER)
+PID = Pid.placed(12.1, 0.9, 0.2)
+
+
+@cache
+def rig_of(name: str) -> Rig:
+    return Rig.load(name)
+
+
+@cache
+def spectrum() -> Spectrum:
+    """Profile S at half size, as an IMU with noise shows it."""
+    t = DT * np.arange(8000)
+    moved, rng = profile_s(t, np.random.default_rng(9), 0.5), np.random.default_rng(10)
+    size = 1 / np.sqrt(2 * DT)
+    gyro = moved.w + GYRO * size * rng.standard_normal((8000, 3))
+    accel = moved.f + ACCELEROMETER * size * rng.standard_normal((8000, 3))
+    return Spectrum.of(Imu(gyro, accel), DT)
+
+
+def roster(model: Model, wanted: Array = WANTED, noise: Noise = NOISE, **more: object) -> Roster:
+    return Roster(model, wanted, spectrum(), noise, 2 * pi / 2**16, **more)  # type: ignore[arg-type]
+
+
+# --- Kinematics --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
+def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
+    """``ω_c = Rᵀ ω + J q̇``, as an IMU there reports it; the drift is its derivative without joint acceleration."""
+    rig, rng = rig_of(name), np.random.default_rng(3)
+    sight = Sight(rig)
+    q, v, w, dw = (rng.uniform(-0.5, 0.5, size) for size in (rig.n, rig.n, 3, 3))
+    view = sight.view(q)
+    np.testing.assert_allclose(sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12)
+    base, links = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None]), gyros_between(rig)
+    told = readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
+    gyros = [np.asarray(told[link].gyro)[0] for link in (rig.camera_frame, *links)]
+    np.testing.assert_allclose(np.concatenate(gyros), sight.rates(q, v, w), atol=1e-12)
+    assert len(links) == (0 if name == "turret" else 1)
+    h = 1e-6
+    change = (sight.rate(q + h * v, v, w + h * dw) - sight.rate(q - h * v, v, w - h * dw)) / (2 * h)
+    np.testing.assert_allclose(sight.drift(q, v, w, dw), change, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld"])
+def test_inverse_kinematics_reaches_and_holds_the_attitude(name: str) -> None:
+    rig = rig_of(name)
+    sight, t = Sight(rig), DT * np.arange(6)
+    ground = profile_s(t, np.random.default_rng(0)).about(sight.centre)
+    held = holding(sight, WANTED, ground)
+    turned = rotations(np.asarray(ground.quat)) @ sight.attitudes(held.q)
+    np.testing.assert_allclose(turned, np.broadcast_to(WANTED, turned.shape), atol=1e-10)
+    np.testing.assert_allclose(held.v[1:-1], (held.q[2:] - held.q[:-2]) / (2 * DT), atol=0.02)
+    for q, v, w in zip(held.q, held.v, ground.w):
+        assert np.abs(sight.rate(q, v, w)).max() < 1e-10
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3, 7])
+def test_the_cameras_jacobian_is_the_slope_of_its_attitude(joints: int) -> None:
+    """``Rᵀ dR/dq_k`` is the turn of joint k, however many there are: of one, too."""
+    sight, q = Sight(chain(joints)), np.linspace(0.3, 0.9, joints)
+    view, step = sight.view(q), 1e-6
+    assert view.inverse.shape == (joints, 3) and np.isfinite(view.inverse).all()
+    for k, along in enumerate(step * np.eye(joints)):
+        turn = view.R.T @ (sight.view(q + along).R - sight.view(q - along).R) / (2 * step)
+        rates = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+        np.testing.assert_allclose(view.J[:, k], rates[-len(view.J) :], atol=1e-8)
+
+
+@given(st.floats(-pi / 2, pi / 2))
+def test_near_roll_90_the_inverse_stays_bounded(roll: float) -> None:
+    view = Sight(rig_of("thesis")).view(np.array([0.3, roll, 0.2]))
+    assert np.abs(view.inverse).max() <= STEEP + 1e-9
+    if not view.steep:
+        np.testing.assert_allclose(view.inverse @ view.J, np.eye(3), atol=1e-10)
+    assert view.steep == (1 / max(np.cos(roll), 1e-12) > STEEP) or abs(1 / np.cos(roll) - STEEP) < 0.3
+
+
+@pytest.mark.parametrize("roll", [70.0, 80.0, 88.0])
+def test_the_turn_that_is_lost_is_told_with_what_it_takes(roll: float) -> None:
+    """Yaw and tilt, whose axes close to sin 1/2 (90° - roll) of each other, share the motion: √2/2 of 1/sin of that."""
+    sight = Sight(rig_of("thesis"))
+    told = lost_turn(sight, np.array([0.3, radians(roll), 0.0]))
+    times = float(told.split("would have to turn ")[1].split()[0])
+    assert times == pytest.approx(np.sqrt(0.5) / np.sin(radians(90 - roll) / 2), rel=0.06)
+    assert "yaw and tilt" in told and "about z" in told
+    assert "without end" in lost_turn(sight, np.array([0.3, pi / 2, 0.0]))
+
+
+def test_more_axes_than_needed_take_the_shortest_way() -> None:
+    J = np.random.default_rng(0).standard_normal((3, 4))
+    np.testing.assert_allclose(inverted(J)[0], np.linalg.pinv(J), atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["thesis", "turret"])
+def test_the_axes_meet_in_the_centre(name: str) -> None:
+    """A platform turned about it leaves it where it is, and an accelerometer there reads what was the origin's."""
+    rig = rig_of(name)
+    sight, t = Sight(rig), DT * np.arange(4)
+    assert sight.apart < 1e-9 < Sight(rig_of("handheld")).apart
+    ground = profile_s(t, np.random.default_rng(1))
+    moved = ground.about(sight.centre)
+    there = moved.f + np.cross(moved.dw, sight.centre) + np.cross(moved.w, np.cross(moved.w, sight.centre))
+    np.testing.assert_allclose(there, ground.f, atol=1e-9)
+
+
+# --- Forecast ----------------------------------------------------------------------------------------------------
+
+
+def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
+    """Rate, angular acceleration and force of another draw of the profile, 1.5 ms ahead; gravity passes as it is."""
+    forecast = Forecast(spectrum(), (PID,), DT, (0.0015,))
+    weights, t = forecast.weights[0], DT / 2 * np.arange(4000)
+    rate, force = weights[:2], weights[2]
+    assert force.sum() == pytest.approx(1.0, abs=1e-3)
+    ground = profile_s(t, np.random.default_rng(4))
+    past = np.lib.stride_tricks.sliding_window_view(np.asarray(ground.w[::2]), TAPS, axis=0)[:, :, ::-1]
+    first, count = 2 * (TAPS - 1) + 3, len(past) - 2
+    now, ahead = ground.w[first - 3 :: 2][:count], ground.w[first::2][:count]
+    seen = (past[:count] @ rate.T)[..., 0]
+    assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
+    foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
+    assert np.std(foreseen - true) < 0.2 * np.std(true)
+    coarse = Forecast(spectrum().until(200.0), (PID,), DT, (0.0015,)).weights[0]
+    assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
+    filled = forecast.step(forecast.start(ground.w[0], ground.f[0]), DT, ground.w[1], ground.f[1]).taps
+    np.testing.assert_array_equal(filled[0], [*ground.w[1], *ground.f[1]])
+    np.testing.assert_array_equal(filled[TAPS - 1], [*ground.w[0], *ground.f[0]])
+
+
+def flown(forecast: Forecast, w: Array, f: Array) -> list[Past]:
+    """What a forecast remembers after every sample of a flight."""
+    memory = [forecast.start(w[0], f[0])]
+    made = waves.cache_info().misses
+    for k in range(1, len(w)):
+        memory.append(forecast.step(memory[-1], k * DT, w[k], f[k]))
+    assert waves.cache_info().misses == made  # large tables are made at the start, not in flight
+    return memory
+
+
+def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
+    """Of profile S at once; of a propeller that it was not shown never, until the flight has shown it, in 4 s."""
+    rng, t = np.random.default_rng(5), DT / 2 * np.arange(9001)
+    ground = profile_s(t, rng)
+    w, f = (x[::2] + size * rng.standard_normal((4501, 3)) for x, size in ((ground.w, 2e-3), (ground.f, 0.02)))
+    known = Forecast(spectrum(), (PID,), DT, (0.0015,))
+    assert (last := flown(known, w[:1200], f[:1200])[-1]).trust == 1.0 and not last.events
+    wave = np.sin(2 * pi * 110.0 * DT * np.arange(len(w)))[:, None]
+    w, f = w + 0.05 * wave, f + 2.0 * wave
+    memory = flown(known, w, f)
+    assert max(past.trust for past in memory[:2048]) == 0.0 and memory[-1].trust == 1.0
+    assert ["more" in event for event in memory[-1].events] == [True, False]
+    assert flown(replace(known, learns=False), w, f)[-1].trust == 0.0
+    # A line that stops and another that begins: none is used within 0.1 s, and that is told.
+    memory = [memory[-1]]
+    for k in range(200):
+        own = np.sin(2 * pi * 170.0 * DT * k)
+        memory.append(known.step(memory[-1], 4.5 + k * DT, w[k] - 0.05 * (wave[k] - own), f[k] - 2 * (wave[k] - own)))
+    assert memory[100].trust == 0.0 and "none is used" in memory[-1].events[-1]
+
+
+def test_none_has_one_gain_and_one_phase() -> None:
+    """A line of any frequency as it was half a sample ago, of rate, acceleration and force: nothing is amplified."""
+    forecast = Forecast(spectrum(), (PID,), DT, (0.0,))
+    for hz in (1.0, 75.0, 180.0, 400.0):
+        s, t = 2j * pi * hz, DT * np.arange(3)
+        wave = np.exp(s * t)
+        w, dw, f = [complex(*x) for x in np.array([seen(forecast, part) for part in (wave.real, wave.imag)]).T]
+        before = np.exp(s * (t[2] - DT / 2))
+        assert f == w and abs(w) <= 1 and abs(dw) <= abs(s)
+        assert np.angle(w / before) == pytest.approx(0, abs=1e-9) == np.angle(dw / (s * before))
+
+
+def seen(forecast: Forecast, wave: Array) -> list[float]:
+    """Rate, angular acceleration and force about one axis after three samples of the same signal on every channel."""
+    memory = forecast.start(np.full(3, wave[0]), np.full(3, wave[0]))
+    for k in (1, 2):
+        memory = forecast.step(memory, k * DT, np.full(3, wave[k]), np.full(3, wave[k]))
+    (carried,) = forecast.ahead(memory)
+    return [float(x[0]) for x in (carried.w, carried.dw, carried.f)]
+
+
+def test_the_spectrum_parts_noise_from_motion() -> None:
+    found = spectrum()
+    assert np.sqrt(found.rate_noise) == pytest.approx(GYRO, rel=0.1)
+    assert np.sqrt(found.force_noise) == pytest.approx(ACCELEROMETER, rel=0.1)
+    moved = profile_s(DT * np.arange(8000), np.random.default_rng(9), 0.5)
+    power = np.sum(found.rate) * (found.f[1] - found.f[0])
+    assert power == pytest.approx(1.01 * np.mean(np.asarray(moved.w) ** 2), rel=0.15)
+
+
+def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
+    """The mean of two gyros' walks has half the variance of one; without noise nothing is corrected."""
+    rng, fusion = np.random.default_rng(0), Fusion(GYRO, 2 * pi / 2**16, DT)
+    camera, own, fused = np.eye(3), [], []
+    memory, last = Fused.begun([np.eye(3)], np.zeros((1, 3))), np.zeros(3)
+    for gyro, other in rng.standard_normal((8000, 2, 3)) * GYRO / np.sqrt(2 * DT):
+        camera = camera @ pin.exp3((last + gyro) * DT / 2)
+        memory, last = fusion.compared(memory.on(other[None], DT), camera, [np.eye(3)]), gyro
+        own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(memory.turn)))
+    assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(np.diff(own[::200], axis=0) ** 2)
+    still = Fused.begun([np.eye(3)], np.ones((1, 3))).on(np.ones((1, 3)), DT)
+    after = fusion.compared(still, pin.exp3(np.ones(3) * DT), [np.eye(3)])
+    assert max(np.abs(after.turn).max(), np.abs(after.rate).max()) < 1e-12
+
+
+@pytest.mark.parametrize(("scale", "ended"), [(0.0, False), (0.01, True)])
+def test_gaps_beyond_the_gyros_noise_end_the_fusion(scale: float, ended: bool) -> None:
+    """A platform that swings by 5° at half a hertz; with the end the camera's attitude keeps its turn for ever."""
+    rng, fusion, camera = np.random.default_rng(1), Fusion(GYRO, 2 * pi / 2**16, DT), np.eye(3)
+    memory, last = Fused.begun([np.eye(3)], np.zeros((1, 3))), np.zeros(3)
+    for k in range(6000):
+        angle, rate = np.array([[radians(5)], [radians(5) * pi]]) * [[np.sin(pi * k * DT)], [np.cos(pi * k * DT)]]
+        noise = GYRO / np.sqrt(2 * DT) * rng.standard_normal((2, 3))
+        other = noise[1] + [0, (1 + scale) * rate[0], 0]
+        camera, last = camera @ pin.exp3((last + noise[0]) * DT / 2), noise[0]
+        q = np.rint(angle[0] / fusion.step) * fusion.step
+        memory = fusion.compared(memory.on(other[None], DT), camera, [pin.exp3(np.array([0, -q, 0]))])
+        if memory.ended:
+            break
+    assert memory.ended == ended
+    assert not ended or (k < 500 and not memory.rate.any() and np.abs(memory.turn).max() < fusion.bound)
+
+
+def test_what_is_fast_is_the_plain_formula() -> None:
+    """The 3 by 3 inverse, the forecast in one product, and the mean of the gyros' attitudes."""
+    rng = np.random.default_rng(5)
+    J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
+    np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
+    forecast, taps = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015)), rng.standard_normal((TAPS + 1, 6))
+    past = forecast.start(np.zeros(3), np.zeros(3))._replace(taps=taps[1:], trust=1.0)
+    past, taps = (
+        forecast.step(past._replace(scores=np.array([[0.0] * 4, [1.0] * 4])), 0.0, *np.split(taps[0], 2)),
+        taps[:-1],
+    )
+    for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
+        plain = [weights[2] @ taps[:, 3:], weights[0] @ taps[:, :3], weights[1] @ taps[:, :3]]
+        np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
+    fusion, others, between = Fusion(GYRO, 2 * pi / 2**16, DT), rng.standard_normal((2, 3)), rng.standard_normal((2, 3))
+    camera, to = pin.exp3(rng.standard_normal(3)), [pin.exp3(turn) for turn in between]
+    memory = Fused.begun([camera @ R.T for R in to], others).on(others, DT)
+    after = fusion.compared(memory, camera, to)
+    moved = [pin.log3(camera.T @ camera @ R.T @ pin.exp3(DT * w) @ R) for R, w in zip(to, others)]
+    np.testing.assert_allclose(after.turn, fusion.gain * np.sum(moved, axis=0) / 3, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(after.rate, after.turn / DT, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
+def test_the_aim_is_the_plain_formula(name: str) -> None:
+    """``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = J⁻¹ log(Rᵀ R_d)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė`` to rounding."""
+    rig, rng = rig_of(name), np.random.default_rng(6)
+    navigator = roster(nominal(rig)).pointer("with-friction").navigator
+    q, gyro, w = (rng.uniform(-0.4, 0.4, size) for size in (rig.n, 3, 3))
+    seen = Measurement(0.0, q, gyro, w, rng.standard_normal(3), np.zeros(0))
+    camera = pin.exp3(rng.standard_normal(3) / 4) @ WANTED
+    fix, _ = navigator.fix(seen, navigator.start(seen, camera, np.eye(3)))
+    view, rows = navigator.sight.view(q), navigator.sight.rows
+    inverse = np.linalg.inv(view.J)
+    v = inverse @ (gyro - view.R.T @ w)[rows]
+    np.testing.assert_allclose(fix.v, v, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(fix.aim.v, v - inverse @ gyro[rows], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(fix.aim.q, q + inverse @ pin.log3(camera.T @ WANTED)[rows], rtol=1e-12)
+
+
+@given(st.lists(st.floats(-120, 120), min_size=9, max_size=9), st.lists(st.floats(-3e-3, 3e-3), min_size=3, max_size=3))
+def test_the_guards_quick_way_passes_nothing_that_sifting_stops(rates: list[float], moved: list[float]) -> None:
+    guard, (gyro, w, links) = Guard(DT), np.array(rates).reshape(3, 3)
+    seen = Measurement(0.0, np.zeros(3), gyro, w, np.ones(3), links)
+    before = Measurement(0.0, np.zeros(3), gyro + 1, w + 1, np.zeros(3), links + 1)
+    if guard.sound(seen, before, np.array(moved)):
+        _, after = guard.sifted(DT, seen, guard.start(before), np.zeros(3), np.array(moved))
+        assert after.calm
+
+
+@pytest.mark.parametrize("steep", [False, True])
+@pytest.mark.parametrize("stuck", [1, 3])
+def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(stuck: int, steep: bool) -> None:
+    """There one joint may stand though the damped inverse moves it; encoders that all stand while it moves failed."""
+    guard = Guard(DT, noisy=False)
+    first = Measurement(0.0, np.zeros(3), *(np.zeros(3) for _ in range(4)))
+    watch, rates = guard.start(first), np.full(3, 5.0)
+    for k in range(1, 4):
+        moved = np.where(np.arange(3) < stuck, 0.0, k * DT * rates)
+        _, watch = guard.step(first._replace(t=k * DT, q=moved), watch, rates, steep)
+    assert any("encoders failed" in event for event in watch.events) == (stuck == 3 or not steep)
+
+
+# --- Laws and margins ----------------------------------------------------------------------------------------------
+
+
+def test_without_error_the_law_is_the_models_inverse() -> None:
+    model, rng = nominal(rig_of("handheld")), np.random.default_rng(2)
+    q, v, a, f, w, dw = rng.uniform(-0.4, 0.4, (6, 3))
+    aim = Aim(q, v, a, (Ahead(q, v, a, Carried(f, w, dw)),))
+    law = CarriedTorque(model, (PID,) * 3, DT)
+    tau, _ = law.torque(0.0, q, v, aim, law.start())
+    base = Platform(np.zeros(1), f[None], w[None], dw[None])
+    np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9)
+    bare, _ = replace(law, terms=False).torque(0.0, q, v, aim, law.start())
+    np.testing.assert_allclose(bare, rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["computed-torque", "pid"])
+def test_the_tuned_controller_has_the_gains_of_tune(kind: str) -> None:
+    """Whatever their margins: the others' are equal, and there is no such controller where no law is given."""
+    model = nominal(rig_of("handheld"))
+    law = tune(model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid").controller
+    spectrum = Spectrum.assumed(DT, GYRO, ACCELEROMETER)
+    roster = Roster(model, WANTED, spectrum, Noise(GYRO, ACCELEROMETER), 0.0, law=law)
+    pointer = roster.pointer("tuned")
+    assert pointer.law.gains == law.gains != roster.pointer("switch").law.gains
+    assert isinstance(pointer.law, JointPid if kind == "pid" else CarriedTorque)
+    assert kind == "pid" or (pointer.law.robust == law.robust is not None and pointer.navigator.fusion is not None)
+    assert pointer.navigator.accelerates == (kind != "pid")
+    with pytest.raises(UsageError, match="'tuned' is unknown"):
+        replace(roster, law=None).pointer("tuned")
+
+
+def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
+    """What is cut off one sample is given in the next: the mean stays, but for what is forgotten within a sample."""
+    model, zero = nominal(rig_of("handheld")), np.zeros(3)
+    limit, law = float(model.tau_max[0]), CarriedTorque(nominal(rig_of("handheld")), (PID,) * 3, DT, terms=False)
+    weight = float(rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
+    memory, given_by_yaw = law.start(), []
+    for part in [1.2, 0.6] * 20:
+        a = np.array([part * limit / weight, 0.0, 0.0])
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        tau, memory = law.torque(0.0, zero, zero, aim, memory)
+        given_by_yaw.append(tau[0] / limit)
+    assert max(given_by_yaw) <= 1.0
+    assert np.mean(given_by_yaw) == pytest.approx((1.0 + 0.6 + 0.2 * law.lasting) / 2, abs=0.005)
+    # A joint that was long beyond its limit leaves it at once, with what one more sample at the limit would give.
+    for part in [9.0] * 500 + [0.0] * 3:
+        a = np.array([part * limit / weight, 0.0, 0.0])
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        tau, memory = law.torque(0.0, zero, zero, aim, memory)
+    assert abs(tau[0]) < 0.01 * limit
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1))
+def test_dry_friction_counts_by_its_mean_over_a_hold(rate: float, change: float) -> None:
+    steps = np.sign(rate + abs(change) * np.linspace(-1, 1, 2001))
+    assert share(rate, change) == pytest.approx(steps.mean(), abs=2e-3) or abs(change) < 1e-6
+
+
+def test_all_loops_have_the_same_margin() -> None:
+    equal = Equal()
+    found = equal.margins
+    assert found.crossover_hz == pytest.approx(25.0, abs=0.2)
+    assert found.phase_margin_deg == pytest.approx(58.0, abs=1.0)
+    assert found.disk_margin >= 1.07 and found.delay_margin >= 0.004
+    seen = observed_margins(equal.observed, equal.observer, DT)
+    assert seen.disk_margin == pytest.approx(1.07, abs=0.02) and seen.crossover_hz <= 25
+    late = Equal(drive=(Delay("yaw", 0.005),))
+    assert late.fair(late.margins) and late.margins.crossover_hz < 8
+
+
+def test_the_observers_loop_is_broken_at_the_plants_input() -> None:
+    """Its gain margin is where the closed loop goes unstable, and a slow observer leaves the loop as it was."""
+    pd, observer = Pid.placed(8.0, 0.9, 0.0), Observer(20.0, DT)
+    gain = 10 ** (observed_margins(pd, observer, DT).gain_margin_db / 20)
+
+    def largest(factor: float) -> float:
+        loop = observed_loop(pd, observer, DT)
+        return float(np.abs(np.linalg.eigvals(loop.A - factor * loop.B @ loop.C)).max())
+
+    assert min(largest(0.99 * gain), largest(1.01 / gain)) < 1 <= max(largest(1.01 * gain), largest(0.99 / gain))
+    slow = observed_margins(pd, Observer(1e-3, DT), DT)
+    assert slow.disk_margin == pytest.approx(margins(pd, DT, DT).disk_margin, rel=1e-3)
+
+
+def test_the_observer_finds_a_constant_disturbance() -> None:
+    observer, rate, true = Observer(20.0, DT), 0.0, 3.0
+    memory = observer.start()
+    commands = [0.0]
+    for k in range(300):
+        commands.append(np.sin(0.05 * k))
+        memory = observer.step(memory, rate, commands[-1], True)
+        rate -= DT * (commands[-2] + true)
+    assert memory.disturbance == pytest.approx(true, rel=1e-6)
+    held = observer.step(memory, rate + 1.0, 0.0, False)
+    assert held.disturbance == memory.disturbance
+
+
+def test_what_only_a_moving_base_shows_can_be_dropped() -> None:
+    """The torques on a fixed base stay, those on a moving one do not."""
+    model, rng = nominal(rig_of("thesis")), np.random.default_rng(0)
+    q, v, a = rng.uniform(-0.5, 0.5, (3, 5, 3))
+    least = without_hidden(model)
+    np.testing.assert_allclose(rnea(least.rig, q, v, a), rnea(model.rig, q, v, a), atol=1e-9)
+    base = profile_s(DT * np.arange(5), np.random.default_rng(0))
+    assert np.abs(rnea(least.rig, q, v, a, base) - rnea(model.rig, q, v, a, base)).max() > 0.05
+
+
+def test_a_model_that_knows_nothing_is_not_trusted() -> None:
+    from gimbal_pin.dynamics import reduce
+
+    rig = rig_of("turret")
+    names = (*reduce(rig, base="rotating").base_names, *(f"f{k}" for k in range(4)))
+    ground = profile_s(0.01 * np.arange(200), np.random.default_rng(0))
+
+    def known(size: float) -> Model:
+        covariance = size**2 * np.eye(len(names))
+        return replace(nominal(rig), estimated=Estimated(names, names, np.zeros(len(names)), covariance))
+
+    assert trusted(known(1e-5), WANTED, ground) == (True, True) == trusted(nominal(rig), WANTED, ground)
+    assert trusted(known(10.0), WANTED, ground) == (False, False)
+
+
+# --- Measures ------------------------------------------------------------------------------------------------------
+
+
+def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
+    t = DT * np.arange(28000)
+    error = np.stack([3e-5 * np.sin(2 * pi * 6 * t), 1e-3 * t / t[-1]], axis=1)
+    rms, top, drift = jitter(error, DT)
+    assert rms == pytest.approx(3e-5 / np.sqrt(2), rel=0.02)
+    assert top == pytest.approx(3e-5, rel=0.1) and drift == pytest.approx(1e-3, rel=0.05)
+    f, root = cumulative(error, DT)
+    assert root[-1] == pytest.approx(rms, rel=1e-6) and (np.diff(root) >= 0).all()
+    assert root[np.searchsorted(f, 5)] < 0.1 * rms
+
+
+@given(st.lists(st.floats(1e-5, 1.0), min_size=3, max_size=3))
+def test_the_budget_adds_up(sizes: list[float]) -> None:
+    parted = Budget.of(dict(zip(("pid-world", "computed-torque", "oracle"), sizes)))
+    assert parted is not None
+    assert sum(parted.parts.values()) == pytest.approx(1.0) and parted.telling
+    assert list(Budget.of({"pid-world": 2.0, "with-friction": 1.0}).parts)[-1] == "what is left"  # type: ignore[union-attr]
+    single = Budget.of({"pid-world": sizes[0], "oracle": sizes[2]})
+    assert single is not None and not single.telling
+    assert Budget.of({"pid-world": 1.0, "switch": 0.1}) is None
+    assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "the oracle's own"]
+    assert parted.size("the oracle's own") == pytest.approx(sizes[2]) == parted.left
+    assert bool(parted.note) == (min(parted.parts.values()) < 0)  # and then alone one is more than all
+
+
+@given(st.lists(st.floats(0.01, 10.0), min_size=2, max_size=2))
+def test_who_crosses_below_what_counts_as_jitter_does_not_hold_the_camera(crossovers: list[float]) -> None:
+    loops = {"tuned": tuple(Margins(60.0, 10.0, 1.0, 0.01, hz) for hz in crossovers)}
+    said = " ".join(slack(loops, ("pan", "tilt")))
+    assert [joint in said for joint in ("pan", "tilt")] == [hz < SLOW for hz in crossovers]
+
+
+def test_a_target_knows_which_way_is_up() -> None:
+    verdicts = [Target("", value, 5, 10, True).verdict for value in (12.0, 7.0, 3.0)]
+    assert verdicts == ["aim", "must", "missed"]
+    assert [Target("", value, 2.5, 1.3, False).verdict for value in (1.0, 2.0, 3.0)] == verdicts
+    assert Target("", None, 5, 10, True).verdict == "–"
+
+
+@pytest.mark.parametrize("late", [0.0, 0.003, 0.005])
+def test_a_known_delay_is_told_beside_the_ratio_that_it_changes(late: float) -> None:
+    """A bound that is another than without it, and a PID that is slower: both only where there is a delay."""
+    rig = rig_of("turret")
+    run = Course(nominal(rig), Shaken(Sight(rig).centre, 0.1), "S", 0.1, Station.of(rig)).run(
+        roster(nominal(rig)), "pid-world", 0
+    )
+    ratio, *_ = targets(Contest("turret", None, (Row("pid-world", (run,)),)), Sight(rig), late)
+    assert ratio.must == (4.0 if late > 0.004 else 5.0) and (f"must is {ratio.must:g}" in ratio.note) == (late > 0.004)
+    assert (f"{1e3 * late:g} ms" in ratio.note) == (late > 0) == bool(ratio.note)
+    slower = Loops(nominal(rig), DT, 1 + round(late / DT)).margins("pid-world")[0].crossover_hz
+    assert (slower < Loops(nominal(rig), DT, 1).margins("pid-world")[0].crossover_hz) == (late > 0)
+
+
+# --- In closed loop --------------------------------------------------------------------------------------------------
+
+
+def test_knowing_more_holds_the_camera_stiller() -> None:
+    """World-frame PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
+    rig = rig_of("handheld")
+    plant = nominal(unbalanced(rig))
+    course = Course(plant, Shaken(Sight(rig).centre, 0.9), "S", 0.9, Station.of(rig))
+    found = compete(course, roster(plant), ("pid-world", "computed-torque", "with-friction", "with-prediction"), 1)
+    still = [degrees(row.jitter_rms) for row in found.rows]
+    assert still[0] > still[1] > 3 * still[2] > 3 * still[3]
+    assert found.ratio("pid-world", "with-prediction") == pytest.approx(still[0] / still[3])
+    assert found.gain is None and found.budget is not None
+    short = replace(course, seconds=0.1)
+    runs = [short.run(roster(plant), "with-friction", 0).error for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+
+
+def test_nothing_moves_what_is_known_exactly() -> None:
+    """Exact sensors, a known model without friction, the oracle: what is left is the sampling."""
+    rig = rig_of("thesis")
+    plant = replace(nominal(rig), terms=())
+    ground = Shaken(Sight(rig).centre, 1.0, size=0.2)(0)
+    pointer = roster(plant, noise=Noise()).pointer("oracle")
+    run = point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
+    assert np.abs(np.rad2deg(run.error[400:])).max() < 2e-3 and not run.events
+
+
+FAULTS = {
+    "camera gyro frozen": (parse_fault("frozen:camera-gyro:0.2"), "gyro", 1.0),
+    "platform IMU frozen": (parse_fault("frozen:platform-imu:0.2"), "without feed-forward", 1.0),
+    "encoders frozen": (parse_fault("frozen:encoders:0.2"), "encoders", 1.0),
+    "encoders say NaN": (parse_fault("nan:encoders:0.2"), "angles go on from the gyros", 1.0),
+    "the gyro in between frozen": (parse_fault("frozen:gyros-between:0.2"), "own gyro alone", 0.1),
+    "a sample is dropped": (parse_fault("dropped:0.2:0.201"), "never came", 0.1),
+    "the clock steps back": (parse_fault("clock:0.2:-7"), "clock stepped", 0.1),
+    "NaN from the first sample on": (SensorFault("nan", ("gyro", "w", "f"), 0.0, 0.1), "failed", 180.0),
+    "everything says NaN": (SensorFault("nan", ("q", "gyro", "w", "f"), 0.2), "given up", 180.0),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
+    fault, word, allowed = FAULTS[case]
+    rig = rig_of("thesis")
+    plant = nominal(rig)
+    course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig, (fault,)))
+    run = course.run(roster(plant), "with-gyros", 0)
+    assert np.isfinite(run.tau).all() and np.isfinite(run.error).all()
+    assert (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
+    assert any(word in event for event in run.events), run.events
+    assert np.abs(np.rad2deg(run.error)).max() < allowed
+
+
+def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torque() -> None:
+    rig = rig_of("thesis")
+    plant, wanted = nominal(rig), attitude(0.2, 0.1, radians(88))
+    course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig))
+    run = course.run(roster(plant, wanted), "with-gyros", 0)
+    assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
+    assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
+    assert not any("encoders" in event for event in run.events)
+    weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
+    run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
+    assert any("torque limit" in event for event in run.events) and max(run.at_limit.values()) > 0.2
+    assert (np.abs(run.tau) <= 0.2 + 1e-12).all() and np.isfinite(run.error).all()
+
+
+def test_what_is_no_number_becomes_no_torque() -> None:
+    """Whatever slips through: without a guard a NaN of the camera's gyro reaches the law, and no torque comes out."""
+    rig = rig_of("turret")
+    pointer = replace(roster(nominal(rig)).pointer("with-gyros"), guard=None)
+    seen = Measurement(0.0, np.array([0.3, 0.4]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros(0))
+    memory = pointer.start(seen, WANTED, np.eye(3))
+    tau, memory = pointer.torque(seen._replace(t=DT, gyro=np.full(3, np.nan)), memory)
+    assert (tau == 0).all() and any("no number" in event for event in memory.events)
+
+
+READING = st.sampled_from([0.0, 1.0, -3.0, np.nan, np.inf, 1e9])
+
+
+@given(st.lists(st.tuples(*[READING] * 5, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])), min_size=1, max_size=60))
+def test_whatever_the_sensors_say_the_guard_passes_numbers_on(stream: list[tuple[float, ...]]) -> None:
+    guard, stamp, last = Guard(DT), 0.0, -1.0
+    first = Measurement(0.0, *(np.zeros(3) for _ in range(5)))
+    watch = guard.start(first)
+    for *values, step in stream:
+        stamp = step if stamp != stamp else stamp + step
+        seen, watch = guard.step(Measurement(stamp, *(np.full(3, x) for x in values)), watch, np.zeros(3))
+        for channel in (seen.q, seen.gyro, seen.w, seen.f, seen.links, watch.rates):
+            assert np.isfinite(channel).all()
+        assert np.isfinite(seen.t) and seen.t > last
+        last = seen.t
+
+
+def test_what_cannot_be_run_is_refused() -> None:
+    rig = rig_of("turret")
+    plant = nominal(rig)
+    with pytest.raises(UsageError, match="unknown"):
+        roster(plant).pointer("magic")
+    ground = Shaken(Sight(rig).centre, 0.2)(0)
+    pointer = roster(plant).pointer(NAMES[0])
+    with pytest.raises(UsageError, match="no attitude"):
+        point(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
+    with pytest.raises(UsageError, match="lasts"):
+        point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=1.0)
+
+
+def test_a_run_knows_its_torque_and_its_limits() -> None:
+    t = DT * np.arange(8000)
+    tau = np.where(t < 6, 1.0, 2.0)[:, None]
+    quat = np.tile([1.0, 0, 0, 0], (8000, 1))
+    run = Pointing("a", "S", 0, ("yaw",), t, np.zeros((8000, 3)), tau, tau, quat, np.array([2.0]))
+    assert run.counted.start == 2000 and run.at_limit["yaw"] == pytest.approx(1 / 3)
+    assert run.torque_rms["yaw"] == pytest.approx(hypot(1.0, 1.0), rel=1e-9)
+
+
+def test_a_fault_is_read_as_it_is_written() -> None:
+    assert parse_fault("frozen:platform-imu:3:4") == SensorFault("frozen", ("w", "f"), 3.0, 4.0)
+    assert parse_fault("nan:camera-gyro:2") == SensorFault("nan", ("gyro",), 2.0)
+    assert parse_fault("dropped:3:3.01") == SensorFault("dropped", (), 3.0, 3.01)
+    assert parse_fault("clock:3:-1") == SensorFault("clock", (), 3.0, step=-1.0)
+
+
+@given(
+    text=st.one_of(st.text(), st.sampled_from(["frozen", "nan:eyes:1", "dropped:1", "clock:1:nan", "nan:encoders:x"]))
+)
+def test_what_is_no_fault_says_what_there_is(text: str) -> None:
+    with pytest.raises(UsageError, match="camera-gyro"):
+        parse_fault(text)
+
+
+def test_a_cause_that_the_log_shows_is_not_planted_twice() -> None:
+    rig = rig_of("thesis")
+    plant = plant_with(nominal(rig), [parse_effect("cogging:yaw:amplitude=0.1,harmonic=42", rig)]).plant
+    planted_once(plant, ["cogging:roll:amplitude=0.1,harmonic=42"])
+    with pytest.raises(UsageError, match="already"):
+        planted_once(plant, ["cogging:yaw:amplitude=0.2,harmonic=7"])

@@ -1,0 +1,703 @@
+"""The report: what it says is what the results say, nothing in it can break the page, and a real browser shows it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import lxml.html
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from markupsafe import Markup
+
+from gimbal_pin.control import Tracking, Tuning, track, tune
+from gimbal_pin.diagnosis import compared, diagnose
+from gimbal_pin.dynamics import Model, Sensors, check, nominal
+from gimbal_pin.effects import CAUSES
+from gimbal_pin.estimation import Identified, identify
+from gimbal_pin.log import Log, to_json
+from gimbal_pin.regression import Filtering
+from gimbal_pin.report import (
+    FILES,
+    Auto,
+    Evaluated,
+    Section,
+    Table,
+    evaluate,
+    html,
+    join,
+    joints_of,
+    pages,
+    plots,
+    render,
+    summary,
+    tables,
+    text,
+    verdict,
+)
+from gimbal_pin.report import format as numbers
+from gimbal_pin.report.evaluation import Part, known
+from gimbal_pin.report.format import PALETTE, joint_colours
+from gimbal_pin.report.html import anchors
+from gimbal_pin.report.sections.control import tracking
+from gimbal_pin.report.sections.data import data, rig_section
+from gimbal_pin.report.sections.diagnosis import WRONG
+from gimbal_pin.report.sections.model import broken, parameters, rounded, torque, worst
+from gimbal_pin.report.summary import SIMULATED, cautions, outdone
+from gimbal_pin.report.view import record
+from gimbal_pin.rig import Rig, to_sliding
+from tests.browsing import needs_browser, visit, wide
+from tests.rigs import spelled
+
+EVIL = "<script>alert(1)</script> & \"$x$ _{a}$ 'b'"
+"""A name that breaks pages, attributes and formulas that do not escape it."""
+
+SLIDER = """<robot name="slider"><link name="base"/>
+  <link name="sledge"><inertial><origin xyz="0.02 0 0.01"/><mass value="0.8"/>
+    <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="slide" type="prismatic"><parent link="base"/><child link="sledge"/><axis xyz="0 0 1"/>
+    <limit lower="-0.2" upper="0.2" effort="30" velocity="1"/>
+    <dynamics friction="0.4" damping="1.5"/></joint></robot>"""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Every result of one walk through the house."""
+
+    rig: Rig
+    logs: tuple[Log, ...]
+    found: Identified
+    tunings: dict[str, Tuning]
+    result: Tracking
+
+
+def bench(rig: Rig, seconds: float = 24.0, rate: float = 250.0, seed: int = 0, name: str = "bench.csv") -> Log:
+    """Return a log whose torque is the nominal model's on a smooth motion, with white noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, seconds, 1 / rate)[:, None]
+    q, v, a = np.zeros((3, len(t), rig.n))
+    half = np.array([min(limit.upper, 1.0) - max(limit.lower, -1.0) for limit in rig.limits]) / 4
+    for k, w in enumerate((1.1, 2.3, 3.7)):
+        w = w * (1 + 0.13 * np.arange(rig.n))
+        phase = rng.uniform(0, 6, rig.n)
+        q, v, a = (x + half / (k + 1) * w**d * np.sin(w * t + phase + d * np.pi / 2) for d, x in enumerate((q, v, a)))
+    tau = nominal(rig).inverse(q, v, a)
+    tau = tau + 0.01 * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    return Log(name, rig.joints, t[:, 0], q, v, tau, payload=rig.payload)
+
+
+def walked(rig: Rig, name: str = "bench.csv") -> Walk:
+    """Return the results of a short walk."""
+    logs = (bench(rig, name=name),)
+    found = identify(rig, logs, filtering=Filtering(8.0))
+    tunings = {kind: tune(found.model, kind=kind, dt=0.002) for kind in ("computed-torque", "pid")}
+    laws = {kind: tunings[kind].controller for kind in ("pid", "computed-torque")}
+    exact = Sensors.exact(rig.n)
+    result = track(found.model, laws, rng=np.random.default_rng(0), seconds=0.7, sensors=exact)
+    return Walk(rig, logs, found, tunings, result)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Walk:
+    """The two-axis rig."""
+    return walked(Rig.load("turret"))
+
+
+@pytest.fixture(scope="module")
+def animation(walk: Walk) -> str:
+    """The recorded steps."""
+    return record(walk.rig, walk.result.of("all-axes", "computed-torque").log)
+
+
+@pytest.fixture(scope="module")
+def page(walk: Walk, animation: str) -> str:
+    """The whole report."""
+    return whole(walk, animation)
+
+
+def whole(walk: Walk, animation: str, **more: str) -> str:
+    """Return the report of a walk."""
+    head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs, **more)
+    return pages.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation, head, **more)
+
+
+def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
+    why = "turret.csv: its torque has nothing to do with the motion; check its column"
+    said = whole(walk, "", undiagnosed=why)
+    assert why in said and why not in page and WRONG in said
+
+
+def parsed(text: str) -> Any:
+    """Return a page, or a part of one, as a tree."""
+    return lxml.html.fromstring(text)
+
+
+def cells(section: Section, label: str) -> list[list[str]]:
+    """Return the rows of the table of a label as texts."""
+    (found,) = [
+        table
+        for table in parsed(f"<div>{section.html}</div>").iter("table")
+        if label in (table.getparent().get("aria-label"), table.findtext("caption"))
+    ]
+    return [[cell.text_content().strip() for cell in row] for row in found.find("tbody")]
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def value_of(text: str) -> float:
+    """Return what a written number says."""
+    plain = text.replace("−", "-").replace("± ", "")
+    mantissa, _, power = plain.partition("·10")
+    return float(mantissa) * 10.0 ** int((power or "0").translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
+
+
+@given(st.floats(-1e12, 1e12, allow_subnormal=False), st.integers(1, 6))
+@example(9.996e-5, 3)
+@example(0.09999, 2)
+@example(999999.6, 3)
+def test_figures_keep_their_significant_digits(value: float, digits: int) -> None:
+    text = numbers.figures(value, digits)
+    assert abs(value_of(text) - value) <= 0.5000001 * 10.0 ** (1 - digits) * abs(value)
+    assert not text.startswith("−0") or value_of(text) != 0
+
+
+@given(st.floats(-1e6, 1e6, allow_subnormal=False), st.floats(1e-12, 1e6))
+@example(0.0, 3e-9)
+@example(1.0, 0.0996)
+@example(99.96, 9.996)
+def test_an_interval_is_written_to_its_second_digit(value: float, half: float) -> None:
+    centre, width = numbers.interval(value, half)
+    assert abs(value_of(width) - half) <= 0.051 * half
+    assert abs(value_of(centre) - value) <= 0.051 * half + 1e-15 * abs(value)
+
+
+def test_what_has_no_value_is_a_dash_and_what_has_no_bound_is_infinite() -> None:
+    assert numbers.figures(nan) == numbers.figures(None) == numbers.DASH
+    assert numbers.figures(-np.inf) == "−∞" and numbers.interval(1.0, np.inf)[1] == "± ∞"
+    assert [numbers.percent(x) for x in (99.97, 100.0, 99.94, nan)] == ["> 99.9 %", "100.0 %", "99.9 %", numbers.DASH]
+    assert numbers.between([nan, 2.0, 1.0]) == "1.0 to 2.0" and numbers.between([3.0, 3.001]) == "3.0"
+    assert numbers.listed("abc") == "a, b and c"
+
+
+# -- parts of a page ---------------------------------------------------------------------------------------------------
+
+TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc", "Co", "Cn")), min_size=1, max_size=40)
+
+
+@given(TEXTS)
+@example(EVIL)
+@settings(max_examples=25)
+def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
+    card = html.Card(text, text, text)
+    parts = join(
+        [
+            html.paragraph(text),
+            Table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
+            html.cards([card]),
+            html.bullets([text]),
+            html.picture(Markup("<svg></svg>"), text),
+            html.bar(0.5, text),
+        ]
+    )
+    page = render(text, [Section(text, parts, text)], text)
+    tree = parsed(page)
+    assert {element.tag for element in tree.iter() if isinstance(element.tag, str)} <= {
+        *("html", "head", "meta", "link", "title", "style", "body", "div", "nav", "ul", "li", "a", "header", "h1", "p"),
+        *("main", "section", "h2", "table", "caption", "thead", "tbody", "tr", "th", "td", "span", "strong", "small"),
+        *("figure", "figcaption", "svg", "i", "b"),
+    }
+    for path in ("//h1", "//h2", "//caption", "//td/span", "//main//li", "//figcaption", "//strong"):
+        (found,) = tree.xpath(path)
+        assert found.text_content().split() == text.split()
+
+
+@given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
+def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
+    found = anchors(titles)
+    assert len(set(found)) == len(found) == len(titles)
+    assert all(re.fullmatch(r"[a-z0-9-]+", anchor) for anchor in found)
+
+
+def test_joints_keep_the_colours_of_the_rigs() -> None:
+    assert joint_colours(("yaw", "roll", "tilt")) == joint_colours(("pan", "roll_joint", "Pitch")) == PALETTE[:3]
+    assert joint_colours(("tilt", "other", "pan")) == (PALETTE[2], PALETTE[1], PALETTE[0])
+    assert len(set(joint_colours([f"j{k}" for k in range(8)]))) == 8
+
+
+@given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 5))
+@settings(max_examples=30)
+def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
+    rng = np.random.default_rng(seed)
+    t, values = np.arange(float(count)), rng.standard_normal(count)
+    values[rng.integers(0, count, holes)] = np.nan
+    if np.isnan(values).all():
+        return
+    x, y = plots.thinned(t, values, 300)
+    assert len(x) <= 300 and np.all(np.diff(x) > 0)
+    assert np.nanmin(y) == np.nanmin(values) and np.nanmax(y) == np.nanmax(values)
+    assert np.array_equal(y, values[x.astype(int)], equal_nan=True)
+    assert np.isnan(y).any() == np.isnan(values).any()
+
+
+@pytest.mark.parametrize("order", ["sorted", "shuffled"])
+def test_every_dot_of_a_cloud_is_drawn(order: str) -> None:
+    """Whatever the order of x, and though many lie close together."""
+    rng = np.random.default_rng(0)
+    x = np.linspace(0.0, 1.0, 1200) if order == "sorted" else rng.uniform(size=1200)
+    y = 0.01 * rng.standard_normal(1200)
+
+    def make() -> plots.Figure:
+        figure, panels = plots.panels(1, 1, 2.0)
+        plots.dots(panels[0, 0], x, y, "#123456")
+        return figure
+
+    svg = str(plots.drawn(make, "cloud"))
+    (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke: #123456', svg)
+    assert path.count("L") == 1200  # a line of no length, whose round caps are the dot
+
+
+def test_no_line_is_drawn_across_a_gap() -> None:
+    t = np.concatenate([np.arange(0, 1, 0.1), np.arange(5, 6, 0.1)])
+    x, y = rounded(t, np.sin(t))
+    inside = (x > 0.95) & (x < 4.95)
+    assert inside.any() and np.isnan(y[inside]).all() and np.isfinite(y[~inside]).sum() > 60
+    assert np.isnan(broken(t, t)).sum() == 1
+
+
+# -- figures -----------------------------------------------------------------------------------------------------------
+
+
+def test_drawing_leaves_matplotlib_as_it_was_and_gives_the_same_picture_again() -> None:
+    def draw() -> Any:
+        figure, axes = plots.panels(1, 2, 2.0)
+        plots.curve(axes[0, 0], np.arange(5.0), np.array([1.0, 2.0, np.nan, 1.0, 0.5]))
+        axes[0, 1].plot([1, 1000], [1, 1000])
+        axes[0, 1].set(xscale="log", yscale="log")
+        plots.named(axes[0, 0], [("_hidden $x$", "red"), (EVIL, "blue")])
+        return figure
+
+    before = dict(matplotlib.rcParams)
+    first = plots.drawn(draw, EVIL)
+    assert dict(matplotlib.rcParams) == before
+    assert plots.drawn(draw, EVIL) == first
+    tree = parsed(first)
+    assert tree.get("aria-label") == EVIL and tree.get("role") == "img"
+    texts = [text.text_content() for text in tree.iter("text")]
+    assert "_hidden $x$" in texts and EVIL in texts and "1000" in texts and "0.5" not in first.split("<g")[0]
+    assert not any("mathdefault" in text for text in texts)
+    assert "<style" not in first and "nan" not in first.lower().replace(EVIL, "")
+
+
+def test_tick_labels_keep_all_their_digits() -> None:
+    def draw() -> Any:
+        figure, axes = plots.panels(1, 1, 2.0)
+        axes[0, 0].plot([0, 1], [0.0, 0.0025])
+        axes[0, 0].set_yticks([0.0, 0.0005, 0.0025])
+        return figure
+
+    texts = [text.text_content() for text in parsed(plots.drawn(draw, "ticks")).iter("text")]
+    assert {"0.0005", "0.0025"} <= set(texts)
+
+
+# -- what is said ------------------------------------------------------------------------------------------------------
+
+
+def weighted_rms(values: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Root mean square of masked values, per column, as `Accuracy` counts the rows."""
+    return np.sqrt(np.sum(values**2, axis=0) / np.sum(share**2, axis=0))
+
+
+@pytest.mark.parametrize("holdout", [None, "none", "log:1", "last-third"])
+def test_the_rows_shown_are_the_rows_judged(holdout: str | None) -> None:
+    rig = Rig.load("turret")
+    logs = [bench(rig, seed=1, name="a.csv"), bench(rig, seed=2, name="b.csv")]
+    found = identify(rig, logs, holdout=holdout)
+    judged, shown = found.held_out or found.train, evaluate(found, logs)
+    error_rms = weighted_rms(shown.stacked("error"), shown.stacked("share"))
+    assert error_rms == pytest.approx(list(judged.torque_rmse.values()), rel=1e-9)
+    moving = shown.stacked("share") > 0.999
+    apart = (shown.stacked("measured") - shown.stacked("predicted") - shown.stacked("error"))[moving]
+    # A row counts as moving with up to a thousandth of it masked, and friction jumps by about the torque's own size.
+    assert moving.mean() > 0.3 and np.abs(apart).max() < 3e-3 * np.abs(shown.stacked("measured")).max()
+    assert [part.log for part in shown.parts] == {"log:1": ["a.csv"], None: ["b.csv"]}.get(holdout, ["a.csv", "b.csv"])
+
+
+def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(walk: Walk) -> None:
+    shown = evaluate(walk.found, walk.logs)
+    for k, one in enumerate(known(walk.found, shown)):
+        theta = walk.found.estimate.theta.copy()
+        theta[k] = 0.0
+        without = evaluate(replace(walk.found, estimate=replace(walk.found.estimate, theta=theta)), walk.logs)
+        lost = weighted_rms(shown.stacked("error") - without.stacked("error"), shown.stacked("share"))
+        assert one.moved == pytest.approx(lost.max(), rel=1e-6)
+
+
+def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
+    section = parameters(walk.found, evaluate(walk.found, walk.logs), compared(walk.found))
+    rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
+    theta, std = walk.found.estimate.theta, walk.found.estimate.std
+    assert len(rows) == len(theta)
+    for row, value, deviation in zip(rows, theta, std):
+        half = value_of(row[3])
+        assert half == pytest.approx(1.96 * deviation, rel=0.06)
+        assert value_of(row[2]) == pytest.approx(value, abs=0.06 * half + 1e-12)
+    truth = dict(zip(walk.found.names, [*nominal_beta(walk), *walk.rig.friction.ravel()]))
+    assert [value_of(row[5]) for row in rows] == pytest.approx(list(truth.values()), rel=1e-3, abs=1e-12)
+
+
+def nominal_beta(walk: Walk) -> np.ndarray:
+    """Return the base parameters of the rig's URDF."""
+    from gimbal_pin.dynamics.regressor import columns
+
+    return walk.found.reduction.mixing @ walk.rig.phi[columns(walk.rig)[1]]
+
+
+def test_a_regrouping_breaks_between_its_terms() -> None:
+    spans = re.findall("<span>(.*?)</span>", tables.regrouping("a.Ixx - b.Izz + 0.12*c.m"))
+    assert spans == ["a.Ixx", "−\u00a0b.Izz", "+\u00a00.12·c.m"]
+
+
+@given(st.lists(st.lists(TEXTS, min_size=3, max_size=3), max_size=5))
+def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
+    """In the terminal without their marks, a line each, in columns that begin or end below each other."""
+    table = Table(["a", "b", "c"], [[html.toned(first, "good"), *rest] for first, *rest in rows], texts=2)
+    page = parsed(f"<div>{Markup(table)}</div>").xpath("//tbody/tr")
+    shown = [" ".join(" ".join(cell.text_content().split()) for cell in row).split() for row in page]
+    head, *lines = str(table).splitlines()
+    assert head.split() == ["a", "b", "c"]
+    assert " ".join(lines).split() == [word for row in shown for word in row]
+
+
+def test_the_stretch_shown_is_the_one_with_the_largest_error() -> None:
+    t = np.arange(0, 100, 0.1)
+    error = 0.01 * np.sin(7 * t)[:, None]
+    error[(t > 62) & (t < 64)] += 0.5
+    part, quiet = flat("a", t, error), flat("b", t, 0 * error)
+    found, more = worst(Evaluated(("x",), "last third", (quiet, part), np.ones((1, 1))))
+    assert more and found.log == "a" and found.t[0] <= 62.1 and found.t[-1] >= 63.9 and np.ptp(found.t) <= 15.0
+    two = replace(part, **{name: np.repeat(getattr(part, name), 2, axis=1) for name in ("v", "predicted", "share")})
+    undriven, error = np.hstack([part.measured, 0 * t[:, None]]), np.hstack([part.error, np.sin(t)[:, None]])
+    passive = Evaluated(("x", "y"), "last third", (replace(two, measured=undriven, error=error),), np.ones((2, 1)))
+    assert np.array_equal(worst(passive)[0].t, found.t) and passive.scale[1] == np.inf
+    alone = Evaluated(("x",), "last third", (part.cut(slice(0, 50)),), np.ones((1, 1)))
+    whole, more = worst(alone)
+    assert not more and np.array_equal(whole.t, t[:50])
+
+
+def flat(name: str, t: np.ndarray, error: np.ndarray) -> Part:
+    """Return a trajectory of constant torque."""
+    one = np.ones_like(error)
+    return Part(name, t, one, one + error, one, error, one)
+
+
+def swapped(result: Tracking, joint: str) -> Tracking:
+    """Return the tracking as if the two controllers had changed places on one joint."""
+    other = {"pid": "computed-torque", "computed-torque": "pid"}
+    experiments = tuple(
+        replace(e, joints={**e.joints, joint: result.of(e.name, other[e.controller]).joints[joint]})
+        for e in result.experiments
+    )
+    return replace(result, experiments=experiments)
+
+
+def test_the_axis_on_which_the_model_does_not_help_is_named(walk: Walk) -> None:
+    assert outdone(walk.result) == [] and outdone(swapped(walk.result, "tilt")) == ["tilt"]
+    assert "On tilt, PID follows at least as closely." in cautions(None, swapped(walk.result, "tilt"))
+    assert "unexplained" in verdict(50.0) and "unexplained" in verdict(nan) and "unexplained" not in verdict(99.0)
+    assert "not to be run" in verdict(99.0, "", barred=True)
+
+
+def test_no_multiplier_is_shown_of_a_plant_that_the_controller_knows(walk: Walk, page: str) -> None:
+    """How many times closer than PID says nothing of the gimbal: the plant is the model."""
+    words = parsed(page.partition("<iframe")[0] + page.rpartition("</iframe>")[2]).text_content()
+    assert not re.search(r"times as (closely|much)|closer than|Tracks closer|\d ×", words)
+    assert SIMULATED.format("the identified model") in words and "simulated, not run on the gimbal" in words
+    sent = summary(walk.rig, walk.found, None, None, walk.logs)
+    assert SIMULATED.format("the identified model") not in sent.doubts
+
+
+def test_no_controller_is_praised_that_is_not_to_be_run(walk: Walk) -> None:
+    model_based = walk.tunings["computed-torque"]
+    doubted = replace(model_based, doubts=("pan: not to be run: its inertia is open",))
+    shown, safe = (
+        parsed(str(summary(walk.rig, walk.found, tuning, walk.result).section.html))
+        for tuning in (doubted, model_based)
+    )
+    said = shown.text_content()
+    assert doubted.doubts[0] in said and "not to be run" in shown.xpath("//p[contains(@class, 'headline')]")[0].text
+    assert "not to be run" not in safe.text_content() and "is safer" not in said
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.02, 0.08), (0.11, 0.9), (0.5, 30.0), (1e-6, 1e3), (2.1, 2.9)])
+def test_a_logarithmic_axis_has_labels_that_tell_its_scale(low: float, high: float) -> None:
+    """Two at least wherever two round numbers lie within it; over many decades no more than the powers of ten."""
+
+    def make() -> Any:
+        figure, axes = plots.panels(1, 1, 2.0)
+        axes[0, 0].set(yscale="log", ylim=(low, high), xticks=[])
+        return figure
+
+    labels = [x for x in re.findall(r">([^<>]+)</text>", str(plots.drawn(make, "x"))) if x.strip()]
+    assert len(labels) >= (3 if high > 3 * low else 1) and len(labels) <= 12
+
+
+def test_torques_of_one_table_are_in_one_unit() -> None:
+    assert numbers.torque_text(2e-4) == "0.20 mN m" and numbers.torque_text(2e-4, 0.5) == "0.00020 N m"
+    assert numbers.torque_text(0.4, 2e-4) == numbers.torque_text(0.4)
+
+
+def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:
+    def winners(result: Tracking) -> set[tuple[str, str]]:
+        tree = parsed(f"<div>{tracking(result, walk.rig).html}</div>")
+        rows = tree.xpath("(//table)[1]/tbody/tr[td[2]/span[@class='good']]")
+        return {(row[0].text_content(), row[1].text_content()) for row in rows}
+
+    backwards = replace(walk.result, experiments=walk.result.experiments[::-1])
+    assert winners(walk.result) == winners(backwards) == {("pan", "computed torque"), ("tilt", "computed torque")}
+    assert winners(swapped(walk.result, "tilt")) == {("pan", "computed torque"), ("tilt", "PID")}
+    assert (
+        tables.better("x", 1.0, [1.0, 1.04])
+        == tables.better("x", 0.0, [0.0, 0.05], 0.1)
+        == tables.better("x", 1.0, [1.0])
+        == "x"
+    )
+    assert isinstance(tables.better("x", 1.0, [1.0, 1.2, nan]), Markup)
+
+
+def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(walk: Walk) -> None:
+    first = [e for e in walk.result.experiments if e.name == "all-axes"]
+    ahead = replace(walk.result, experiments=tuple(first))
+    behind = replace(walk.result, experiments=tuple(first[::-1]))
+    assert tracking(ahead, walk.rig) == tracking(behind, walk.rig)
+
+
+def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
+    calm = swapped(walk.result, "pan")
+    assert cautions(None, walk.result) == [] and len(cautions(None, calm)) == 1
+    stuck = replace(
+        calm,
+        experiments=tuple(
+            replace(e, joints={j: replace(m, saturated=0.5 * (e.controller == "pid")) for j, m in e.joints.items()})
+            for e in calm.experiments
+        ),
+    )
+    (_, said) = cautions(None, stuck)
+    assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
+    text = parsed(str(summary(walk.rig, walk.found, None, stuck).section.html)).text_content()
+    assert said in text
+    vague = walk.found.model.estimated
+    assert vague is not None
+    unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
+    tuning = tune(unsure, dt=0.002)
+    assert any("not to be run" in said for said in cautions(tuning, None))
+    assert not any("is safer" in said for said in cautions(tuning, None))  # by the same model no PID is, either
+    assert any("is safer" in said for said in cautions(replace(tuning, doubts=()), None))
+
+
+def test_the_absolute_path_of_a_log_is_nowhere(walk: Walk) -> None:
+    name = "/home/someone/logs/bench.csv"
+    page = str(data(walk.rig, [replace(walk.logs[0], name=name, events=("something happened",))]).html)
+    assert "someone" not in page and "bench.csv: something happened" in page
+
+
+def test_an_error_is_said_with_the_band_that_it_is_of(walk: Walk) -> None:
+    head = summary(walk.rig, walk.found, logs=walk.logs)
+    notes = {card.label: card.note for card in head.numbers}
+    assert "to 8 Hz" in notes["Fit of the torque"] and "to 8 Hz" in notes["Torque error"]
+    none = replace(walk.found.held_out, fit_percent=dict.fromkeys(walk.rig.joints, nan))
+    silent = summary(walk.rig, replace(walk.found, held_out=none), logs=walk.logs)
+    words = parsed(str(silent.section.html)).text_content()
+    assert "– %" not in words and "there is no fit where there is no torque" in words
+
+
+def test_sliding_joints_are_shown_in_millimetres() -> None:
+    rig = spelled(SLIDER)
+    (joint,) = joints_of(rig)
+    assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
+    text = str(rig_section(rig).html + data(rig, [bench(rig)]).html)
+    assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text
+    slid = walked(rig)
+    evaluated = evaluate(slid.found, slid.logs)
+    several = (parameters(slid.found, evaluated, None), torque(slid.found, evaluated), tracking(slid.result, rig))
+    words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
+    head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
+    for shown in (words, head):
+        assert not re.search(r"\bm?N m\b|/rad", shown)
+    assert "°" not in words and "N s/m" in words and "torque, N" in words
+
+
+def test_the_terminal_and_json_have_the_units_of_joints_that_slide() -> None:
+    """N, m and kg where a joint that turns has N m, rad and kg m²: in findings, tables, reasons, `check` and files."""
+    rig = spelled(SLIDER)
+    log = bench(rig)
+    log = replace(log, tau=log.tau + 20.0 * (log.q - 0.02) + 0.05)
+    slid, wrong = walked(rig), diagnose(rig, [log], rng=0)
+    (spring,) = wrong.findings
+    assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
+    shown = text.check(check(rig)), text.identified(slid.found), text.diagnosis(wrong, {})
+    shown += tuple(text.tuning(one, verbose=True) for one in slid.tunings.values())
+    files = to_json(slid.found.to_dict()), to_json(wrong.to_dict()), to_json(slid.tunings["pid"].to_dict())
+    for said in (*shown, *files):
+        assert not re.search(r"\bm?N m\b|\brad\b|/rad|\d kg m²", said), said
+        assert all("margin" in line or "Hz" in line for line in said.splitlines() if "°" in line), said
+    assert "−200 … 200 mm" in shown[0] and "30.0 N" in shown[0] and "° to and fro" not in shown[2]
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_no_cause_speaks_of_turns_where_a_joint_slides(cause: str) -> None:
+    units = " ".join(p.unit for p in CAUSES[cause].stated())
+    assert not re.search(r"N m\b|\brad\b|turn", to_sliding(units))
+
+
+def test_a_rig_without_a_camera_hears_nothing_of_one() -> None:
+    """Nor of a payload and its balance; one that states a camera does."""
+    slid = walked(spelled(SLIDER))
+    assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
+    apart = compared(slid.found)
+    assert apart is not None and apart.lines
+    head = summary(slid.rig, slid.found, None, slid.result, slid.logs)
+    results = slid.rig, slid.logs, slid.found, slid.tunings, slid.result
+    shown = pages.full(*results, "", head, why="its joints cannot turn sledge to where it should look")
+    words = parsed(shown).xpath("//main")[0].text_content() + str(
+        parameters(slid.found, evaluate(slid.found, slid.logs), apart).html
+    )
+    words += text.identified(slid.found, apart)
+    assert not re.search(r"camera|Camera|line of sight|balance|Balance|slide the|payload", words)
+
+
+def test_payload_and_motors_are_those_of_the_rig() -> None:
+    rig = Rig.load("thesis", "cinema")
+    section = rig_section(rig)
+    moved = sum(body.mass for body in rig.model.inertias[1:])
+    without = sum(body.mass for body in Rig.load("thesis", "none").model.inertias[1:])
+    said = re.search(r"Payload <b>cinema</b> \(([\d.]+) kg\)", section.html)
+    assert said is not None and float(said[1]) == pytest.approx(moved - without, abs=0.01)
+    assert cells(section, "Joints and limits")[1][:3] == ["roll", "fork", "−50.0° … 50.0°"]
+    assert cells(section, "Motors, sensors and loads, as given")[0][-1] == numbers.figures(moved)
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animation: str) -> None:
+    tree = parsed(page)
+    titles = [heading.text_content() for heading in tree.iter("h2")]
+    assert titles == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Tracking", "Data", "Rig"]
+    assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
+    assert tree.xpath("//iframe")[0].get("srcdoc") == animation
+    around = page.replace(str(Markup.escape(animation)), "")
+    assert re.findall(r"(?:src|href|action|data)=[\"'](?!#|data:)[^\"']*", around) == []
+    assert re.findall(r"@import|url\((?!#)|<script|<object|<embed", around) == []
+    assert len(around) < 1.5e6
+    identifiers = re.findall(r' id="([^"]*)"', around)
+    assert len(set(identifiers)) == len(identifiers)
+    pointed = re.findall(r"url\(#([^)]*)\)", around) + re.findall(r'href="#([^"]*)"', around)
+    assert set(pointed) <= set(identifiers)
+    for drawing in tree.iter("svg"):
+        curves = sum(path.get("d").count("L") > 20 for path in drawing.iter("path"))
+        assert drawing.get("aria-label") and curves + len(list(drawing.iter("use"))) > 1
+
+
+def test_the_same_results_give_the_same_report(walk: Walk, animation: str, page: str) -> None:
+    assert whole(walk, animation) == page
+
+
+def test_names_that_would_break_the_page_are_only_text() -> None:
+    rig = Rig.load("turret")
+    evil = tuple(f"{EVIL}{k}" for k in range(rig.n))
+    rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
+    walk = walked(rig, EVIL)
+    assert parsed(render(EVIL, [Section("x", Markup("y"))])).findtext(".//title") == EVIL
+    tree = parsed(whole(walk, "<b>page</b>"))
+    assert tree.xpath("//script") == [] and tree.xpath("//main//b//script") == []
+    assert tree.findtext(".//h1").startswith(EVIL)
+    drawn = [text.text_content() for text in tree.iter("text")]
+    for name in evil:
+        assert any(name in text for text in drawn)
+        assert any(name == cell.text_content() for cell in tree.xpath("//tbody//th"))
+
+
+def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
+    for plant in ("the identified model", "another rig"):
+        kept = {} if plant == "the identified model" else {"plant": plant}
+        section = summary(walk.rig, walk.found, None, walk.result, walk.logs, **kept).section
+        assert SIMULATED.format(plant) in parsed(str(section.html)).text_content()
+
+
+def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) -> None:
+    """First what was found, what to do, and what to take care of, as the page's head has it."""
+    head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs)
+    files = {what: Path("out") / name for what, name in FILES.items()}
+    steps = walk.found, None, walk.found.model, walk.tunings, walk.result, walk.logs[0], files
+    found = Auto(*steps, "the identified model", head, why="no IMU")
+    brief, everything = (text.auto(found, verbose).splitlines() for verbose in (False, True))
+    assert brief[:4] == [f"found: {head.found}", f"to do: {head.to_do[0]}", f"take care: {head.doubts[0]}", ""]
+    assert head.doubts == (SIMULATED.format("the identified model"),)
+    assert [line.split()[0] for line in brief[4:7]] == ["Joint", *walk.rig.joints] and len(brief) <= 25
+    assert len(everything) > 60 and set(brief) <= set(everything) and "out/report.html" in everything[-1]
+    assert max(map(len, brief[4:7])) <= 120
+    page = parsed(str(head.section.html)).text_content()
+    assert head.found in page and head.to_do[0] in page
+
+
+def test_a_long_log_makes_no_long_report() -> None:
+    rig = Rig.load("turret")
+    log = bench(rig, seconds=1200.0)
+    assert len(log) == 300_000
+    assert len(data(rig, [log]).html) < 300_000
+
+
+# -- a real browser ----------------------------------------------------------------------------------------------------
+
+
+EMPTY = """[...document.querySelectorAll('svg')].filter(svg => {
+  const box = svg.getBoundingClientRect();
+  const shown = [...svg.querySelectorAll('path')].filter(p => p.getBoundingClientRect().width > 50);
+  return box.width < 300 || box.height < 100 || shown.length < 3;
+}).map(svg => svg.getAttribute('aria-label'))"""
+"""Figures in which nothing is to be seen."""
+
+OUTSIDE = """[...document.querySelectorAll('svg')].flatMap(svg => { const box = svg.getBoundingClientRect();
+  return [...svg.querySelectorAll('text')].filter(text => { const t = text.getBoundingClientRect();
+    return t.left < box.left - 1 || t.right > box.right + 1 || t.top < box.top - 1 || t.bottom > box.bottom + 1;
+  }).map(text => text.textContent); })"""
+"""Labels that are cut off at a figure's edge."""
+
+WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+CUT = """[...document.querySelectorAll('.plot, .table')].filter(part => part.scrollWidth > part.clientWidth + 1)
+  .map(part => [part.scrollWidth, part.clientWidth, part.textContent.slice(0, 40)])"""
+"""Figures and tables of which the page's width leaves something out."""
+
+SCENE = """(() => { const scene = document.querySelector('iframe').contentWindow;
+  const canvas = scene.document.querySelector('canvas');
+  return [canvas.width > 300, scene.document.getElementById('clock').value]; })()"""
+
+
+@needs_browser
+def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    looks = (EMPTY, OUTSIDE, WIDER, SCENE)
+    seen = visit(path.as_uri(), wide(1380), *looks, wide(420), *looks)
+    assert (seen.complaints, seen.requests) == ([], [path.as_uri()])
+    for empty, outside, wider, (drawn, clock) in (seen.values[:4], seen.values[4:]):
+        assert (empty, outside, wider, drawn) == ([], [], 0, True)
+        assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
+
+
+@needs_browser
+def test_nothing_is_cut_off_on_a_desktop(page: str, tmp_path: Path) -> None:
+    """At any width of a window on half a screen or a whole one, contents beside the page or above it."""
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    widths = (800, 960, 1000, 1180, 1181, 1250, 1400)
+    seen = visit(path.as_uri(), *(step for pixels in widths for step in (wide(pixels), CUT)))
+    assert dict(zip(widths, seen.values)) == {pixels: [] for pixels in widths}

@@ -1,0 +1,78 @@
+"""`new-rig`: the YAML that it writes is the rig that it was given, and every entry in its comments is one."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from gimbal_pin.rig import Rig, bundled_rigs
+from tests.command_line import Run, refused, result
+from tests.rig.test_rig_formats import MUJOCO, RIG, SENSORS, TRANSMISSIONS, torques
+
+OPTICAL = RIG.format(
+    '<link name="imu_link"/><link name="cam_optical_frame"/><link name="tool plate"/>'
+    + "".join(
+        f'<joint name="at {link}" type="fixed"><parent link="arm"/><child link="{link}"/></joint>'
+        for link in ("imu_link", "cam_optical_frame", "tool plate")
+    )
+)
+FILES = {"sdf": SENSORS.format(""), "mjcf": MUJOCO, "gears": RIG.format(TRANSMISSIONS["Drake"]), "optical": OPTICAL}
+
+
+def uncommented(text: str) -> str:
+    """Every example as an entry: # before a key without a blank, or behind the braces that it fills."""
+    text = re.sub(r"^#(?=\w+:)", "", text, flags=re.M)
+    text = re.sub(r"\{\}  # (.*)$", r"{\1}", text, flags=re.M)
+    return text.replace("payload: mirrorless\n", "")  # whose root link may be there already
+
+
+@pytest.mark.parametrize("name", [*bundled_rigs(), *sorted(FILES.keys() - {"mjcf"})])
+def test_what_it_writes_is_the_rig_and_what_it_suggests_is_understood(tmp_path: Path, run: Run, name: str) -> None:
+    source = tmp_path / f"{name}.xml" if name in FILES else name
+    if name in FILES:
+        (tmp_path / f"{name}.xml").write_text(FILES[name], encoding="utf-8")
+    path, rig = tmp_path / "mine.yaml", Rig.load(source)
+    code, out, err = run("new-rig", source, "-o", path)
+    assert code == 0 and "mine.yaml" in out, err
+    again = Rig.load(path)
+    np.testing.assert_array_equal(torques(again), torques(rig))
+    assert (again.motors, again.limits, again.payload) == (rig.motors, rig.limits, rig.payload)
+    path.write_text(uncommented(path.read_text(encoding="utf-8")), encoding="utf-8")
+    full = Rig.load(path)
+    assert full.config.inertia == "trusted" and full.config.noise.gyro > 0 and full.config.mount
+    assert all(np.isfinite(limit.acceleration) for limit in full.limits)
+
+
+def test_it_guesses_by_names_and_tags(tmp_path: Path, run: Run) -> None:
+    found = {}
+    for name, text in FILES.items():
+        (tmp_path / f"{name}.xml").write_text(text, encoding="utf-8")
+        found[name] = yaml.safe_load(run("new-rig", tmp_path / f"{name}.xml")[1])
+    assert (found["sdf"]["camera_frame"], found["sdf"]["optical_axis"], found["sdf"]["imus"]) == ("eye", "x", ["gyro"])
+    assert (found["mjcf"]["camera_frame"], found["mjcf"]["imus"]) == ("eye", ["gyro"])
+    assert found["gears"]["motors"]["tilt"] == {"gear_ratio": 50.0, "rotor_inertia": "2e-05"}
+    optical = found["optical"]
+    assert (optical["camera_frame"], optical["optical_axis"]) == ("cam_optical_frame", "z")
+    assert (optical["mount"], optical["imus"]) == ("tool plate", ["imu_link"])
+
+
+def test_it_writes_the_yaml_beside_a_urdf_that_has_none(tmp_path: Path, run: Run) -> None:
+    """Found there by the URDF's own name from then on, and not written over."""
+    path = tmp_path / "own.urdf"
+    path.write_text(RIG.format(""), encoding="utf-8")
+    code, _, err = run("new-rig", path, "-o", tmp_path / "own.yaml")
+    assert code == 0, err
+    assert result(run, "check", path)["rig"] == result(run, "check", tmp_path / "own.yaml")["rig"]
+    refused(run("new-rig", path, "-o", tmp_path / "own.yaml"), 2, "own.yaml", "write over")
+
+
+def test_it_writes_over_no_file_of_the_rig(tmp_path: Path, run: Run) -> None:
+    path = tmp_path / "own.urdf"
+    path.write_text(RIG.format(""), encoding="utf-8")
+    (tmp_path / "own.yaml").write_text("motors: {tilt: {tau_max: 3}}", encoding="utf-8")
+    refused(run("new-rig", path, "-o", tmp_path / "own.yaml"), 2, "own.yaml", "write over")
+    refused(run("new-rig", path, "-o", path), 2, "write over")
