@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import tyro
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control.experiment import perturbed
 from gimbal_pin.control.laws import JointPid
@@ -33,7 +34,7 @@ from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, around, summed
 from gimbal_pin.pointing.bench import WANTED, unbalanced
 from gimbal_pin.pointing.forecast import Spectrum
-from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station, rotations
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import SETTLING, jitter
 from gimbal_pin.pointing.result import summed as counted
@@ -153,7 +154,7 @@ class Mounted:
         """Start with the platform as prescribed."""
         self.model, self.pin, self.n = model, model.rig.floating, model.rig.n
         self.data, self.base, self.inertia = self.pin.createData(), base, inertia
-        self.nominal = rotations(np.asarray(base.quat))
+        self.nominal = Rotation.from_quat(np.asarray(base.quat), scalar_first=True).as_matrix()
         self.R, self.w = self.nominal[0].copy(), np.array(base.w[0])
         self.friction = np.array(model.rig.friction)
         self.force = np.array(base.f[0])
@@ -212,7 +213,14 @@ def on_mount(
     sensed = Felt(plant, base, station, t, np.random.default_rng([seed, 1]))
     sensed.w = sensed.w.copy()
     sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
-    loop = Loop(sensed.system, Drive(plant.drive, plant.rig, DT, plant), sensed, rotations(base.quat[::2]), 1, "mount")
+    loop = Loop(
+        sensed.system,
+        Drive(plant.drive, plant.rig, DT, plant),
+        sensed,
+        Rotation.from_quat(base.quat[::2], scalar_first=True).as_matrix(),
+        1,
+        "mount",
+    )
     q, _, events = loop.run(pointer)
     error = errors(sensed.sight, q, np.array(sensed.attitudes), WANTED)
     return Held(error[round(SETTLING / DT) :, 1:], events)

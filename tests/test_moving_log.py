@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control.experiment import perturbed
 from gimbal_pin.control.tuning import tune
@@ -25,7 +26,7 @@ from gimbal_pin.estimation.audit.stuck_channel import denied_torque
 from gimbal_pin.estimation.identification import given_beta, greatest_base_motion, identify
 from gimbal_pin.log.io import read_log, write_motion
 from gimbal_pin.log.log import Array, Imu, Log
-from gimbal_pin.log.platform import MOTIONS, BaseMotion, Platform, rotations
+from gimbal_pin.log.platform import MOTIONS, BaseMotion, Platform
 from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.verify import Asked, modelled
 from gimbal_pin.regression import classify_base_motion
@@ -71,7 +72,7 @@ def test_an_imu_reports_how_its_link_turns_and_falls_in_the_world(name: str) -> 
     platform, size = swaying(t), 1.3 + np.arange(rig.n)
     # Its origin's acceleration is 5 · 0.2 cos(w t): its place -cos(w t)/w².
     w = 2 * np.pi * np.array([1.3, 0.9, 0.7])
-    p, R = -np.cos(t[:, None] * w) / w**2, rotations(0.2 * np.sin(t[:, None] * w[::-1]))
+    p, R = -np.cos(t[:, None] * w) / w**2, Rotation.from_euler("xyz", 0.2 * np.sin(t[:, None] * w[::-1])).as_matrix()
     q, v, a = np.sin(t[:, None] * size), size * np.cos(t[:, None] * size), -(size**2) * np.sin(t[:, None] * size)
     links = rig.config.imus
     found = readings(rig, links, q, v, a, platform)

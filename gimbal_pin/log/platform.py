@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import signals
@@ -83,10 +84,10 @@ class Platform:
             accelerations: ë, rad/s², (N, 3).
             acceleration: a, of the base link's origin in the world, m/s², (N, 3).
         """
-        R = rotations(angles)
-        f = np.einsum("nji,nj->ni", R, acceleration + np.array([0.0, 0.0, GRAVITY]))
+        attitude = Rotation.from_euler("xyz", angles)
+        f = np.einsum("nji,nj->ni", attitude.as_matrix(), acceleration + np.array([0.0, 0.0, GRAVITY]))
         w, dw = body_rates(angles, rates, accelerations)
-        return Platform(t, f, w, dw, quaternions(angles))
+        return Platform(t, f, w, dw, attitude.as_quat(scalar_first=True))
 
     @staticmethod
     def measured(t: Array, imu: Imu, name: str, cutoff: float = CUTOFF) -> Platform:
@@ -139,7 +140,7 @@ class Platform:
             angles: e, roll, pitch and yaw against this platform, rad, (N, 3).
             rates: ė, constant, rad/s, (N, 3).
         """
-        R = rotations(angles)
+        R = Rotation.from_euler("xyz", angles).as_matrix()
         f, w, dw = (np.einsum("nji,nj->ni", R, x) for x in (self.f, self.w, self.dw))
         own, change = body_rates(angles, rates, np.zeros_like(rates))
         return Platform(self.t, f, w + own, dw + change - np.cross(own, w))
@@ -178,29 +179,10 @@ def body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array
     return np.stack(w, axis=1), np.stack(dw, axis=1)
 
 
-def rotations(angles: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)``, (N, 3, 3), of roll, pitch, yaw, rad, (N, 3)."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles).T, np.cos(angles).T
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def quaternions(angles: Array) -> Array:
-    """The same as quaternions (w, x, y, z), (N, 4)."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(angles / 2).T, np.cos(angles / 2).T
-    w, x = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr
-    y, z = cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
-    return np.stack([w, x, y, z], axis=1)
-
-
 def level(f: Array) -> Array:
     """Attitude (w, x, y, z) without yaw whose specific force at rest points along f, (3,)."""
     roll, pitch = np.arctan2(f[1], f[2]), np.arctan2(-f[0], np.hypot(f[1], f[2]))
-    return np.asarray(quaternions(np.array([[roll, pitch, 0.0]]))[0])
+    return np.asarray(Rotation.from_euler("xyz", [roll, pitch, 0.0]).as_quat(scalar_first=True))
 
 
 def integrated(w: Array, dt: float, start: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.log.log import Array
@@ -52,13 +53,7 @@ def resample(t: Array, signal: Array, grid: Array) -> Array:
     """
     if len(t) == len(grid) and np.allclose(t, grid, rtol=0, atol=1e-9):
         return signal
-    left = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 2)
-    slope = np.gradient(signal, t, axis=0)
-    width = (t[left + 1] - t[left])[:, None]
-    s = np.clip((grid - t[left])[:, None] / width, 0.0, 1.0)
-    start, end = signal[left], signal[left + 1]
-    rise = (3 - 2 * s) * s * s
-    return start + rise * (end - start) + width * s * (1 - s) * ((1 - s) * slope[left] - s * slope[left + 1])
+    return np.asarray(CubicHermiteSpline(t, signal, np.gradient(signal, t, axis=0))(np.clip(grid, t[0], t[-1])))
 
 
 def noise_std(signal: Array) -> Array:

@@ -14,7 +14,6 @@ from .measurement import Measurement as Measurement
 from .measurement import SensorFault as SensorFault
 from .measurement import Station as Station
 from .measurement import parse_fault as parse_fault
-from .measurement import rotations as rotations
 from .navigator import Fusion as Fusion
 from .navigator import attitude as attitude
 from .outlook import Outlook as Outlook

@@ -157,14 +157,3 @@ class Station:
     def coarse(self) -> bool:
         """Whether the encoders have steps."""
         return bool(self.step.all())
-
-
-def rotations(quat: Array) -> Array:
-    """Rotation matrices, (N, 3, 3), of quaternions (w, x, y, z), (N, 4)."""
-    w, x, y, z = quat.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

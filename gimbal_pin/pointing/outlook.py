@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control.controllers import BASELINE, OURS, TUNED
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.measurement import rotations
 from gimbal_pin.pointing.result import Contest, Pointing, Row, split
 
 SECONDS, RATE = 6.0, 60.0
@@ -84,7 +84,7 @@ def shown(found: Contest, ours: Sequence[str] = (TUNED, OURS)) -> tuple[Row, ...
 
 def swung(run: Pointing, wanted: Array) -> Array:
     """``log(R_dᵀ R_p R_d)``, rad, (M, 3), over the samples that count: the camera looks as wanted from level ground."""
-    turns = wanted.T @ rotations(run.base[run.counted]) @ wanted
+    turns = wanted.T @ Rotation.from_quat(run.base[run.counted], scalar_first=True).as_matrix() @ wanted
     return np.array([pin.log3(turn) for turn in turns])
 
 

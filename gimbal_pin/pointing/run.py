@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from gimbal_pin.dynamics.model import Model, friction_effects
@@ -20,7 +21,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.demand import swinging
-from gimbal_pin.pointing.measurement import Measurement, Station, rotations
+from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.navigator import carried
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import Contest, Pointing, Row
@@ -107,7 +108,14 @@ def point(
         raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
     quat = np.asarray(base.quat[::2])
     sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
-    loop = Loop(Plant(plant, base), Drive((*plant.drive, *drive), rig, dt, plant), sensed, rotations(quat), delay, name)
+    loop = Loop(
+        Plant(plant, base),
+        Drive((*plant.drive, *drive), rig, dt, plant),
+        sensed,
+        Rotation.from_quat(quat, scalar_first=True).as_matrix(),
+        delay,
+        name,
+    )
     q, tau, events = loop.run(pointer)
     error = errors(sensed.sight, q, loop.attitudes, pointer.navigator.wanted)
     return Pointing(name, motion, seed, rig.joints, t, error, q, tau, quat, rig.tau_max, events)

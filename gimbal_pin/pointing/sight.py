@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control.laws.uncertainty import home
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.measurement import rotations
 from gimbal_pin.rig.rig import Rig
 
 # Looked up once, as they run several times a sample.
@@ -240,7 +240,9 @@ def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:
     if platform.quat is None:
         return holding(sight, wanted, Platform.still(platform.t))
     q, rows = sight.home, []
-    for R, w, dw in zip(rotations(np.asarray(platform.quat)), platform.w, platform.dw):
+    for R, w, dw in zip(
+        Rotation.from_quat(np.asarray(platform.quat), scalar_first=True).as_matrix(), platform.w, platform.dw
+    ):
         q = sight.reached(R, wanted, q)
         view = sight.view(q)
         v = view.against @ (view.R.T @ w)

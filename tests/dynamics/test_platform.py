@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.dynamics import Carrier, Model, Plant, State, nominal, reduce, regressor, rnea, scan, stacked
 from gimbal_pin.dynamics.reduction import columns
 from gimbal_pin.effects import BaseTilt, Coulomb, Term
 from gimbal_pin.log import Array, Imu, Platform, profile_s
-from gimbal_pin.log.platform import integrated, rotations
+from gimbal_pin.log.platform import integrated
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE
 from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
 from tests.dynamics.test_reduction import subspace
@@ -29,7 +30,11 @@ def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
     rng = np.random.default_rng(seed)
     angles, rates, accelerations = rng.uniform(-1.2, 1.2, (3, count, 3)) * np.array([1, 3, 20]).reshape(3, 1, 1)
     a = rng.uniform(-10, 10, (count, 3))
-    return Platform.turning(np.arange(float(count)), angles, rates, accelerations, a), rotations(angles), a
+    return (
+        Platform.turning(np.arange(float(count)), angles, rates, accelerations, a),
+        Rotation.from_euler("xyz", angles).as_matrix(),
+        a,
+    )
 
 
 # --- the equation of the motion itself ------------------------------------------------------------------------------
@@ -45,7 +50,7 @@ def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity
     e = e0 + e1 * np.sin(t) + e2 * np.cos(2 * t)
     de, dde = e1 * np.cos(t) - 2 * e2 * np.sin(2 * t), -e1 * np.sin(t) - 4 * e2 * np.cos(2 * t)
     moving = Platform.turning(t[:, 0], e, de, dde, np.tile(a, (5, 1)))
-    R = rotations(e)
+    R = Rotation.from_euler("xyz", e).as_matrix()
     weights = np.array([1, -8, 0, 8, -1]) / (12 * h)
     spin = R[2].T @ np.tensordot(weights, R, 1)
     np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], moving.w[2], atol=1e-8)
@@ -179,7 +184,7 @@ def test_power_at_joints_and_base_is_the_rate_of_energy(name: str) -> None:
     def at(t: float) -> tuple[Platform, Array, Array]:
         (x, dx, ddx), one = motion(t), np.zeros(1)
         platform = Platform.turning(one, x[None, 3:6], dx[None, 3:6], ddx[None, 3:6], ddx[None, :3])
-        R = rotations(x[None, 3:6])[0]
+        R = Rotation.from_euler("xyz", x[None, 3:6]).as_matrix()[0]
         q = np.concatenate([x[:3], pin.Quaternion(R).coeffs(), x[6:]])
         return platform, q, np.concatenate([R.T @ dx[:3], platform.w[0], dx[6:]])
 
