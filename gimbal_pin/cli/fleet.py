@@ -38,12 +38,13 @@ def fleet(
     from gimbal_pin.fleet.fleet_page import render_fleet, summarise_fleet
     from gimbal_pin.fleet.manifest import read_manifest
 
+    manifest = read_manifest(logs)
     if workers.scheduler is None:
         kind = "identified_log" if quick else "diagnosed_log"
-        affordable(workers.yes, workers.workers or 4096, **{kind: len(read_manifest(logs).logs)})
+        affordable(workers.yes, workers.workers or 4096, **{kind: len(manifest.logs)})
     with workers.running() as (executor, several):
         found = compare_fleet(
-            logs,
+            manifest,
             rig=rig,
             payload=payload,
             folder=output,

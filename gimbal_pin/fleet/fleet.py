@@ -11,7 +11,6 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -172,15 +171,7 @@ class Fleet:
                     "reasons": [reason.value for reason in one.reasons],
                     "logs": one.logs,
                     "deviations": [
-                        {
-                            "parameter": own.parameter,
-                            "kind": own.kind.value,
-                            "shift": own.shift,
-                            "shift_std": own.shift_std,
-                            "score": own.score,
-                            "p_value": own.p_value,
-                            "since": self.since(own),
-                        }
+                        {**asdict(own), "kind": own.kind.value, "score": own.score, "since": self.since(own)}
                         for own in one.deviations
                     ],
                     "causes": list(one.causes),
@@ -214,7 +205,7 @@ class Fleet:
 
 
 def compare_fleet(
-    logs: str | Path,
+    logs: str | Path | Manifest,
     *,
     rig: str | Path | Rig | None = None,
     payload: str | None = None,
@@ -231,7 +222,7 @@ def compare_fleet(
         fleet = compare_fleet("logs", folder="out")
 
     Args:
-        logs: Folder or URL with logs and their manifest, see `manifest.read_manifest`.
+        logs: Folder or URL with logs and their manifest, see `manifest.read_manifest`, or what that returned.
         rig: The rig that all units are built as; None: what the manifest says.
         payload: What they all carry; None: what the manifest says, or the rig's own.
         folder: Where results go as Parquet, a path or URL; what is there is not computed again. None: nowhere.
@@ -247,10 +238,7 @@ def compare_fleet(
         UsageError: Something asked for cannot be; it names what.
         DataError: Fewer than two units, of a reference and these logs, could be identified.
     """
-    for package in ("pyarrow", "fsspec"):
-        if find_spec(package) is None:
-            raise UsageError("fleet", f"needs {package}, which is not installed", "pip install gimbal-pin[fleet]")
-    manifest = read_manifest(logs)
+    manifest = logs if isinstance(logs, Manifest) else read_manifest(logs)
     wanted = manifest.rig if rig is None else rig
     if wanted is None:
         raise UsageError(manifest.place, "says of no rig", "state it in manifest.yaml as 'rig:', or give --rig")
@@ -374,14 +362,16 @@ def _judge_fleet(
     import pandas as pd
 
     causes = _count_causes(table if earlier is None else earlier)
-    own = [causes.list_own(*row) for row in zip(table["serial"], _read_findings(table))]
-    table["spoilt"] = [any(key[2] == "data" for key in keys) for keys in own]
+    for rows in (table,) if earlier is None else (table, earlier):
+        rows["own"] = [causes.list_own(*row) for row in zip(rows["serial"], _read_findings(rows))]
+        rows["spoilt"] = [any(key[2] == "data" for key in keys) for keys in rows["own"]]
     used = table[table["error"].isna() & ~table["spoilt"]]
     if used.empty:
         why = f": {table['error'].dropna().iloc[0]}" if table["error"].notna().any() else ""
         raise DataError(manifest.place, f"has no log that can be used{why}", "record them as 'gimbal-pin check' says")
     compared_logs, of_fleet = used.assign(label=used["serial"]), None
     if earlier is not None:  # a unit may have been in the earlier fleet under the same serial number
+        earlier = earlier[~earlier["spoilt"]]
         of_fleet = sorted({f"{EARLIER}{unit}" for unit in earlier["serial"]})
         compared_logs = pd.concat([compared_logs, earlier.assign(label=EARLIER + earlier["serial"])])
     siblings = of_fleet or sorted(set(used["serial"]))
@@ -402,7 +392,6 @@ def _judge_fleet(
     deviations: dict[str, list[Deviation]] = {}
     for deviation in compared.deviations:
         deviations.setdefault(deviation.unit, []).append(deviation)
-    table["own"] = own
     judged = [
         _judge_unit(
             str(unit),

@@ -79,9 +79,9 @@ def _tabulate_population(found: Fleet) -> Table:
     for own in found.population:
         mean, half = interval(own.mean, own.mean_std)
         repeat = own.repeat if has_repeats or found.reference else None
-        numbers = (mean, half, *(figures(x, 2) for x in (own.spread, repeat, found.detectable[own.name])))
+        numbers = (mean, half, *(figures(x, 2) for x in (own.spread, own.p_value, repeat, found.detectable[own.name])))
         rows.append((own.name, found.parameter_units[own.name], *numbers))
-    heads = ["Parameter", "Unit", "Mean", "±", "Between units", "Between logs", "Shown from"]
+    heads = ["Parameter", "Unit", "Mean", "±", "Between units", "p, all alike", "Between logs", "Shown from"]
     return Table(heads, rows, texts=2, label="Parameters over the fleet")
 
 

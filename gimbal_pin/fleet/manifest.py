@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
+from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -94,6 +95,9 @@ def read_manifest(folder: str | Path) -> Manifest:
     Raises:
         UsageError: The folder or the manifest cannot be used; it names the entry.
     """
+    for package in ("pyarrow", "fsspec"):
+        if find_spec(package) is None:
+            raise UsageError("fleet", f"needs {package}, which is not installed", "pip install gimbal-pin[fleet]")
     files, root = file_system(str(folder))
     is_remote = "://" in str(folder)
     try:
