@@ -26,7 +26,7 @@ from tests.command_line import Run, refused, result
 from tests.rigs import chain
 
 MONTHS = ("2026-03-01", "2026-04-01", "2026-05-01", "2026-06-01")
-TOLERANCES = Vary(inertials=("normal", 0.0, 0.01), friction=("normal", 0.0, 0.03), payload={"mass": 0.0})
+TOLERANCES = Vary(inertials=("normal", 0.0, 0.02), friction=("normal", 0.0, 0.1), payload={"mass": 0.0})
 """What siblings differ by."""
 
 
@@ -67,7 +67,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., None]
         record(out / f"A{k}.csv", k)
         entries.append({"log": f"A{k}.csv", "unit": f"00{k}", "time": MONTHS[0]})
     record(out / "thick.csv", 8, joint="tilt", viscous=3.0)
-    record(out / "heavy.csv", 9, mass=0.3)
+    record(out / "heavy.csv", 9, mass=0.6)
     (out / "broken.csv").write_text((out / "A0.csv").read_text()[:3000])
     entries += [{"log": f"{name}.csv", "time": MONTHS[0]} for name in ("thick", "heavy", "broken")]
     for k, (month, factor) in enumerate(zip(MONTHS, (1.0, 1.5, 2.0, 2.5))):
@@ -97,10 +97,10 @@ def test_who_is_odd_in_what_and_since_when(fleet: Fleet) -> None:
     assert verdicts(fleet) == {f"00{k}": (Verdict.PASS, ()) for k in range(8)} | planted
     found = {one.unit: {own.parameter: own for own in one.deviations} for one in fleet.units}
     assert set(found["thick"]) == {"tilt.Fv"} and set(found["worn"]) == {"pan.Fv"}
-    assert abs(found["thick"]["tilt.Fv"].shift - 2 * 0.008) < 0.002 and found["thick"]["tilt.Fv"].kind is Kind.OFFSET
+    assert abs(found["thick"]["tilt.Fv"].shift - 2 * 0.008) < 0.006 and found["thick"]["tilt.Fv"].kind is Kind.OFFSET
     assert {"head_mount.mx", "head_mount.mz"} <= set(found["heavy"]) <= {n for n in found["heavy"] if "head" in n}
     worn = found["worn"]["pan.Fv"]
-    assert worn.kind is not Kind.OFFSET and worn.shift > 0.007
+    assert worn.kind is not Kind.OFFSET and worn.shift > 0.006
     assert fleet.since(worn) in (None, *MONTHS[1:]) and fleet.since(found["thick"]["tilt.Fv"]) is None
     assert fleet.units[-1].verdict is Verdict.PASS and fleet.failed == 1
     assert "broken.csv:" in next(one for one in fleet.units if one.unit == "broken").errors[0]
@@ -110,7 +110,7 @@ def test_estimates_are_pooled_and_the_population_is_the_plants(fleet: Fleet) -> 
     means = {own.name: own for own in fleet.population}
     assert abs(means["tilt.Fs"].mean - 0.04) < 4 * means["tilt.Fs"].mean_std
     frame = fleet.to_frame().set_index("unit")
-    assert frame.loc["thick", "tilt.Fv"] > 2.5 * means["tilt.Fv"].mean and np.isnan(frame.loc["broken", "tilt.Fv"])
+    assert frame.loc["thick", "tilt.Fv"] > 2 * means["tilt.Fv"].mean and np.isnan(frame.loc["broken", "tilt.Fv"])
     like = frame.loc[[f"00{k}" for k in range(8)], "tilt.Fv"]
     own = fleet.table.set_index("serial").loc[like.index, "value.tilt.Fv"]
     assert np.ptp(like) < np.ptp(own)
