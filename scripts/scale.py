@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,12 +29,20 @@ import psutil
 import tyro
 from tyro.conf import Positional
 
-from gimbal_pin import Rig, nominal
 from gimbal_pin.fleet import Run, dask_executors, engine, run_units
-from gimbal_pin.fleet.montecarlo import study_of
-from gimbal_pin.fleet.variation import Design, Unit, Variation, usual
 
 MEGABYTE = 2**20
+
+
+class Waiting(NamedTuple):
+    """A unit that waits 50 ms."""
+
+    seed: int
+
+    def wait(self) -> dict[str, float]:
+        """Stand for a rig's simulation."""
+        time.sleep(0.05)
+        return {"seed": self.seed}
 
 
 @dataclass(frozen=True)
@@ -44,15 +52,21 @@ class Counted:
     work: engine.Work
     log: str
 
-    def __call__(self, unit: Unit) -> Any:
+    def __call__(self, unit: Any) -> Any:
         """Append the unit's seed, and compute it."""
         with open(self.log, "a") as file:
             file.write(f"{unit.seed}\n")
         return self.work(unit)
 
 
-def campaign(count: int, seconds: float, platform: bool = False) -> tuple[engine.Work, Design]:
-    """A Monte Carlo study of the turret, and its units."""
+def campaign(count: int, seconds: float, platform: bool = False) -> tuple[engine.Work, Sequence[Any]]:
+    """A Monte Carlo study of the turret, and its units; of 0 s units that wait."""
+    if not seconds:
+        return Waiting.wait, [Waiting(k) for k in range(count)]
+    from gimbal_pin import Rig, nominal
+    from gimbal_pin.fleet.montecarlo import study_of
+    from gimbal_pin.fleet.variation import Design, Variation, usual
+
     model = nominal(Rig.load("turret"))
     variation = Variation(model, usual(model))
     return study_of(variation, None, False, platform, seconds).run, Design(variation.inputs, count)
@@ -64,24 +78,41 @@ def coordinate(folder: Positional[str], log: Positional[str], count: int = 40, s
     run_units(Run(Counted(work, log), design, folder), workers=2, quiet=True)
 
 
-def kills(whom: Positional[Literal["worker", "coordinator"]], times: int = 10, count: int = 40, seed: int = 0) -> None:
+def kills(
+    whom: Positional[Literal["worker", "coordinator"]],
+    times: int = 10,
+    count: int = 40,
+    seconds: float = 1.0,
+    seed: int = 0,
+) -> None:
     """Kill a worker or the coordinator at random moments; the table has to be as without, to the bit.
 
     Args:
         whom: Which process gets SIGKILL.
         times: Kills, each of a run of its own.
-        count: Rigs, each simulated for 1 s.
+        count: Rigs.
+        seconds: How long each is simulated, s; 0: units that wait 50 ms.
         seed: Of the moments and of which worker.
     """
     rng = np.random.default_rng(seed)
     with TemporaryDirectory() as own:
-        work, design = campaign(count, 1.0)
+        work, design = campaign(count, seconds)
         places = {unit.seed: k for k, unit in enumerate(design)}
         run_units(Run(work, design, f"{own}/whole"), partial(ThreadPoolExecutor, 1), workers=1, quiet=True)
         whole = pd.read_parquet(f"{own}/whole/results.parquet")
         for number in range(times):
             folder, log = f"{own}/{number}", Path(own, f"{number}.log")
-            command = [sys.executable, __file__, "coordinate", folder, str(log), "--count", str(count)]
+            command = [
+                sys.executable,
+                __file__,
+                "coordinate",
+                folder,
+                str(log),
+                "--count",
+                str(count),
+                "--seconds",
+                str(seconds),
+            ]
             coordinator = subprocess.Popen(command)
             moment = int(rng.integers(count))  # units begun: seconds would depend on the machine
             while coordinator.poll() is None and (not log.exists() or len(log.read_text().split()) <= moment):

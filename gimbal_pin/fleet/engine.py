@@ -249,7 +249,7 @@ def write_part(folder: str, first: int, rows: Sequence[Mapping[str, Value]]) -> 
 
     names = dict.fromkeys(name for row in rows for name in row)
     columns = {"unit": range(first, first + len(rows)), **{name: [row.get(name) for row in rows] for name in names}}
-    pq.write_table(pa.table(columns), content := BytesIO())
+    pq.write_table(pa.table(columns), content := BytesIO(), store_schema=False, write_statistics=False)
     write_whole(folder, f"{PARTS}/part-{first:09d}-{first + len(rows) - 1:09d}.parquet", content.getvalue())
     return len(rows), sum(row["error"] is not None for row in rows)
 
@@ -335,7 +335,7 @@ def write_table(run: Run, at_once: int = 500) -> int:
             merged, tables = parts[k : k + at_once], []
             contents = files.cat([path for *_, path in merged])
             for first, last, path in merged:
-                tables.append(pq.ParquetFile(BytesIO(contents[path])).read().slice(max(stop - first, 0)))
+                tables.append(pq.ParquetFile(BytesIO(contents[path])).read(use_threads=False).slice(max(stop - first, 0)))
                 stop = max(stop, last + 1)
             rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="permissive")
             schema, failed = rows.schema, failed + len(rows) - rows["error"].null_count
