@@ -64,12 +64,12 @@ def campaign(count: int, seconds: float, platform: bool = False) -> tuple[engine
     if not seconds:
         return Waiting.wait, [Waiting(k) for k in range(count)]
     from gimbal_pin import Rig, nominal
-    from gimbal_pin.fleet.montecarlo import study_of
-    from gimbal_pin.fleet.variation import Design, Variation, usual
+    from gimbal_pin.fleet.montecarlo import make_study
+    from gimbal_pin.fleet.variation import Design, Variation, choose_default_vary
 
     model = nominal(Rig.load("turret"))
-    variation = Variation(model, usual(model))
-    return study_of(variation, None, False, platform, seconds).run, Design(variation.inputs, count)
+    variation = Variation(model, choose_default_vary(model))
+    return make_study(variation, None, False, platform, seconds).run, Design(variation.inputs, count)
 
 
 def coordinate(folder: Positional[str], log: Positional[str], count: int = 40, seconds: float = 1.0) -> None:

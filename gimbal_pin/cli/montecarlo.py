@@ -18,7 +18,7 @@ PAGE = "report.html"
 
 
 @dataclass(frozen=True)
-class Tried:
+class StudyOptions:
     """Options of what each rig goes through."""
 
     controller: Annotated[
@@ -31,7 +31,7 @@ class Tried:
     seconds: Annotated[float, between("--seconds", 0.6, 600, "s"), arg(help="length of each run")] = 5.0
 
 
-STEPPED = Tried()
+DEFAULT_STUDY = StudyOptions()
 
 
 def montecarlo(
@@ -55,7 +55,7 @@ def montecarlo(
     ] = (),
     sobol: Annotated[bool, arg(help="Sobol indices: count times (inputs + 2) rigs, count a power of two")] = False,
     payload: Payload = None,
-    tried: Annotated[Tried, OmitArgPrefixes] = STEPPED,
+    study: Annotated[StudyOptions, OmitArgPrefixes] = DEFAULT_STUDY,
     workers: Annotated[Workers, OmitArgPrefixes] = HERE,
     seed: Seed = 0,
     json: Json = None,
@@ -63,18 +63,18 @@ def montecarlo(
     """Simulate rigs that differ: how many meet a specification, what costs most of it, and the worst ten."""
     from gimbal_pin.fleet.engine import write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
-    from gimbal_pin.fleet.page import page, summary
-    from gimbal_pin.fleet.variation import Variation, read_vary, usual
+    from gimbal_pin.fleet.page import render_monte_carlo, summarise_monte_carlo
+    from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary
 
-    loaded = load_rig(rig, payload or mounted(model) or mounted(tried.controller))
+    loaded = load_rig(rig, payload or mounted(model) or mounted(study.controller))
     known = plant_of(model, loaded)
-    varied = usual(known) if vary is None else read_vary(vary)
+    varied = choose_default_vary(known) if vary is None else read_vary(vary)
     variation = Variation(known, varied, "variation" if vary is None else str(vary))
     variation.check()
     rigs = count * (len(variation.inputs) + 2 if sobol else 1)
     if workers.scheduler is None:
-        kind = "second_of_a_joint_on_a_platform" if tried.platform == "S" else "second_of_a_joint_in_a_fleet"
-        affordable(workers.yes, workers.workers or 4096, **{kind: rigs * tried.seconds * loaded.n})
+        kind = "second_of_a_joint_on_a_platform" if study.platform == "S" else "second_of_a_joint_in_a_fleet"
+        affordable(workers.yes, workers.workers or 4096, **{kind: rigs * study.seconds * loaded.n})
     with workers.running() as (executor, several):
         found = monte_carlo(
             loaded,
@@ -83,15 +83,15 @@ def montecarlo(
             folder=output,
             vary=varied,
             spec=spec,
-            controller=None if tried.controller is None else read_controller(str(tried.controller), loaded),
-            retune=tried.retune,
-            platform=tried.platform == "S",
-            seconds=tried.seconds,
+            controller=None if study.controller is None else read_controller(str(study.controller), loaded),
+            retune=study.retune,
+            platform=study.platform == "S",
+            seconds=study.seconds,
             sobol=sobol,
             seed=seed,
             executor=executor,
             workers=several,
             quiet=False,
         )
-    write_whole(output, PAGE, page(found).encode())
-    present(summary(found), found.to_dict(), json)
+    write_whole(output, PAGE, render_monte_carlo(found).encode())
+    present(summarise_monte_carlo(found), found.to_dict(), json)

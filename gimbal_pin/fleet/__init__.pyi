@@ -11,7 +11,7 @@ from .population import Kind as Kind
 from .population import Parameter as Parameter
 from .population import UnitEstimate as UnitEstimate
 from .population import compare_units as compare_units
-from .sensitivity import influences as influences
+from .sensitivity import rank_influences as rank_influences
 from .variation import Design as Design
 from .variation import Variation as Variation
 from .variation import Vary as Vary

@@ -335,7 +335,8 @@ def write_table(run: Run, at_once: int = 500) -> int:
             merged, tables = parts[k : k + at_once], []
             contents = files.cat([path for *_, path in merged])
             for first, last, path in merged:
-                tables.append(pq.ParquetFile(BytesIO(contents[path])).read(use_threads=False).slice(max(stop - first, 0)))
+                rows = pq.ParquetFile(BytesIO(contents[path])).read(use_threads=False)
+                tables.append(rows.slice(max(stop - first, 0)))
                 stop = max(stop, last + 1)
             rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="permissive")
             schema, failed = rows.schema, failed + len(rows) - rows["error"].null_count

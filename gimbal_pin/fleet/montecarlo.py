@@ -23,9 +23,9 @@ from gimbal_pin.control.tuning import Stored, Tuning, tune
 from gimbal_pin.dynamics.model import Model, nominal, plain_model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet.engine import TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
-from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, influences
-from gimbal_pin.fleet.study import Limit, Study, known_figures, known_roster, limit
-from gimbal_pin.fleet.variation import Design, Variation, Vary, usual
+from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, rank_influences
+from gimbal_pin.fleet.study import Limit, Study, list_figures, make_roster, parse_limit
+from gimbal_pin.fleet.variation import Design, Variation, Vary, choose_default_vary
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -102,9 +102,9 @@ class MonteCarlo:
             "failed": self.failed,
             "specification": [own.text for own in self.specification],
             "yield": unknown if self.yield_ is None else asdict(self.yield_),
-            "figures": {name: sayable(asdict(own)) for name, own in self.figures.items()},
-            "sensitivity": [sayable(asdict(own)) for own in self.sensitivity],
-            "worst": [sayable(own) for own in self.worst],
+            "figures": {name: replace_nonfinite(asdict(own)) for name, own in self.figures.items()},
+            "sensitivity": [replace_nonfinite(asdict(own)) for own in self.sensitivity],
+            "worst": [replace_nonfinite(own) for own in self.worst],
         }
 
     def to_frame(self) -> DataFrame:
@@ -112,7 +112,7 @@ class MonteCarlo:
         return self.table
 
 
-def sayable(values: Mapping[str, Any]) -> dict[str, Any]:
+def replace_nonfinite(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values with None for numbers that JSON cannot say."""
     return {name: None if isinstance(x, float) and not isfinite(x) else x for name, x in values.items()}
 
@@ -146,7 +146,7 @@ def monte_carlo(
         model: The nominal rig, with its covariance; None: as its URDF states it.
         count: Rigs; with `sobol` base points, a power of two, each of which takes a rig per input and two more.
         folder: Where results go as Parquet, a path or URL; what is there is not computed again. None: nowhere.
-        vary: What varies; None: `usual`.
+        vary: What varies; None: `choose_default_vary`.
         spec: Requirements ``FIGURE < NUMBER``, angles in degrees; a rig has to meet them all.
         controller: The controller, or with `retune` what is asked of one; None: tuned for the nominal rig.
         retune: True tunes a controller for every rig, as if each were identified without error.
@@ -167,31 +167,31 @@ def monte_carlo(
     import pandas as pd
 
     known = nominal(rig) if model is None else model
-    variation = Variation(known, usual(known) if vary is None else vary)
+    variation = Variation(known, choose_default_vary(known) if vary is None else vary)
     design = Design(variation.inputs, count, seed, sobol, variation.vary.own_noise)
     variation.check()
-    units = known_figures(rig, platform)
-    limits = tuple(limit(text, units) for text in spec)
-    study = study_of(variation, controller, retune, platform, seconds)
+    units = list_figures(rig, platform)
+    limits = tuple(parse_limit(text, units) for text in spec)
+    study = make_study(variation, controller, retune, platform, seconds)
     with ExitStack() as stack:
         place = stack.enter_context(TemporaryDirectory(prefix="gimbal-pin-")) if folder is None else folder
-        run = Run(study.run, design, place, {**settings(study), "seed": seed, "sobol": sobol})
+        run = Run(study.run, design, place, {**describe_study(study), "seed": seed, "sobol": sobol})
         here = partial(ThreadPoolExecutor, 1) if workers == 1 else None
         run_units(run, executor or here, workers=workers, quiet=quiet)
         files, path = file_system(f"{place}/{TABLE}")
         with files.open(path, "rb") as source:
             table = pd.read_parquet(source)
-    return judged(rig, units, design, limits, table)
+    return summarise_rigs(rig, units, design, limits, table)
 
 
-def study_of(
+def make_study(
     variation: Variation, controller: Stored | Tuning | None, retune: bool, platform: bool, seconds: float
 ) -> Study:
     """Return what every rig goes through; the controller knows the nominal one, or its own model."""
     stored = controller.stored if isinstance(controller, Tuning) else controller
     wish = Wish() if stored is None else stored.wish
     law = None if stored is None else stored.law
-    roster = None if not platform else known_roster(variation.model if stored is None else stored.model, wish, law)
+    roster = None if not platform else make_roster(variation.model if stored is None else stored.model, wish, law)
     name = OURS if stored is None else TUNED
     if retune:
         return Study(variation, wish, None, seconds, roster, name)
@@ -199,9 +199,9 @@ def study_of(
     return Study(variation, wish, law, seconds, roster, name, None if roster is None else roster.holder(name))
 
 
-def settings(study: Study) -> dict[str, object]:
+def describe_study(study: Study) -> dict[str, object]:
     """Return what the results depend on, as plain values; models and gains by their digest."""
-    variation, law, known = study.variation, study.law, study.variation.known
+    variation, law, known = study.variation, study.law, study.variation.estimated
     rig = variation.model.rig
     believed = plain_model(getattr(law, "model", variation.model))
     parts = {
@@ -214,7 +214,9 @@ def settings(study: Study) -> dict[str, object]:
     return {"rig": rig.name, **digests, **own}
 
 
-def judged(rig: Rig, units: Mapping[str, str], design: Design, limits: Sequence[Limit], table: DataFrame) -> MonteCarlo:
+def summarise_rigs(
+    rig: Rig, units: Mapping[str, str], design: Design, limits: Sequence[Limit], table: DataFrame
+) -> MonteCarlo:
     """Return what the rows say."""
     ran = table.error.isna().to_numpy()
     for name in units:
@@ -233,22 +235,22 @@ def judged(rig: Rig, units: Mapping[str, str], design: Design, limits: Sequence[
         failed=int((~ran).sum()),
         inputs=design.inputs,
         specification=tuple(limits),
-        yield_=wilson(used[single] < 1.0) if limits else None,
-        figures={name: spread(own[single & ran]) for name, own in figures.items() if (single & ran).any()},
-        sensitivity=influences(design, used),
+        yield_=estimate_yield(used[single] < 1.0) if limits else None,
+        figures={name: summarise_spread(own[single & ran]) for name, own in figures.items() if (single & ran).any()},
+        sensitivity=rank_influences(design, used),
         worst=tuple(rows.to_dict("records")),
         units=units,
         table=table,
     )
 
 
-def wilson(met: Array) -> Yield:
+def estimate_yield(met: Array) -> Yield:
     """Return the share of what is true, and Wilson's interval."""
     found = binomtest(int(met.sum()), len(met)).proportion_ci(CONFIDENCE, method="wilson")
     return Yield(float(met.mean()), float(found.low), float(found.high), len(met))
 
 
-def spread(values: Array) -> Spread:
+def summarise_spread(values: Array) -> Spread:
     """Return how values are spread, each of them one that occurs."""
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95], method="nearest").tolist()
     return Spread(middle, low, high, float(values.max()))

@@ -24,23 +24,23 @@ MOST = 40
 """Most columns of a distribution."""
 
 
-def shown(found: MonteCarlo, name: str, value: float | None) -> str:
+def format_figure(found: MonteCarlo, name: str, value: float | None) -> str:
     """Return a figure's value as people read it."""
-    return figures(None if value is None else value / scale(found, name))
+    return figures(None if value is None else value / find_scale(found, name))
 
 
-def scale(found: MonteCarlo, name: str) -> float:
+def find_scale(found: MonteCarlo, name: str) -> float:
     """Return a figure's unit for people in SI units."""
     unit = found.units[name]
     return SCALES.get(unit, {unit: 1.0})[unit]
 
 
-def titled(found: MonteCarlo, name: str) -> str:
+def label_figure(found: MonteCarlo, name: str) -> str:
     """Return a figure's name with its unit."""
     return f"{name}, {found.units[name] or 'share of the limit'}"
 
 
-def verdict(found: MonteCarlo) -> str:
+def describe_yield(found: MonteCarlo) -> str:
     """How many rigs meet what was asked for, in a sentence."""
     rigs = f"{found.count} rigs, {found.failed} of which could not be simulated"
     if found.yield_ is None:
@@ -50,16 +50,16 @@ def verdict(found: MonteCarlo) -> str:
     return f"{found.rig}: {percent(100 * own.value)} meet {asked} ({interval}); {rigs}."
 
 
-def spreads(found: MonteCarlo) -> Table:
+def tabulate_spreads(found: MonteCarlo) -> Table:
     """The figures' medians and tails."""
     rows = [
-        (titled(found, name), *(shown(found, name, x) for x in (own.median, own.p5, own.p95, own.worst)))
+        (label_figure(found, name), *(format_figure(found, name, x) for x in (own.median, own.p5, own.p95, own.worst)))
         for name, own in found.figures.items()
     ]
     return Table(["Figure", "Median", "5 %", "95 %", "Worst"], rows, label="Figures")
 
 
-def costs(found: MonteCarlo) -> Table:
+def tabulate_influences(found: MonteCarlo) -> Table:
     """What each input does, largest first."""
     if any(own.total is not None for own in found.sensitivity):
         rows: list[Sequence[str]] = [
@@ -71,7 +71,7 @@ def costs(found: MonteCarlo) -> Table:
     return Table(["Input", "Rank correlation"], rows, label="Rank correlations")
 
 
-def worst(found: MonteCarlo) -> Table:
+def tabulate_worst(found: MonteCarlo) -> Table:
     """The rigs that use most of the specification, with what costs most of it."""
     asked = list(dict.fromkeys(limit.figure for limit in found.specification)) or list(found.units)[:1]
     inputs = [own.input for own in found.sensitivity[:3]]
@@ -79,42 +79,42 @@ def worst(found: MonteCarlo) -> Table:
         (
             str(row["unit"]),
             row["error"] or "",
-            *(shown(found, name, row[name]) for name in asked),
+            *(format_figure(found, name, row[name]) for name in asked),
             *(figures(row[name]) for name in inputs),
         )
         for row in found.worst
     ]
-    heads = ["Rig", "Error", *(titled(found, name) for name in asked), *inputs]
+    heads = ["Rig", "Error", *(label_figure(found, name) for name in asked), *inputs]
     return Table(heads, rows, texts=2, label="Worst rigs")
 
 
-def summary(found: MonteCarlo) -> str:
+def summarise_monte_carlo(found: MonteCarlo) -> str:
     """What a terminal shows."""
-    parts = [verdict(found), str(spreads(found))]
-    parts += [str(costs(found))] if found.sensitivity else []
-    return "\n\n".join([*parts, str(worst(found))])
+    parts = [describe_yield(found), str(tabulate_spreads(found))]
+    parts += [str(tabulate_influences(found))] if found.sensitivity else []
+    return "\n\n".join([*parts, str(tabulate_worst(found))])
 
 
-def distributions(found: MonteCarlo, names: Sequence[str]) -> Figure:
+def draw_distributions(found: MonteCarlo, names: Sequence[str]) -> Figure:
     """Draw how figures are spread, and where the specification ends."""
     rows = -(-len(names) // ACROSS)
     figure, axes = plots.panels(rows, ACROSS, 0.9 + 1.9 * rows, gaps=(0.75, 0.75))
     bounds = {limit.figure: limit.bound for limit in found.specification}
     for panel, name in zip(axes.flat, names):
-        values = found.table[name].to_numpy(dtype=float) / scale(found, name)
+        values = found.table[name].to_numpy(dtype=float) / find_scale(found, name)
         there = values[np.isfinite(values)]
         panel.hist(there, min(MOST, 1 + round(len(there) ** 0.5)), color=PALETTE[0])
         panel.locator_params(axis="x", nbins=6)
         if name in bounds:
-            panel.axvline(bounds[name] / scale(found, name), color=plots.INK, lw=1.2, ls="--")
-        panel.set_xlabel(titled(found, name))
+            panel.axvline(bounds[name] / find_scale(found, name), color=plots.INK, lw=1.2, ls="--")
+        panel.set_xlabel(label_figure(found, name))
         panel.set_ylabel("rigs")
     for panel in axes.flat[len(names) :]:
         panel.set_axis_off()
     return figure
 
 
-def page(found: MonteCarlo) -> str:
+def render_monte_carlo(found: MonteCarlo) -> str:
     """Return the study as HTML."""
     asked = {limit.figure for limit in found.specification}
     names = [name for name in found.figures if name in asked or name in STEPS or name in PLATFORM]
@@ -134,13 +134,13 @@ def page(found: MonteCarlo) -> str:
         )
     drawn = "Histograms of the figures over all rigs"
     dashed = "All rigs that could be simulated; dashed: the specification."
-    picture = plots.picture(partial(distributions, found, names), drawn, dashed)
+    picture = plots.picture(partial(draw_distributions, found, names), drawn, dashed)
     sections = [
-        Section("Yield", join([paragraph(verdict(found)), cards(top)])),
-        Section("Distributions", join([picture, spreads(found)])),
+        Section("Yield", join([paragraph(describe_yield(found)), cards(top)])),
+        Section("Distributions", join([picture, tabulate_spreads(found)])),
     ]
     if found.sensitivity:
         lead = "What each input does to how much of the specification a rig uses; without one, to the first figure."
-        sections.append(Section("What costs most", join([costs(found)]), lead))
-    sections.append(Section("The worst", join([worst(found)]), "Rigs that failed, then those that use most."))
+        sections.append(Section("What costs most", join([tabulate_influences(found)]), lead))
+    sections.append(Section("The worst", join([tabulate_worst(found)]), "Rigs that failed, then those that use most."))
     return render(f"Monte Carlo: {found.rig}", sections, found.payload or "")

@@ -42,28 +42,30 @@ class Influence:
         return abs((self.rank_correlation if self.total is None else self.total) or 0.0)
 
 
-def influences(design: Design, used: Array) -> tuple[Influence, ...]:
+def rank_influences(design: Design, used: Array) -> tuple[Influence, ...]:
     """Return what each input does to the values of a design's rigs, (N,), largest first; infinite: it failed.
 
     A base point of which a rig failed has no indices and is left out whole; a rank it has.
     """
     if not design.sobol:
         shares = np.array([unit.shares for unit in design])
-        found = [Influence(name, rank_correlation=ranked(own, used)) for name, own in zip(design.inputs, shares.T)]
+        found = [
+            Influence(name, rank_correlation=correlate_ranks(own, used)) for name, own in zip(design.inputs, shares.T)
+        ]
     else:
         whole = np.isfinite(used).reshape(-1, design.group).all(axis=1)
-        found = sobol_indices(design, used.reshape(-1, design.group)[whole].ravel())
+        found = compute_sobol_indices(design, used.reshape(-1, design.group)[whole].ravel())
     return tuple(sorted(found, key=lambda own: -own.size))
 
 
-def ranked(share: Array, used: Array) -> float | None:
+def correlate_ranks(share: Array, used: Array) -> float | None:
     """Return Spearman's rank correlation; None where there is nothing to rank."""
     if len(used) < 3 or (used == used[0]).all():
         return None
     return float(spearmanr(share, used).statistic)
 
 
-def sobol_indices(design: Design, used: Array) -> list[Influence]:
+def compute_sobol_indices(design: Design, used: Array) -> list[Influence]:
     """Return each input's Sobol indices (SALib) from the values of whole base points; none where nothing differs."""
     if len(used) < 2 * design.group or np.ptp(used) == 0:
         return [Influence(name) for name in design.inputs]

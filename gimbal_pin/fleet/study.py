@@ -50,7 +50,7 @@ class Limit:
     text: str
 
 
-def limit(text: str, known: Mapping[str, str]) -> Limit:
+def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
     """Return what ``FIGURE < NUMBER`` asks; an angle is in degrees, a place in mm, unless ``rad`` or ``m`` follows.
 
     Raises:
@@ -72,19 +72,19 @@ def limit(text: str, known: Mapping[str, str]) -> Limit:
     return Limit(figure, bound * scales[unit], text)
 
 
-def together(rig: Rig) -> list[str]:
+def list_common_figures(rig: Rig) -> list[str]:
     """Return the figures of a step whose largest is taken over all joints: no error where some slide and some turn."""
     mixed = len(set(rig.slides)) > 1
     return [name for name, unit in STEPS.items() if not (mixed and unit == "°")]
 
 
-def known_figures(rig: Rig, platform: bool) -> dict[str, str]:
+def list_figures(rig: Rig, platform: bool) -> dict[str, str]:
     """Return the names of the figures, and their units for people."""
     if platform:
         return PLATFORM | {f"peak_torque_{joint}": "" for joint in rig.joints}
     kinds = {joint: "mm" if slides else "°" for joint, slides in zip(rig.joints, rig.slides)}
     each = {f"{name}_{joint}": kinds[joint] if unit == "°" else unit for name, unit in STEPS.items() for joint in kinds}
-    return {name: each[f"{name}_{rig.joints[0]}"] for name in together(rig)} | each
+    return {name: each[f"{name}_{rig.joints[0]}"] for name in list_common_figures(rig)} | each
 
 
 @dataclass(frozen=True)
@@ -137,17 +137,17 @@ class Study:
         values = self.variation.values(unit.shares)
         inputs: dict[str, Value] = {name: values[name] for name in self.variation.inputs}
         try:
-            body = self.variation.body(values)
-            plant = self.noisy(self.variation.plant(body, values), values, unit.seed)
+            body = self.variation.make_body(values)
+            plant = self.add_torque_noise(self.variation.make_plant(body, values), values, unit.seed)
             law = tune(body, **vars(self.wish)).controller if self.law is None else self.law
             if self.roster is None:
-                return {**inputs, **self.stepped(law, plant, values, unit.seed)}
+                return {**inputs, **self.simulate_step(law, plant, values, unit.seed)}
             own = replace(self.roster, model=body, law=law if self.roster.law is not None else None)
-            return {**inputs, **self.held(self.holder or own.holder(self.name), plant, values, unit.seed)}
+            return {**inputs, **self.hold_camera(self.holder or own.holder(self.name), plant, values, unit.seed)}
         except GimbalPinError as error:
             return {**inputs, "error": str(error)}
 
-    def noisy(self, plant: Model, values: Values, seed: int) -> Model:
+    def add_torque_noise(self, plant: Model, values: Values, seed: int) -> Model:
         """Return the plant with noise on its torques."""
         if not values["torque_noise"]:
             return plant
@@ -156,7 +156,7 @@ class Study:
         noise = [TorqueNoise(joint, tuple(own)) for joint, own in zip(plant.rig.joints, draws.tolist())]
         return replace(plant, drive=(*plant.drive, *noise))
 
-    def stepped(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, Value]:
+    def simulate_step(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, Value]:
         """Return the figures of a step of all axes."""
         rig, sensors = plant.rig, Sensors.of(plant.rig, law.dt)
         if (density := values.get("gyro_noise")) is not None:
@@ -174,13 +174,13 @@ class Study:
         )
         run = found.experiments[0]
         rows = {
-            joint: dict(zip(STEPS, (*followed(run.joints[joint]), share)))
-            for joint, share in shares(rig.joints, np.asarray(run.log.tau), rig.tau_max).items()
+            joint: dict(zip(STEPS, (*summarise_step(run.joints[joint]), share)))
+            for joint, share in compute_torque_shares(rig.joints, np.asarray(run.log.tau), rig.tau_max).items()
         }
-        out: dict[str, Value] = {name: max(row[name] for row in rows.values()) for name in together(rig)}
+        out: dict[str, Value] = {name: max(row[name] for row in rows.values()) for name in list_common_figures(rig)}
         return out | {f"{name}_{joint}": row[name] for name in STEPS for joint, row in rows.items()}
 
-    def held(self, holder: Holder, plant: Model, values: Values, seed: int) -> dict[str, Value]:
+    def hold_camera(self, holder: Holder, plant: Model, values: Values, seed: int) -> dict[str, Value]:
         """Return the figures of a camera held on profile S."""
         rig, station = plant.rig, Station.of(plant.rig)
         if (density := values.get("gyro_noise")) is not None:
@@ -190,25 +190,25 @@ class Study:
         ground = Shaken(Sight(rig).centre, self.seconds, holder.dt)(seed)
         noise, late = np.random.default_rng([seed, 2]), self.wish.samples
         run = point(plant, holder, ground, rng=noise, seconds=self.seconds, station=station, delay=late)
-        each = shares(rig.joints, np.asarray(run.tau)[run.counted], rig.tau_max)
+        each = compute_torque_shares(rig.joints, np.asarray(run.tau)[run.counted], rig.tau_max)
         out: dict[str, Value] = dict(zip(PLATFORM, (*run.jitter, max(each.values()))))
         return out | {f"peak_torque_{joint}": share for joint, share in each.items()}
 
 
-def followed(seen: StepMetrics) -> tuple[float, float, float]:
+def summarise_step(seen: StepMetrics) -> tuple[float, float, float]:
     """Return rms error, overshoot and settling time: infinite where a joint did not settle, 0 where it stayed."""
     stayed = isnan(seen.overshoot_percent)
     settling = inf if isnan(seen.settling_time) else seen.settling_time
     return seen.rms_error, 0.0 if stayed else seen.overshoot_percent, 0.0 if stayed else settling
 
 
-def shares(joints: tuple[str, ...], tau: Array, limits: Array) -> dict[str, float]:
+def compute_torque_shares(joints: tuple[str, ...], tau: Array, limits: Array) -> dict[str, float]:
     """Return joint → largest torque as a share of its motor's limit."""
     peaks: list[float] = (np.abs(tau).max(axis=0) / limits).tolist()
     return dict(zip(joints, peaks))
 
 
-def known_roster(model: Model, wish: Wish, law: Law | None) -> Roster:
+def make_roster(model: Model, wish: Wish, law: Law | None) -> Roster:
     """Return the controllers that hold a camera and know a model; how platforms move is known from another motion.
 
     Raises:

@@ -27,8 +27,8 @@ from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import record
 
 Values = Mapping[str, float]
-WRITTEN = "write a number, [uniform, LOWEST, HIGHEST] or [normal, MEAN, DEVIATION]"
-EDGE = 1e-12
+DISTRIBUTION_SYNTAX = "write a number, [uniform, LOWEST, HIGHEST] or [normal, MEAN, DEVIATION]"
+MIN_PROBABILITY = 1e-12
 """Smallest probability at which a distribution is looked up: seven deviations of a normal one."""
 
 
@@ -39,30 +39,30 @@ class Distribution(NamedTuple):
     a: float
     b: float = 0.0
 
-    def at(self, share: float) -> float:
+    def quantile(self, share: float) -> float:
         """``F⁻¹(share)``: the value that this share of all draws does not exceed."""
         if self.kind == "fixed":
             return self.a
-        inside = min(max(share, EDGE), 1 - EDGE)
+        inside = min(max(share, MIN_PROBABILITY), 1 - MIN_PROBABILITY)
         return self.a + self.b * float(ndtri(inside)) if self.kind == "normal" else self.a + (self.b - self.a) * inside
 
 
-def distribution(written: Any, place: str) -> Distribution:
+def parse_distribution(written: Any, place: str) -> Distribution:
     """Return what a file states of a number; a width of zero is a fixed number."""
     kind, *numbers = written if isinstance(written, (list, tuple)) and written else ("fixed", written)
     real = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
     if not all(real) or len(numbers) != {"fixed": 1, "uniform": 2, "normal": 2}.get(str(kind)):
-        raise UsageError(place, f"is {written!r}", WRITTEN)
+        raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
     found = Distribution(str(kind), *map(float, numbers))
     if found.b < (found.a if kind == "uniform" else 0.0):
-        raise UsageError(place, f"is {written!r}", WRITTEN)
+        raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
     constant = (kind == "uniform" and found.a == found.b) or (kind == "normal" and found.b == 0)
     return Distribution("fixed", found.a) if constant else found
 
 
 @dataclass(frozen=True)
 class Vary:
-    """What a file of variations states; each value is a distribution, see `distribution`.
+    """What a file of variations states; each value is a distribution, see `parse_distribution`.
 
     Attributes:
         parameters: What the model's parameters are off by, in the deviations of their estimated covariance.
@@ -93,7 +93,7 @@ NOTHING = Vary(parameters=0.0, own_noise=False)
 """All units are the nominal one."""
 
 
-def usual(model: Model) -> Vary:
+def choose_default_vary(model: Model) -> Vary:
     """Return what varies unless a file says: what is estimated by its covariance, and how a payload is mounted.
 
     A model without covariance stands for a drawing: inertias within 5 %, friction within 20 %.
@@ -127,15 +127,15 @@ class Variation:
     place: str = "vary"
 
     @cached_property
-    def known(self) -> Estimated | None:
+    def estimated(self) -> Estimated | None:
         """The estimate of the model's parameters, if it has one."""
         found = estimate(self.model)
         return None if found is None else found[0]
 
     @cached_property
-    def every(self) -> Mapping[str, Distribution]:
+    def distributions(self) -> Mapping[str, Distribution]:
         """All numbers, fixed ones too, by their names."""
-        vary, rig, known = self.vary, self.model.rig, self.known
+        vary, rig, known = self.vary, self.model.rig, self.estimated
         if unknown := set(vary.payload) - {*"xyz", "mass"}:
             raise UsageError(f"{self.place}: payload", f"knows no '{min(unknown)}'", "give x, y, z (mm) or mass")
         stated = {f"parameters.{name}": vary.parameters for name in (() if known is None else known.names)}
@@ -144,28 +144,28 @@ class Variation:
         stated |= {f"payload.{name}": value for name, value in vary.payload.items()}
         stated |= {name: getattr(vary, name) for name in ("delay", "torque_noise", "encoder_step", "gyro_noise")}
         stated |= {f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()}
-        return {name: distribution(x, f"{self.place}: {name}") for name, x in stated.items() if x is not None}
+        return {name: parse_distribution(x, f"{self.place}: {name}") for name, x in stated.items() if x is not None}
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Names of those that vary."""
-        return tuple(name for name, own in self.every.items() if own.kind != "fixed")
+        return tuple(name for name, own in self.distributions.items() if own.kind != "fixed")
 
     def values(self, shares: Sequence[float]) -> dict[str, float]:
         """Return all numbers, from the inputs' places in their distributions, 0 to 1."""
         at = dict(zip(self.inputs, shares))
-        return {name: own.at(at.get(name, 0.5)) for name, own in self.every.items()}
+        return {name: own.quantile(at.get(name, 0.5)) for name, own in self.distributions.items()}
 
     def check(self) -> None:
         """Raise what there is against the file: a rig at the inputs' upper quartiles can be made."""
-        self.plant(self.body(values := self.values([0.75] * len(self.inputs))), values)
+        self.make_plant(self.make_body(values := self.values([0.75] * len(self.inputs))), values)
 
-    def body(self, values: Values) -> Model:
+    def make_body(self, values: Values) -> Model:
         """Return the model with its parameters and its payload changed: what identifying such a unit would find."""
         model, rig = self.model, self.model.rig
-        if self.known is not None:
-            off = np.array([values[f"parameters.{name}"] for name in self.known.names])
-            model = changed(model, root(self.known.covariance) @ off)
+        if self.estimated is not None:
+            off = np.array([values[f"parameters.{name}"] for name in self.estimated.names])
+            model = changed(model, factor_covariance(self.estimated.covariance) @ off)
         phi = model.rig.phi * np.repeat([1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10)
         share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
         rubbed = [
@@ -181,7 +181,7 @@ class Variation:
             causes.append(PayloadMass(extra * float(payload(model.rig)[1].mass)))
         return plant_with(model, causes).plant
 
-    def plant(self, body: Model, values: Values) -> Model:
+    def make_plant(self, body: Model, values: Values) -> Model:
         """Return the model with what an identification would not find: planted causes, and drives that act late."""
         texts = []
         for cause, own in self.vary.effects.items():
@@ -192,7 +192,7 @@ class Variation:
         return replace(plant, drive=(*plant.drive, *drive))
 
 
-def root(covariance: Array) -> Array:
+def factor_covariance(covariance: Array) -> Array:
     """``D C^½``, deviations D and correlations C: of all roots the one whose columns are most their own parameters'.
 
     Kessy, Lewin, Strimmer, The American Statistician 72 (2018): ZCA-cor.

@@ -16,8 +16,8 @@ from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
 from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation import given_beta
-from gimbal_pin.fleet import Design, MonteCarlo, Variation, Vary, influences, process_pool
-from gimbal_pin.fleet.variation import NOTHING, root
+from gimbal_pin.fleet import Design, MonteCarlo, Variation, Vary, process_pool, rank_influences
+from gimbal_pin.fleet.variation import NOTHING, factor_covariance
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
 from tests.fleet.stub import LastFirst
@@ -61,7 +61,7 @@ def test_sobol_indices_of_ishigamis_function() -> None:
     """``sin a + 7 sin² b + 0.1 c⁴ sin a`` on ±π: Ishigami and Homma, 1990."""
     design = Design(("a", "b", "c"), 1024, seed=3, sobol=True)
     a, b, c = (2 * pi * np.array([unit.shares for unit in design]) - pi).T
-    found = {own.input: own for own in influences(design, np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))}
+    found = {own.input: own for own in rank_influences(design, np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))}
     assert list(found) == ["a", "b", "c"] and len(design) == 1024 * 5
     for name, first, total in (("a", 0.3139, 0.5576), ("b", 0.4424, 0.4424), ("c", 0.0, 0.2437)):
         assert abs(found[name].first - first) < 0.03 and abs(found[name].total - total) < 0.03
@@ -119,14 +119,14 @@ def test_noise_of_torque_encoder_and_gyro_each_shows(rig: Rig) -> None:
 def test_parameters_are_drawn_from_the_covariance(rig: Rig) -> None:
     model = identify(rig, [prescribed(nominal(rig), seconds=10.0, torque_noise=0.02)], holdout="none").model
     known, variation = model.estimated, Variation(model, Vary())
-    L = root(known.covariance)
+    L = factor_covariance(known.covariance)
     assert np.allclose(L @ L.T, known.covariance, rtol=1e-9, atol=1e-12 * np.abs(known.covariance).max())
     reduction = reduce(rig)
     count = len(reduction.base_names)
     assert variation.inputs == tuple(f"parameters.{name}" for name in known.names)
     for k in (0, count - 1):
         off = dict.fromkeys(variation.inputs, 0.0) | {variation.inputs[k]: 2.0}
-        body = variation.body({**variation.values([0.5] * len(known.names)), **off})
+        body = variation.make_body({**variation.values([0.5] * len(known.names)), **off})
         change = given_beta(body.rig, reduction) - given_beta(model.rig, reduction)
         assert np.allclose(change, 2 * L[:count, k], rtol=1e-6, atol=1e-9)
 
