@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -267,7 +268,7 @@ def _list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict
         return hashlib.sha256(json.dumps(x).encode()).hexdigest()[:16]
 
     files = [Path(log.path) for log in manifest.logs if "://" not in log.path]
-    states = [(state.st_size, state.st_mtime_ns) for state in (file.stat() for file in files if file.exists())]
+    states = [(state.st_size, state.st_mtime_ns) for state in (file.stat() for file in files if os.path.exists(file))]
     return {
         "rig": rig.name,
         "payload": rig.payload,

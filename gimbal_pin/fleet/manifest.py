@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -222,7 +223,7 @@ def _locate(name: str, base: str, place: str, is_remote: bool) -> str:
     if "://" in name:
         return name
     path = str(Path(base) / name)
-    if missing := [file for file in files_of(path) if not file.exists()]:
+    if missing := [file for file in files_of(path) if not os.path.exists(file)]:
         raise UsageError(place, f"is {missing[0]}, which does not exist", "give a path relative to the manifest")
     return path
 

@@ -39,7 +39,7 @@ def record() -> Callable[..., None]:
 
     def write(file: Path, unit: int, seed: int = 0, mass: float = 0.0, joint: str = "", viscous: float = 1.0) -> None:
         values = variation.values(design[unit].shares)
-        plant = stiffer(variation.body({**values, "payload.mass": mass}), joint, viscous)
+        plant = stiffer(variation.make_body({**values, "payload.mass": mass}), joint, viscous)
         tau = plant.inverse(motion.q, motion.v, motion.a)
         noise = 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * np.random.default_rng([unit, seed]).standard_normal(tau.shape)
         write_log(Log(file.stem, rig.joints, motion.t, motion.q, motion.v, tau + noise), file)
@@ -204,6 +204,7 @@ A, B = {"log": "a.csv"}, {"log": "b.csv"}
     ("stated", "words"),
     [
         ({"logs": [A, {"log": "c.csv"}]}, ("manifest.yaml: logs[1]: is ", "c.csv, which does not exist")),
+        ({"logs": [A, {"log": 9999 * "x"}]}, ("logs[1]: is ", "which does not exist")),
         ({"logs": [A, B, {"log": "./a.csv"}]}, ("logs[2]: is ./a.csv, which is logs[0], too", "list it once")),
         ({"logs": [A, {**B, "serial": "7"}]}, ("logs[1]: has an unknown key 'serial'", "log, unit, time, map")),
         ({"logs": [A, {**B, "unit": 7}]}, ("logs[1].unit: is 7; write a text",)),
