@@ -51,7 +51,7 @@ CEILINGS = {
     "names at the top of more than one module": 449,
     "percent of functions that are one word": 69,
     "upper-case constants": 1088,
-    "distinct deep names imported by the tests": 415,
+    "distinct deep names imported by the tests": 348,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

@@ -21,10 +21,15 @@ from .laws.base import Carried as Carried
 from .laws.base import Law as Law
 from .laws.base import Outer as Outer
 from .laws.carried import CarriedTorque as CarriedTorque
+from .laws.computed_torque import lyapunov as lyapunov
 from .laws.design import Wish as Wish
 from .laws.equal import Equal as Equal
 from .laws.observer import Observer as Observer
 from .laws.observer import observed_margins as observed_margins
+from .laws.uncertainty import estimate as estimate
+from .laws.uncertainty import home as home
+from .laws.uncertainty import inertia as inertia
+from .laws.uncertainty import poses as poses
 from .tracking import Experiment as Experiment
 from .tracking import StepMetrics as StepMetrics
 from .tracking import Tracking as Tracking

@@ -21,6 +21,7 @@ from .reduction import reduce as reduce
 from .reduction import samples as samples
 from .reduction import scan as scan
 from .reduction import stacked as stacked
+from .regressor import columns as columns
 from .regressor import inertia as inertia
 from .regressor import regressor as regressor
 from .regressor import rnea as rnea

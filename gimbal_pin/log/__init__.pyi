@@ -1,3 +1,4 @@
+from . import io as io
 from . import signals as signals
 from .calibration import Mounting as Mounting
 from .calibration import rectified as rectified
@@ -7,8 +8,10 @@ from .io import log_in as log_in
 from .io import read_imu as read_imu
 from .io import read_log as read_log
 from .io import read_motion as read_motion
+from .io import write_columns as write_columns
 from .io import write_log as write_log
 from .io import write_motion as write_motion
+from .io.columns import log_columns as log_columns
 from .io.files import atomic_write as atomic_write
 from .io.files import to_json as to_json
 from .io.files import write_json as write_json
@@ -34,6 +37,7 @@ from .log import Array as Array
 from .log import Imu as Imu
 from .log import Log as Log
 from .log import Motion as Motion
+from .missing_samples import Filled as Filled
 from .missing_samples import filled as filled
 from .missing_samples import holes as holes
 from .missing_samples import inside as inside

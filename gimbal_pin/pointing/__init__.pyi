@@ -24,6 +24,7 @@ from .result import Contest as Contest
 from .result import Pointing as Pointing
 from .result import Row as Row
 from .result import jitter as jitter
+from .roster import NAMES as NAMES
 from .roster import Roster as Roster
 from .run import Course as Course
 from .run import Sensed as Sensed

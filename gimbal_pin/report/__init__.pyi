@@ -1,8 +1,11 @@
 import collections.abc
 
+from . import html as html
+from . import pages as pages
 from . import plots as plots
 from . import tables as tables
 from . import text as text
+from . import view as view
 from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures

@@ -24,12 +24,14 @@ from gimbal_pin.dynamics import Estimated, Model, Reference, nominal, reduce, rn
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
 from gimbal_pin.estimation import read_model, write_extended
-from gimbal_pin.log.io.files import RUN, listed, plain
+from gimbal_pin.log.io.files import listed, plain
 from gimbal_pin.pointing import Controller
 from gimbal_pin.rig import Rig, read_bytes, read_yaml
 from gimbal_pin.rig import bundled as data_folder
 from tests.command_line import Run, refused
 from tests.rigs import spelled
+
+RUN = "run.json"
 
 BUNDLED = sorted(data_folder().rglob("*.urdf"))
 

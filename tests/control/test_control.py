@@ -22,13 +22,15 @@ from gimbal_pin.control import (
     Pid,
     Robust,
     bounds,
+    inertia,
+    lyapunov,
     margins,
+    poses,
     sampled_loop,
 )
-from gimbal_pin.control.laws.computed_torque import error_system, lyapunov, stiffened, weight
+from gimbal_pin.control.laws.computed_torque import error_system, stiffened, weight
 from gimbal_pin.control.laws.design import braking
 from gimbal_pin.control.laws.loop import responses, sampled_plant
-from gimbal_pin.control.laws.uncertainty import inertia, poses
 from gimbal_pin.dynamics import Controller, Estimated, Model, Reference, Sensors, State, nominal, reduce, simulate
 from gimbal_pin.effects import ActuatorLag, Coulomb, Delay, Term, Viscous
 from gimbal_pin.errors import UsageError

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin.control import Pid, Wish, margins, stored, tune
+from gimbal_pin.control import Pid, Wish, estimate, inertia, margins, poses, stored, tune
 from gimbal_pin.control.laws.design import lowered
 from gimbal_pin.control.laws.loop import smallest_disk
-from gimbal_pin.control.laws.uncertainty import drawn, estimate, inertia, poses
+from gimbal_pin.control.laws.uncertainty import drawn
 from gimbal_pin.dynamics import Estimated, Model, nominal, reduce
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
 from gimbal_pin.errors import UsageError

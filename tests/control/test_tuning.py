@@ -15,8 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin.control import ComputedTorque, JointPid, Pid, Tuning, margins, stored, tune
-from gimbal_pin.control.laws.uncertainty import inertia, poses
+from gimbal_pin.control import ComputedTorque, JointPid, Pid, Tuning, inertia, margins, poses, stored, tune
 from gimbal_pin.dynamics import Estimated, Model, Reference, Sensors, State, nominal, plant_with, reduce, simulate
 from gimbal_pin.effects import Coulomb, Term, Viscous, parse_effect
 from gimbal_pin.errors import ModelError, UsageError

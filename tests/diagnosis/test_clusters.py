@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
-from gimbal_pin.diagnosis.uncertainty import BINS, beyond, binned, cluster_covariance, clustered, clusters, parameters
+from gimbal_pin.diagnosis.uncertainty import beyond, binned, cluster_covariance, clustered, clusters, parameters
 from gimbal_pin.dynamics import nominal, plant_with, reduce
 from gimbal_pin.effects import AsymmetricFriction, Backlash, CableSpring, Cause, Cogging, Parameter, parse_effect
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
+
+BINS = 10
 
 SEEDS = st.integers(0, 10**6)
 

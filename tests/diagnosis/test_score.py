@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis import Fit, fit, gained
-from gimbal_pin.diagnosis.score import NIL
 from gimbal_pin.log import Array
+
+NIL = 1e-24
 
 ROWS, BLOCKS = 1200, 40
 RNG = np.random.default_rng

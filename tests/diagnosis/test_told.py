@@ -15,7 +15,7 @@ from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival
 from gimbal_pin.diagnosis.findings import rough
 from gimbal_pin.effects import CAUSES, Parameter, TorqueRipple
-from gimbal_pin.estimation.audit import CHECKS
+from gimbal_pin.estimation import CHECKS
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.diagnosis.test_forms import SEEN

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.dynamics import Carrier, Model, Plant, State, nominal, reduce, regressor, rnea, scan, stacked
-from gimbal_pin.dynamics.reduction import columns
+from gimbal_pin.dynamics import Carrier, Model, Plant, State, columns, nominal, reduce, regressor, rnea, scan, stacked
 from gimbal_pin.effects import BaseTilt, Coulomb, Term
 from gimbal_pin.log import Array, Imu, Platform, profile_s
 from gimbal_pin.log.platform import integrated

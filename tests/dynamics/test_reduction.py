@@ -10,9 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import Reduction, friction_effects, reduce, regressor, rnea, samples, scan, stacked
-from gimbal_pin.dynamics.reduction import TOLERANCE
-from gimbal_pin.dynamics.regressor import columns
+from gimbal_pin.dynamics import Reduction, columns, friction_effects, reduce, regressor, rnea, samples, scan, stacked
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
 from tests.rigs import BODY, bundled, spelled
 
@@ -124,7 +122,7 @@ def subspace(matrix: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the identifiable combinations by SVD (Gautier 1991), (p, rank)."""
     scale = np.linalg.norm(matrix, axis=0).max() or 1.0
     _, values, right = np.linalg.svd(matrix / scale, full_matrices=False)
-    return np.asarray(right[values > TOLERANCE * values[0]].T)
+    return np.asarray(right[values > 1e-8 * values[0]].T)
 
 
 def spans_agree(reduction: Reduction, matrix: np.ndarray) -> None:

@@ -16,7 +16,6 @@ from lxml import etree
 from scipy.linalg import expm
 
 from gimbal_pin.control import ComputedTorque, Pid
-from gimbal_pin.diagnosis.shapes import COARSE, ROUNDS
 from gimbal_pin.dynamics import Model, Plant, Sensors, State, nominal, plant_with, regressor, rnea, simulate
 from gimbal_pin.effects import (
     ALWAYS,
@@ -285,7 +284,7 @@ def test_bristles_of_many_lengths_obey_masing_and_close_every_loop() -> None:
 @given(stroke=st.floats(1e-4, 0.5))
 def test_every_stroke_is_within_reach_of_one_that_is_tried(stroke: float) -> None:
     seen = Seen(60.0, 0.005, 12.0, 1.6, 1.0, 1e-3, 1.0, 1.2)
-    reach = COARSE ** sum(0.5**k for k in range(ROUNDS)) * 1.01
+    reach = 2.0 ** sum(0.5**k for k in range(8)) * 1.01
     away = [abs(np.log(stroke / one.stroke)) for one in Presliding.tried("tilt", seen) if isinstance(one, Presliding)]
     assert min(away) <= np.log(reach)
 

@@ -15,7 +15,7 @@ from gimbal_pin.effects import Sample, Term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.export import Chain, Library, number
 from gimbal_pin.export.sources import quoted, state_bytes, written
-from gimbal_pin.export.symbolic import CLOSE, checked, table, terms
+from gimbal_pin.export.symbolic import checked, table, terms
 from gimbal_pin.log import write_yaml
 from gimbal_pin.pointing import WANTED, Course, Measurement, Roster, Shaken, Sight, Station, compete, parse_fault, point
 from gimbal_pin.rig import Rig
@@ -103,7 +103,7 @@ def test_a_table_of_commands_is_as_close_as_it_says(cause: str) -> None:
     torque = np.random.default_rng(0).uniform(-3.6, 3.6, 2000)
     right = np.array([passed(drive, float(x)) for x in torque])
     off = np.abs(np.interp(torque, *points.T) - right)[np.abs(right) < 3.6]
-    assert off.max() < 3 * CLOSE * 3.6
+    assert off.max() < 3e-6 * 3.6
     assert table(lambda torque: torque, 3.6) == []
 
 

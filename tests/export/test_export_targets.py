@@ -28,15 +28,20 @@ from gimbal_pin.effects import Sample
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.export import odrive, simplefoc
 from gimbal_pin.export.compiled import at, single
-from gimbal_pin.export.tables import BINS, RATES, feed
+from gimbal_pin.export.tables import RATES, feed
 from gimbal_pin.log import Frame, Log, follow, framed, read_log, write_log, write_yaml
-from gimbal_pin.log.io.link import ANSWER, HELLO, LOG, TUNE, opened, seal, unframed
+from gimbal_pin.log.io.link import opened, seal, unframed
 from gimbal_pin.log.io.siphash import siphash
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
 from tests.exported import COMPILERS, EVERYTHING, Twin, built, compile_, has, modelled, sources
 from tests.rigs import bundled
+
+BINS = 3600
+HELLO = 1
+LOG = 2
+TUNE = 3
 
 pytest.importorskip("casadi")
 compiled_here = pytest.mark.skipif(not has("gcc"), reason="no C compiler")
@@ -251,7 +256,7 @@ class Device:
         """Return sequence and status of the answer that is due."""
         count = self.code.gimbal_link_answer(self.link, self.out)
         frame = unframed(self.out.raw[: count - 1]) if count else None
-        assert frame is None or frame.type == ANSWER
+        assert frame is None or frame.type == 4
         return None if frame is None else struct.unpack("<HH", frame.body)  # type: ignore[return-value]
 
     @contextmanager

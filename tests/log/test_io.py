@@ -20,7 +20,7 @@ from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
 from gimbal_pin.log import REACH, Imu, Log, Motion, Source, io, parse_expression, read_mapping
 from gimbal_pin.log.io import columns, csv, files, units
 from gimbal_pin.log.io.mapping import parse_entry
-from gimbal_pin.log.log import NOTHING, untimely
+from gimbal_pin.log.log import untimely
 from gimbal_pin.rig import Rig, reading
 from tests.rigs import spelled
 
@@ -93,7 +93,7 @@ def block(channel: str, rows: int, width: int) -> st.SearchStrategy:
     """Return a strategy for any values that a channel can have."""
     lower, upper, _ = REACH[channel]
     return hnp.arrays(
-        np.float64, (rows, width), elements=st.floats(lower, upper).filter(lambda x: x == 0.0 or abs(x) >= NOTHING)
+        np.float64, (rows, width), elements=st.floats(lower, upper).filter(lambda x: x == 0.0 or abs(x) >= 1e-40)
     )
 
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin.log import differentiate, lowpass, noise_std, resample, settling, zero_phase
-from gimbal_pin.log.signals import jumping_noise_std, noise_gain
+from gimbal_pin.log import differentiate, lowpass, noise_std, resample, settling, signals, zero_phase
 
 RATE = 500.0
 CUTOFF = st.floats(3, 80)
@@ -240,9 +239,9 @@ def test_jumps_of_a_torque_that_chatters_are_none_of_its_noise(seed: int, std: f
     """However often its sign changes; of a torque that does not chatter nothing is left out."""
     noise = std * np.random.default_rng(seed).normal(size=(4000, 1))
     chatter = np.where(np.arange(4000) // every % 2, 1.0, -1.0)[:, None]
-    np.testing.assert_allclose(jumping_noise_std(chatter + noise), std, rtol=0.1)
+    np.testing.assert_allclose(signals.jumping_noise_std(chatter + noise), std, rtol=0.1)
     calm = np.sin(np.arange(4000) / 300)[:, None] + noise
-    np.testing.assert_array_equal(jumping_noise_std(calm), noise_std(calm))
+    np.testing.assert_array_equal(signals.jumping_noise_std(calm), noise_std(calm))
 
 
 @pytest.mark.parametrize("cutoff", [5.0, 15.0, 45.0])
@@ -253,4 +252,4 @@ def test_gain_of_noise_is_parsevals(cutoff: float, derivatives: int) -> None:
     power = 1 / (1 + (np.tan(w / 2) / np.tan(np.pi * cutoff / 1000)) ** 6) ** 2
     slope = (8 * np.sin(w) - np.sin(2 * w)) / 6 * 1000
     expected = np.sqrt((power * slope ** (2 * derivatives)).mean())
-    assert noise_gain(lowpass(cutoff, 1000.0), 1000.0, derivatives) == pytest.approx(expected, rel=1e-6)
+    assert signals.noise_gain(lowpass(cutoff, 1000.0), 1000.0, derivatives) == pytest.approx(expected, rel=1e-6)

@@ -28,13 +28,15 @@ from gimbal_pin.log import Array, Log, Motion, follow, lowpass, write_log
 from gimbal_pin.log.io.follow import whole_lines
 from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
-from gimbal_pin.online.change import LOOK, Watch, scores_without_transient
+from gimbal_pin.online.change import Watch, scores_without_transient
 from gimbal_pin.online.learning import values, with_rows_of
-from gimbal_pin.online.recursive import LAGS, Known, Moments, loosened, solved
+from gimbal_pin.online.recursive import Known, Moments, loosened, solved
 from gimbal_pin.regression import Block, Estimate, Filtering, fit_weighted
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, heard, refused
+
+LOOK = 23
 
 ROOT = Path(__file__).parents[2]
 
@@ -256,7 +258,7 @@ def test_what_lasts_under_seven_rows_leaves_no_trace_in_a_score(rows: int) -> No
     """However large and wherever it is; what lasts is told by the rows that stay."""
     rng = np.random.default_rng(rows)
     A = rng.standard_normal((LOOK, 2, 3))
-    known = Known(Estimate(np.zeros(3), 1e-6 * np.eye(3), np.ones(2), 1.0, 99, "x"), np.eye(LAGS + 1, 1) * np.ones(2))
+    known = Known(Estimate(np.zeros(3), 1e-6 * np.eye(3), np.ones(2), 1.0, 99, "x"), np.eye(9, 1) * np.ones(2))
     watch = Watch.of(known, np.eye(3), np.zeros(3))
     noise = rng.standard_normal((LOOK, 2))
     quiet = scores_without_transient(np.dstack([A, noise, np.ones_like(noise)]), watch)

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import Equal, Margins
-from gimbal_pin.control.laws.equal import DISK
 from gimbal_pin.diagnosis import Finding
 from gimbal_pin.dynamics import Model, State, nominal
 from gimbal_pin.effects import Delay
 from gimbal_pin.log import Array
 from gimbal_pin.pointing import (
+    NAMES,
     WANTED,
     Budget,
     Contest,
@@ -37,7 +37,7 @@ from gimbal_pin.pointing import (
 )
 from gimbal_pin.pointing.demand import Swing, swinging
 from gimbal_pin.pointing.result import summed
-from gimbal_pin.pointing.roster import NAMES, distinct
+from gimbal_pin.pointing.roster import distinct
 from gimbal_pin.pointing.verify import missed
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
@@ -73,7 +73,7 @@ def test_a_late_drive_slows_its_own_joint_and_no_other() -> None:
     slow, fast = roster(late(0.005)), roster(plant())
     for name in NAMES:
         own, without = slow.margins(name), fast.margins(name)
-        assert [margins.disk_margin >= DISK for margins in own] == [True] * 3
+        assert [margins.disk_margin >= 1.07 for margins in own] == [True] * 3
         assert own[0].crossover_hz < 0.5 * without[0].crossover_hz
         if name != "lyapunov":  # one boundary layer for all joints: the tightest of them says how thin
             assert own[1:] == without[1:]

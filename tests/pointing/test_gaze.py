@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.control import Equal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
-from gimbal_pin.log.limited import PUSHED
 from gimbal_pin.pointing import (
     WANTED,
     Asked,
@@ -47,6 +46,8 @@ from gimbal_pin.rig import Rig
 from tests.browsing import needs_browser, visit, wide
 from tests.report.test_report import OUTSIDE, WIDER, parsed
 from tests.rigs import bundled
+
+PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
 
 AHEAD = np.array([[1.0, 0.0, 0.0]])
 SIZES = {"pid-world": 4e-4, "computed-torque": 2e-4, "switch": 4e-5, "oracle": 3e-5}

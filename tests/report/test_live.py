@@ -27,10 +27,12 @@ from gimbal_pin.report import view
 from gimbal_pin.report.view import figure
 from gimbal_pin.report.view.live import open_window
 from gimbal_pin.report.view.motion import poses
-from gimbal_pin.report.view.scene import GHOST, RIG
 from gimbal_pin.rig import Rig
 from tests.browsing import meanwhile, needs_browser, pause, visit
 from tests.command_line import heard
+
+GHOST = "/meshcat/ghost"
+RIG = "/meshcat/rig"
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 UPGRADE = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "eA=="}

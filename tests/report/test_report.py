@@ -47,13 +47,15 @@ from gimbal_pin.report.format import PALETTE, joint_colours
 from gimbal_pin.report.html import anchors
 from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
-from gimbal_pin.report.sections.diagnosis import WRONG
 from gimbal_pin.report.sections.model import broken, parameters, rounded, torque, worst
-from gimbal_pin.report.summary import SIMULATED, cautions, outdone
+from gimbal_pin.report.summary import cautions, outdone
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
 from tests.browsing import needs_browser, visit, wide
 from tests.rigs import spelled
+
+WRONG = "What the simulation gets wrong"
+SIMULATED = "The controllers were simulated, their steps on {}, and not run on the gimbal."
 
 EVIL = "<script>alert(1)</script> & \"$x$ _{a}$ 'b'"
 """A name that breaks pages, attributes and formulas that do not escape it."""
@@ -354,7 +356,7 @@ def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk
 
 def nominal_beta(walk: Walk) -> np.ndarray:
     """Return the base parameters of the rig's URDF."""
-    from gimbal_pin.dynamics.regressor import columns
+    from gimbal_pin.dynamics import columns
 
     return walk.found.reduction.mixing @ walk.rig.phi[columns(walk.rig)[1]]
 

@@ -28,12 +28,15 @@ from gimbal_pin.log import Imu, Log
 from gimbal_pin.report import view
 from gimbal_pin.report.view import browser, figure, output, stage
 from gimbal_pin.report.view.motion import base_attitude, motion, poses
-from gimbal_pin.report.view.scene import GHOST, RIG, scene
+from gimbal_pin.report.view.scene import scene
 from gimbal_pin.report.view.solid import Y_TO_Z
-from gimbal_pin.report.view.stage import ASPECT, FOV
 from gimbal_pin.report.view.visuals import visuals
 from gimbal_pin.rig import Rig, bundled_rigs
 from tests.browsing import needs_browser, pause, visit
+
+GHOST = "/meshcat/ghost"
+RIG = "/meshcat/rig"
+ASPECT = 16 / 9
 
 BARE = """<robot name="bare">
   <link name="base"/>
@@ -310,7 +313,7 @@ def test_the_camera_holds_the_rig_and_its_line_of_sight_from_near(name: str, lum
     back = np.array([x, y, z]) / np.linalg.norm([x, y, z])
     right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
     depth = np.linalg.norm([x, y, z]) - points @ back
-    half = np.tan(np.deg2rad(FOV) / 2)
+    half = np.tan(np.deg2rad(32.0) / 2)
     across = np.abs(points @ right) / (depth * half * ASPECT)
     upright = np.abs(points @ np.cross(back, right)) / (depth * half)
     assert depth.min() > properties["near"] and depth.max() < properties["far"]

@@ -15,8 +15,7 @@ import pytest
 
 from gimbal_pin.dynamics import base, check, reduce, rnea, samples
 from gimbal_pin.regression import map_phi_to_base
-from gimbal_pin.rig import Rig
-from gimbal_pin.rig.urdf import parse
+from gimbal_pin.rig import Rig, urdf
 from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import spelled, states
 
@@ -115,7 +114,7 @@ def test_public_rigs_are_sound_and_known(name: str) -> None:
     assert own.notes == ()
     assert check(own).identifiable == len(base(own).terms) == INERTIAL[name] + 2 * own.n
     q, v, a = states(own.n, 1)
-    peer = rigid_bodies(parse(own.urdf, name))
+    peer = rigid_bodies(urdf.parse(own.urdf, name))
     ours = rnea(own, q, v, a)
     np.testing.assert_allclose(ours, torque(peer, own.joints, q, v, a), rtol=0, atol=1e-12 * np.abs(ours).max())
 
