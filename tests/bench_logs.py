@@ -77,7 +77,8 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
         assert carrier is None
         begin = round((stretch.start - log.t[0]) / log.dt) + first
         part = slice(begin, begin + last - first)
-        return Samples(true.t[part], true.q[part], true.v[part], true.a[part], measured[part], np.zeros(rig.n))
+        t, q, v, a, tau = (x[part] for x in (true.t, true.q, true.v, true.a, measured))
+        return Samples(t, q, v, a, tau, v, np.zeros(rig.n))
 
     with (
         patch("gimbal_pin.regression.design.smooth_samples", channels),

@@ -25,8 +25,8 @@ from gimbal_pin.dynamics.regressor import weight
 from gimbal_pin.estimation.audit import CHECKS, Fault, audit
 from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, taken
 from gimbal_pin.estimation.audit.clock import ticks
+from gimbal_pin.estimation.audit.harm import build_design, spoils_torque
 from gimbal_pin.estimation.audit.outliers import garbage
-from gimbal_pin.estimation.audit.probe import probe, rows_at, spoils_torque
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, fit_weighted
@@ -342,14 +342,15 @@ def test_instruments_keep_what_least_squares_loses(reference: bool) -> None:
     """
     rig, log = bench("thesis")
     known = replace(log, v=None, q_ref=log.q_ref if reference else None)
-    clean, made = fit_weighted(rows_at(probe(rig, log, FILTER), 4.0)), probe(rig, log, FILTER)
-    A = np.concatenate([block.A for block in rows_at(made, 4.0)])
+    made = build_design(rig, log, FILTER)
+    clean = fit_weighted(list(made))
+    A = np.concatenate([block.A for block in made])
     errors = []
     for seed in range(1 if reference else 3):
         noisy = corrupted(known, "acceleration-noise", seed=seed, angle=0.01)
         found = CHECKS["acceleration-noise"](rig, noisy, FILTER)
         assert found is not None and found.fault.makes_physics_unreliable
-        plain = fit_weighted(rows_at(probe(rig, noisy, FILTER), 4.0))
+        plain = fit_weighted(list(build_design(rig, noisy, FILTER)))
         assert [parameter.name for parameter in found.fault.answer] == list(made.names)
         answer, std = np.array([[parameter.value, parameter.std] for parameter in found.fault.answer]).T
         wrong = np.abs((plain.theta - clean.theta) / np.hypot(plain.std, clean.std)).max()

@@ -18,11 +18,10 @@ from gimbal_pin.effects import Cogging
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.estimation.identification.misfit import GROUPS, misfit, with_misfit
 from gimbal_pin.estimation.model_file import read_model, write_extended, write_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import compute_blocks, fit_weighted
+from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, fit_misfit, fit_weighted
 from gimbal_pin.report import text
 from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import Rig
@@ -76,7 +75,7 @@ def deviations_off(rig: Rig, log: Log) -> tuple[Array, Array]:
     """Errors in deviations without and with what the model misses."""
     blocks = compute_blocks(rows_of(rig, log))
     plain = fit_weighted(blocks)
-    held, _ = with_misfit(blocks, plain)
+    held, _ = add_misfit(blocks, plain)
     assert np.array_equal(held.theta, plain.theta)
     true = np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
     return (plain.theta - true) / plain.std, (plain.theta - true) / held.std
@@ -95,9 +94,9 @@ def test_noise_is_nothing_that_the_model_misses(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A, X = rng.standard_normal((600, 5)), rng.standard_normal((600, len(GROUPS)))
     noise = rng.standard_normal(600)
-    assert misfit(A, X, A.sum(axis=1) + noise, 600.0).size < 0.25
+    assert fit_misfit(A, X, A.sum(axis=1) + noise, 600.0).size < 0.25
     missed = 2.0 * X[:, GROUPS == 1] @ rng.standard_normal(int(np.sum(GROUPS == 1)))
-    found = misfit(A, X, A.sum(axis=1) + missed + noise, 600.0)
+    found = fit_misfit(A, X, A.sum(axis=1) + missed + noise, 600.0)
     assert found.size == pytest.approx(np.std(missed), rel=0.15) and found.noise == pytest.approx(1.0, rel=0.15)
 
 

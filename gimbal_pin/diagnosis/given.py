@@ -17,9 +17,14 @@ from gimbal_pin.effects.rig_effect import AXES, carried, facing, gyration, paylo
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported as weighed
 from gimbal_pin.estimation.identification import Identified, given_beta
-from gimbal_pin.estimation.identification.misfit import discrepancy, misfit, moved
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import find_base_columns, map_phi_to_base
+from gimbal_pin.regression import (
+    build_discrepancy_columns,
+    find_base_columns,
+    fit_misfit,
+    map_phi_to_base,
+    propagate_misfit,
+)
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.rig import Rig
@@ -188,10 +193,10 @@ def missed(state: State, joint: int) -> Array:
     parts = [part.channels for part in evidence.parts]
     q, v = (np.concatenate([getattr(part, name)[:, joint] for part in parts]) for name in "qv")
     ends = np.cumsum([len(part.q) for part in parts])[:-1]
-    X, A = evidence.whiten(np.split(discrepancy(q, v), ends), joint), fit.stack[rows]
+    X, A = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint), fit.stack[rows]
     X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `misfit` knows columns of about unit size, which cosines are
-    one = misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used()[joint]) * len(X))
-    return moved(fit.information, A, X, one)
+    one = fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used()[joint]) * len(X))
+    return propagate_misfit(fit.information, A, X, one)
 
 
 def outside(span: Array, columns: Array) -> Array:
@@ -382,8 +387,8 @@ def given(found: Difference) -> Given | None:
 
     def placed(extra: float) -> Array:
         """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
-        moved = shifted(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
-        return np.asarray(moved * (whole + extra) / inertia.mass - phi)
+        propagate_misfit = shifted(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
+        return np.asarray(propagate_misfit * (whole + extra) / inertia.mass - phi)
 
     left = replace(found, change=found.change - own @ placed(0.0))
     hidden = own @ (placed(TRIAL * inertia.mass) - placed(0.0))[:, None]  # an unknown mass makes products, too

@@ -138,7 +138,7 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     logs, like = known.evidence, max(known.evidence.parts, key=lambda part: part.rows)
     dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 2), replace(BAND, cutoff=logs.band)
     t, q, v, a = (values[:length] for values in (motion.t, motion.q, motion.v, motion.a))
-    channels = Samples(t, q, v, a, model.inverse(q, v, a, t=t), like.channels.rate_std)
+    channels = Samples(t, q, v, a, model.inverse(q, v, a, t=t), v, like.channels.rate_std)
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])

@@ -28,7 +28,6 @@ from gimbal_pin.estimation.identification import (
     split,
 )
 from gimbal_pin.estimation.identification.checks import check_unit
-from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
 from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.log import Array, Log
@@ -39,6 +38,7 @@ from gimbal_pin.regression import (
     Estimate,
     Estimator,
     Filtering,
+    add_misfit,
     compute_blocks,
     find_camera_body,
     fit_weighted,
@@ -308,7 +308,7 @@ def identify_several(
     for name, (rows, _, _) in parts.items():
         check_enough(rows, blocks[name])
     joint = [block for k, name in enumerate(order) for block in widened(blocks[name], own, k, len(order))]
-    estimate, missed = with_misfit(joint, estimator(joint), len(order))
+    estimate, missed = add_misfit(joint, estimator(joint), len(order))
     first = parts[reference][0]
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
     check_seen(first.logs[0].name, names, joint, estimate)
@@ -393,7 +393,7 @@ def identify_new(
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [part._replace(b=block.b) for part, block in zip(mine, blocks)]
     check_seen(rows.logs[0].name, own.reduction.base_names, heard, fit_weighted(mine))
-    alone, missed = with_misfit(blocks, estimator(blocks))
+    alone, missed = add_misfit(blocks, estimator(blocks))
     reach = np.vstack([own.columns, np.zeros((len(rows.names) - width, own.columns.shape[1]))])
     found = update(before, alone, reach, rows.logs[0].name)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)

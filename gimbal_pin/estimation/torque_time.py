@@ -15,9 +15,20 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError, digits
 from gimbal_pin.estimation.audit.base import Fault
 from gimbal_pin.estimation.audit.clock import NAME
-from gimbal_pin.estimation.audit.probe import Piece, probe, rows_at
+from gimbal_pin.estimation.audit.harm import build_design
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags, count_effective_rows, subsample_log
+from gimbal_pin.regression import (
+    Block,
+    Design,
+    Filtering,
+    Flags,
+    compute_settling_time,
+    count_effective_rows,
+    find_moving_base,
+    smooth_samples,
+    split_segments,
+    subsample_log,
+)
 from gimbal_pin.rig.rig import Rig
 
 EARLIEST = -2e-2
@@ -113,17 +124,13 @@ def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
     if log.tau is None or filtering.alignment is not None:
         return ()
     slow = Filtering(cutoff=min(filtering.cutoff, Filtering().cutoff))
-    made = probe(rig, subsample_log(log, EXAMINED).log, slow)
-    pieces = tuple(without_ends(piece) for piece in made.pieces if np.ptp(piece.t) > 4 * WIDE)
-    rows = rows_at(made._replace(pieces=pieces), slow.cutoff)
+    shifts = np.arange(-WIDE, WIDE + STEP / 2, STEP)
+    rows, shifted = build_shifted_rows(build_design(rig, subsample_log(log, EXAMINED).log, slow), shifts)
     if not rows:
         return ()
-    held, shifts = log.dt / 2, np.arange(-WIDE, WIDE + STEP / 2, STEP)
-    bare = [piece._replace(A=piece.A[:, :, :0]) for piece in pieces]
-    every = (rows_at(made._replace(pieces=tuple(shifted(one, by) for one in bare)), slow.cutoff) for by in shifts)
-    torque = np.stack([np.concatenate([block.b for block in blocks]) for blocks in every], axis=2)
+    torque = np.concatenate(shifted)
     columns, used = np.concatenate([block.A for block in rows]), count_effective_rows(rows)
-    late = shifts + held
+    late = shifts + log.dt / 2
     found = []
     for j, joint in enumerate(rig.joints):
         A = columns[:, j, columns[:, j].any(axis=0)]
@@ -142,15 +149,28 @@ def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
     return tuple(found)
 
 
-def without_ends(piece: Piece) -> Piece:
-    """Return a piece whose mask is closed at its ends, where no shift leads outside."""
-    inner = ((piece.t > piece.t[0] + WIDE) & (piece.t < piece.t[-1] - WIDE)).astype(float)
-    return piece._replace(A=piece.A * inner[:, None, None], open=piece.open * inner[:, None])
+def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list[Array]]:
+    """Return each segment's rows, and their torques with so many shifts, s, (m, n, s), none of which leads outside.
 
-
-def shifted(piece: Piece, by: float) -> Piece:
-    """Return a piece whose torque acts so much later, s."""
-    return piece._replace(tau=np.stack([np.interp(piece.t - by, piece.t, tau) for tau in piece.tau.T], axis=1))
+    A torque that acts later is the same torque, read earlier under the same mask: the columns are computed once.
+    """
+    rows, torques, filtering = list[Block](), list[Array](), design.filtering
+    for log in design.logs:
+        carrier = find_moving_base(design.rig, log)
+        for segment in split_segments(log, filtering.cutoff):
+            dt = segment.dt
+            pad = int(np.ceil((compute_settling_time(filtering) + WIDE) / dt))
+            step = max(1, int(1 / (2 * filtering.cutoff * dt)))
+            keep = slice(pad, segment.length - pad, step)
+            if keep.start >= keep.stop:
+                continue
+            samples = smooth_samples(segment, filtering, 0, segment.length, carrier)
+            way, stated = design.build_row_filter(samples, keep, 1 / dt), design.compute_stated_torque(samples)
+            few, tau = samples.t[way.few], samples.tau - stated
+            each = [np.stack([np.interp(few - by, samples.t, x) for x in tau.T], axis=1) for by in shifts]
+            rows.append(design.build_block(samples, keep, 1 / dt))
+            torques.append(np.stack([way.filter_torque(one) for one in each], axis=2))
+    return rows, torques
 
 
 def errors(A: Array, b: Array) -> Array:

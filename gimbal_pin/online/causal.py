@@ -260,7 +260,7 @@ def delay(sections: Array) -> int:
 def present(rows: Design) -> Array:
     """Which joint feels which column at all, (n, k)."""
     q, v, a = samples(rows.rig)
-    channels = Samples(np.zeros(len(q)), q, v, a, v, np.zeros(rows.rig.n))
+    channels = Samples(np.zeros(len(q)), q, v, a, v, v, np.zeros(rows.rig.n))
     columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     return np.any(columns != 0.0, axis=0)
 
@@ -320,7 +320,7 @@ def initial_state(design: StreamDesign, frame: Frame) -> Running:
         window=np.tile(first, (CENTRAL, 1)),
         rates=np.zeros((CENTRAL, n)),
         slow=np.zeros(n),
-        waiting=Samples(np.zeros(0), nothing, nothing, nothing, nothing, np.zeros(n)),
+        waiting=Samples(np.zeros(0), *(nothing,) * 5, np.zeros(n)),
         jumping=None,
         lowpass=design.lowpass.at_rest(np.zeros(width)),
     )
@@ -362,6 +362,7 @@ def smoothed(design: StreamDesign, running: Running, noise: Noise, frame: Frame)
         v=np.concatenate([old.v, rates[2:-2]]),
         a=np.concatenate([old.a, a]),
         tau=np.concatenate([old.tau, window[:-CENTRAL, n : 2 * n]]),
+        slide=np.concatenate([old.v, rates[2:-2]]),
         rate_std=std,
     )
     tails = {"window": window[-CENTRAL:], "rates": rates[-CENTRAL:]}

@@ -26,6 +26,12 @@ from gimbal_pin.regression.design import find_slow_samples as find_slow_samples
 from gimbal_pin.regression.design import find_standstill as find_standstill
 from gimbal_pin.regression.design import get_design as get_design
 from gimbal_pin.regression.design import map_phi_to_base as map_phi_to_base
+from gimbal_pin.regression.discrepancy import GROUPS as GROUPS
+from gimbal_pin.regression.discrepancy import Misfit as Misfit
+from gimbal_pin.regression.discrepancy import add_misfit as add_misfit
+from gimbal_pin.regression.discrepancy import build_discrepancy_columns as build_discrepancy_columns
+from gimbal_pin.regression.discrepancy import fit_misfit as fit_misfit
+from gimbal_pin.regression.discrepancy import propagate_misfit as propagate_misfit
 from gimbal_pin.regression.instrumental import compute_moments as compute_moments
 from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import gcd
 from typing import NamedTuple, overload
 
@@ -26,6 +27,7 @@ from gimbal_pin.regression.samples import (
     Segment,
     compute_decimation,
     compute_settling_time,
+    design_row_filter,
     find_moving_base,
     smooth_samples,
     split_segments,
@@ -40,6 +42,8 @@ MASK_TAPER = 0.1
 shows inertia best, the turns: on real logs of slow swings 85 % of the samples, for a model three times worse."""
 SMOOTHER_MEMORY = 0.5
 """Reach of the smoother, in periods of its cutoff."""
+DIRECTION_MEMORY = 0.2
+"""The same of the direction's own low-pass."""
 CHUNK_SAMPLES = 4096
 """Decimated samples whose columns are held at once."""
 
@@ -48,9 +52,12 @@ def find_standstill(channels: Samples, filtering: Filtering) -> Flags:
     """Samples at which the smoothed rate has no certain sign, or that were not measured, (m, n).
 
     It is under some of its own standard deviations, or changes its sign; what fills a hole is carried by the smoother
-    to its neighbours.
+    to its neighbours, and a turn by the slower low-pass where the direction has one.
     """
     still = find_slow_samples(channels)
+    if filtering.direction is not None:
+        reach = DIRECTION_MEMORY / (filtering.cutoff * filtering.direction)
+        still = dilate_flags(still, round(reach / (channels.t[1] - channels.t[0])))
     if channels.lost is None:
         return still
     return still | dilate_flags(channels.lost[:, None], count_smoother_memory(channels, filtering))
@@ -58,8 +65,8 @@ def find_standstill(channels: Samples, filtering: Filtering) -> Flags:
 
 def find_slow_samples(channels: Samples, sure: float = STANDSTILL_DEVIATIONS) -> Flags:
     """Whether the rate is under so many deviations, or changes its sign, or was not measured, (m, n)."""
-    still = np.abs(channels.v) < sure * channels.rate_std
-    still[1:] |= channels.v[1:] * channels.v[:-1] < 0
+    still = np.abs(channels.slide) < sure * channels.rate_std
+    still[1:] |= channels.slide[1:] * channels.slide[:-1] < 0
     if channels.lost is not None:
         still |= channels.lost[:, None]
     return np.asarray(still)
@@ -140,6 +147,26 @@ class Block(NamedTuple):
         return brief(self)
 
 
+class RowFilter(NamedTuple):
+    """How samples become rows: decimated, masked, filtered, and of these every so many.
+
+    Attributes:
+        few: Samples that are kept before the filter.
+        rows: Which of these become rows.
+        moving: The mask at them, (m, n).
+        low_pass: The filter.
+    """
+
+    few: slice
+    rows: slice
+    moving: Array
+    low_pass: Callable[[Array], Array]
+
+    def filter_torque(self, tau: Array) -> Array:
+        """Mask and filter a decimated torque, (m, n), and return its rows."""
+        return self.low_pass(tau * self.moving)[self.rows].copy()
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """The regression ``A theta = b`` of logs against base parameters and effects; iterating recomputes the blocks.
@@ -209,17 +236,25 @@ class Design:
 
     def __iter__(self) -> Iterator[Block]:
         """Yield the blocks of every trajectory in time order."""
+        return self.iterate_blocks()
+
+    def iterate_blocks(self, read: Callable[[Segment], Segment] | None = None) -> Iterator[Block]:
+        """Yield the same with columns of another reading of each segment's motion, see `build_blocks`."""
         for log in self.logs:
             carrier = find_moving_base(self.rig, log)
             for segment in split_segments(log, self.filtering.cutoff):
-                yield from self.build_blocks(segment, carrier)
+                yield from self.build_blocks(segment, carrier, None if read is None else read(segment))
 
-    def build_blocks(self, segment: Segment, carrier: str | None = None) -> Iterator[Block]:
+    def build_blocks(
+        self, segment: Segment, carrier: str | None = None, motion: Segment | None = None
+    ) -> Iterator[Block]:
         """Yield one segment's blocks; each is computed with enough samples around it for the filters to settle.
 
         Args:
             segment: The segment.
             carrier: The link whose IMU says how the base moves, see `find_moving_base`.
+            motion: Another reading of the same motion, on the same grid, of which the columns are; torque and mask
+                stay those of the segment. None: the segment's own.
         """
         pad = int(np.ceil(compute_settling_time(self.filtering) / segment.dt))
         thin = compute_decimation(self.filtering, segment.dt)
@@ -229,42 +264,50 @@ class Design:
             first, last = begin - pad, end + pad
             channels = smooth_samples(segment, self.filtering, first, last, carrier)
             keep = slice(pad + -begin % step, pad + end - begin, step)
+            moved = None if motion is None else smooth_samples(motion, self.filtering, first, last, carrier)
             if keep.start < keep.stop:
-                yield self.build_block(channels, keep, 1.0 / segment.dt)
+                yield self.build_block(channels, keep, 1.0 / segment.dt, moved)
 
-    def build_block(self, channels: Samples, keep: slice, rate: float) -> Block:
-        """Return the rows at the samples `keep` of the channels.
+    def build_row_filter(self, channels: Samples, keep: slice, rate: float) -> RowFilter:
+        """Return how the channels, `rate` samples per second, become rows at the samples `keep`.
 
         A joint's equation holds at every sample, so it may be multiplied by any mask before the filter: the samples
         near standstill, where the direction of dry friction is unknown, are masked out, and the equation stays exact.
-        What is smooth is decimated, see `compute_decimation`, before the bodies' columns are computed and filtered.
         """
         begin, end, step = keep.indices(len(channels.t))
         thin = gcd(step, compute_decimation(self.filtering, 1.0 / rate))
-        offset = begin % thin
-        few, rows = slice(offset, None, thin), slice(begin // thin, (end - 1 - offset) // thin + 1, step // thin)
-        still = find_standstill(channels, self.filtering)
-        moving = (
-            build_mask(still, round(MASK_TAPER / self.filtering.cutoff * rate)) if self.masked else np.ones(still.shape)
-        )
+        few = slice(begin % thin, None, thin)
+        rows = slice(begin // thin, (end - 1 - begin % thin) // thin + 1, step // thin)
+        moving: Array = np.ones(channels.v.shape)
+        if self.masked:
+            still = find_standstill(channels, self.filtering)
+            moving = build_mask(still, round(MASK_TAPER / self.filtering.cutoff * rate))
+        return RowFilter(few, rows, moving[few], design_row_filter(self.filtering, rate / thin))
+
+    def build_block(self, channels: Samples, keep: slice, rate: float, moved: Samples | None = None) -> Block:
+        """Return the rows at the samples `keep` of the channels, see `build_row_filter`.
+
+        What is smooth is decimated, see `compute_decimation`, before the bodies' columns are computed and filtered.
+
+        Args:
+            channels: The samples.
+            keep: Which of them become rows.
+            rate: Samples per second.
+            moved: Another reading of the same motion, of which the columns are; None: these.
+        """
+        way, moved = self.build_row_filter(channels, keep, rate), channels if moved is None else moved
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
-        smoother = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
-        jumping = filter_columns(self.compute_effect_columns(channels), smoother, few)
-        channels, moving = channels.select(few), moving[few]
-        sections = signals.lowpass(self.filtering.cutoff, rate / thin)
-        rigid = self.compute_rigid_columns(channels)
-        tau = channels.tau - self.compute_unfitted_torque(channels, rigid) - self.compute_stated_torque(channels)
-        A = filter_columns(np.concatenate([rigid, jumping], axis=2), sections, rows, moving)
-        b, share = (signals.zero_phase(x, sections)[rows] for x in (tau * moving, moving))
+        sections = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
+        smoother = partial(signals.zero_phase, sections=sections)
+        jumping = filter_columns(self.compute_effect_columns(moved), smoother, way.few)
+        channels, moved = channels.select(way.few), moved.select(way.few)
+        rigid = self.compute_rigid_columns(moved)
+        tau = channels.tau - self.compute_unfitted_torque(moved, rigid) - self.compute_stated_torque(moved)
+        A = filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)
+        share = np.clip(way.low_pass(way.moving)[way.rows], 0.0, 1.0)
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
-        return Block(
-            channels.t[rows].copy(),
-            A,
-            b.copy(),
-            channels.q[rows].copy(),
-            channels.v[rows].copy(),
-            np.clip(share, 0.0, 1.0),
-        )
+        t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
+        return Block(t, A, way.filter_torque(tau), q, v, share)
 
     def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""
@@ -288,7 +331,7 @@ class Design:
 
     def compute_effect_columns(self, channels: Samples, effects: Sequence[Effect] | None = None) -> Array:
         """Columns of these effects, or of the rows' own, (m, n, e)."""
-        slide, effects = np.sign(channels.v), self.effects if effects is None else effects
+        slide, effects = np.sign(channels.slide), self.effects if effects is None else effects
         width = sum(len(effect.coefficients) for effect in effects)
         out, column = np.zeros((*channels.q.shape, width)), 0
         pull = np.zeros_like(channels.q)
@@ -304,8 +347,8 @@ class Design:
         return out
 
 
-def filter_columns(columns: Array, sections: Array, keep: slice, mask: Array | None = None) -> Array:
-    """Run the sections forwards and backwards over columns, (m, n, k), and return the samples `keep`, (r, n, k).
+def filter_columns(columns: Array, low_pass: Callable[[Array], Array], keep: slice, mask: Array | None = None) -> Array:
+    """Run a filter over columns, (m, n, k), and return the samples `keep`, (r, n, k).
 
     Joint by joint, and only those columns that a joint feels: of a long chain's most feel hardly half.
 
@@ -315,7 +358,7 @@ def filter_columns(columns: Array, sections: Array, keep: slice, mask: Array | N
     for j in range(columns.shape[1]):
         felt = np.flatnonzero(columns[:, j].any(axis=0))
         own = columns[:, j, felt] if mask is None else columns[:, j, felt] * mask[:, [j]]
-        out[:, j, felt] = signals.zero_phase(own, sections)[keep]
+        out[:, j, felt] = low_pass(own)[keep]
     return out
 
 

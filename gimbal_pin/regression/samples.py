@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
@@ -23,6 +25,10 @@ LEAST_RATE = 200.0
 """Least rate of decimated channels, samples per second."""
 LEAST_CORNERS = 6.0
 """The same in corners of the smoother."""
+GAUSSIAN_REACH = 3.0
+"""Reach of the compact low-pass, in its deviations."""
+REST = 5e-4
+"""A slow rate's deviation is taken to be at least this share of its rms: a joint at rest moves by rounding alone."""
 SHORTEST_SEGMENT = 8
 """A segment of fewer samples than this is too short to estimate noise from, and its filters leave no row."""
 EXCERPT_SECONDS = 120.0
@@ -42,16 +48,37 @@ class Filtering:
         smoothing: Low-pass on the channels before they are differentiated, in multiples of the cutoff.
         alignment: Time by which the torque acts later than its stamp, s; None: half a sample, for a torque that is
             held from its sample to the next.
+        direction: Low-pass on the rate whose sign dry friction takes, in multiples of the cutoff; None: the smoother's.
+            A rate full of noise tells no sign, its slow part does.
+        compact: Rows through a Gaussian with the same half at the cutoff, in the place of Butterworth's: it falls more
+            slowly, and forgets an edge in a fifth of the time, for checks that have to do with seconds of a log.
     """
 
     cutoff: float = 4.0
     smoothing: float = 8.0
     alignment: float | None = None
+    direction: float | None = None
+    compact: bool = False
 
 
 def compute_settling_time(filtering: Filtering) -> float:
     """Time around a sample that its row depends on, s: both filters' memory."""
-    return signals.settling(filtering.cutoff) + signals.settling(filtering.cutoff * filtering.smoothing)
+    own = GAUSSIAN_REACH * compute_gaussian_deviation(filtering.cutoff)
+    own = own if filtering.compact else signals.settling(filtering.cutoff)
+    return own + signals.settling(filtering.cutoff * filtering.smoothing)
+
+
+def compute_gaussian_deviation(cutoff: float) -> float:
+    """Deviation of the Gaussian whose response is one half at a cutoff, s: ``√(ln 2 / 2) / (π f)``."""
+    return float(np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff))
+
+
+def design_row_filter(filtering: Filtering, rate: float) -> Callable[[Array], Array]:
+    """Return the low-pass along the first axis that makes rows, for samples at `rate` Hz."""
+    if not filtering.compact:
+        return partial(signals.zero_phase, sections=signals.lowpass(filtering.cutoff, rate))
+    deviation = compute_gaussian_deviation(filtering.cutoff) * rate
+    return partial(gaussian_filter1d, sigma=deviation, axis=0, mode="nearest", truncate=GAUSSIAN_REACH)
 
 
 def compute_decimation(filtering: Filtering, dt: float) -> int:
@@ -107,10 +134,11 @@ Flags = NDArray[np.bool_]
 
 
 class Samples(NamedTuple):
-    """A segment of a log on a uniform grid, smoothed, (m,) and (m, n); `rate_std` is the rate's own noise, (n,).
+    """A segment of a log on a uniform grid, smoothed, (m,) and (m, n).
 
-    `platform` is the motion of the base, through the same filter; None where it stands upright. `lost` flags the
-    samples in holes of the log, (m,), which were not measured; None where there is no hole.
+    `slide` is the rate whose sign dry friction takes, `rate_std` that rate's own noise, (n,). `platform` is the motion
+    of the base, through the same filter; None where it stands upright. `lost` flags the samples in holes of the log,
+    (m,), which were not measured; None where there is no hole.
     """
 
     t: Array
@@ -118,6 +146,7 @@ class Samples(NamedTuple):
     v: Array
     a: Array
     tau: Array
+    slide: Array
     rate_std: Array
     platform: Platform | None = None
     lost: Flags | None = None
@@ -129,9 +158,9 @@ class Samples(NamedTuple):
     def select(self, rows: slice) -> Samples:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
-        t, q, v, a, tau = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau))
+        t, q, v, a, tau, slide = (x[rows] for x in (self.t, self.q, self.v, self.a, self.tau, self.slide))
         lost = None if self.lost is None else self.lost[rows]
-        return Samples(t, q, v, a, tau, self.rate_std, platform, lost)
+        return Samples(t, q, v, a, tau, slide, self.rate_std, platform, lost)
 
 
 def smooth_samples(
@@ -160,10 +189,16 @@ def smooth_samples(
     if log.v is not None:
         raw_v = signals.resample(t, log.v[near], grid)
         v, rate_std = fuse_rates(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
+    slide = v
+    if filtering.direction is not None:
+        slower = signals.lowpass(filtering.cutoff * filtering.direction, 1 / dt)
+        slide = signals.zero_phase(v, slower)
+        noise = signals.noise_std(raw_q) * signals.noise_gain(slower, 1 / dt, 1)
+        rate_std = np.maximum(noise, REST * np.sqrt(np.mean(slide**2, axis=0)))
     tau = signals.zero_phase(resample_torque(segment, filtering, grid), sections)
     platform = None if base_link is None else resample_base_motion(log, base_link, near, grid, sections)
     lost = inside(segment.holes, grid) if len(segment.holes) else None
-    return Samples(grid, q, v, signals.differentiate(v, dt), tau, rate_std, platform, lost)
+    return Samples(grid, q, v, signals.differentiate(v, dt), tau, slide, rate_std, platform, lost)
 
 
 def compute_torque_delay(segment: Segment, filtering: Filtering) -> float:

@@ -101,7 +101,9 @@ def blocks(rows: Design, motion: Motion, tau: Array) -> Iterator[Block]:
     """Yield our columns chunk by chunk, every sample a row."""
     for begin in range(0, len(motion), CHUNK_SAMPLES):
         at = slice(begin, begin + CHUNK_SAMPLES)
-        channels = Samples(motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], np.zeros(rows.rig.n))
+        channels = Samples(
+            motion.t[at], motion.q[at], motion.v[at], motion.a[at], tau[at], motion.v[at], np.zeros(rows.rig.n)
+        )
         columns = [rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)]
         A = np.concatenate(columns, axis=2)
         yield Block(channels.t, A, channels.tau, channels.q, channels.v, np.ones(channels.q.shape))

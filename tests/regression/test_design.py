@@ -15,13 +15,14 @@ from gimbal_pin.regression import (
     Design,
     Filtering,
     Samples,
+    Segment,
     build_mask,
     compute_blocks,
     compute_direction,
     fit_weighted,
 )
 from gimbal_pin.rig import Rig, bundled_rigs
-from tests.bench_logs import EXACT, fourier, prescribed, true_theta
+from tests.bench_logs import EXACT, fourier, prescribed, rows_of, true_theta
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(tu
     model, motion = nominal(turret), fourier(turret, 3, 10.0)
     tau = model.inverse(motion.q, motion.v, motion.a)
     smooth = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
-    channels = Samples(motion.t, motion.q, motion.v, motion.a, smooth, np.full(turret.n, 0.02))
+    channels = Samples(motion.t, motion.q, motion.v, motion.a, smooth, motion.v, np.full(turret.n, 0.02))
     rows = Design(turret, reduce(turret), friction_effects(turret.joints), (), EXACT)
     made = rows.build_block(channels, slice(350, -350, 50), 1000.0)
     assert made.share.min() < 0.5 < made.share.max()
@@ -97,3 +98,36 @@ def test_the_direction_is_the_mean_sign_of_a_straight_rate(v: float, a: float, s
     assert compute_direction(np.array(v), np.array(a), step) == pytest.approx(
         np.mean(np.sign(v + a * around)), abs=2e-4
     )
+
+
+def test_a_compact_filter_keeps_the_equation_and_more_of_a_short_log(turret: Rig) -> None:
+    log = prescribed(nominal(turret), 1, 5.0)
+    usual, compact = (rows_of(turret, log, replace(EXACT, compact=short)) for short in (False, True))
+    rows = [np.concatenate([block.t for block in design]) for design in (usual, compact)]
+    assert len(rows[1]) > 1.3 * len(rows[0])
+    for block in compact:
+        assert np.abs(block.A @ true_theta(turret) - block.b).max() < 1e-3 * np.abs(block.b).max()
+
+
+def test_the_slow_direction_tells_the_sign_of_a_noisy_rate(turret: Rig) -> None:
+    """White noise on the angles masks most of a log, of its slow motion it does not."""
+    log = prescribed(nominal(turret), 1, 8.0)
+    noisy = replace(log, v=None, q=log.q + 2e-2 * np.random.default_rng(0).standard_normal(log.q.shape))
+    designs = (rows_of(turret, noisy, replace(EXACT, direction=band)) for band in (None, 2.5))
+    fast, slow = (np.mean(np.concatenate([block.share for block in design])) for design in designs)
+    assert slow > 0.5 > 2 * fast
+
+
+def test_columns_of_another_reading_keep_the_torque_and_the_mask(turret: Rig, clean: Log) -> None:
+    design = rows_of(turret, clean)
+    for own, other in zip(design, design.iterate_blocks(lambda segment: segment)):
+        assert np.array_equal(own.A, other.A)
+    for own, other in zip(design, design.iterate_blocks(backwards)):
+        assert np.array_equal(own.b, other.b) and np.array_equal(own.share, other.share)
+        assert not np.allclose(own.A, other.A)
+
+
+def backwards(segment: Segment) -> Segment:
+    """A segment whose joints move the other way."""
+    log = segment.log
+    return segment._replace(log=replace(log, q=-log.q, v=-np.asarray(log.v)))

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, angle_noise, bits, local_noise, quantum
-from gimbal_pin.estimation.audit.probe import MATERIAL, Probe, probe, rows_at
+from gimbal_pin.estimation.audit.harm import MATERIAL, build_design
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     Block,
+    Design,
     Estimate,
     Filtering,
+    Segment,
     fit_instrumental,
     fit_repeated,
     fit_weighted,
@@ -49,16 +52,16 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     drowned = noise_share(log, filtering)
     if drowned is None or drowned.max() < DROWNED:
         return None
-    made = probe(rig, log, filtering)
-    rows = rows_at(made, filtering.cutoff)
+    made = build_design(rig, log, filtering)
+    rows = list(made)
     if not rows or sum(block.b.size for block in rows) < 3 * len(made.names):
         return None
-    halves = tuple(rows_at(probe(rig, log, filtering, made, twin), filtering.cutoff) for twin in (0, 1))
+    halves = [list(made.iterate_blocks(partial(take_half, first=first))) for first in (0, 1)]
     crossed = fit_repeated(*halves)
     middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
     bias = change(rows, crossed, fit_weighted(middle))
     first = fit_weighted(rows)
-    near, far = (change(rows, first, fit_weighted(rows_at(made, factor * filtering.cutoff))) for factor in (NEAR, FAR))
+    near, far = (change(rows, first, fit_weighted(list(widen(made, factor)))) for factor in (NEAR, FAR))
     figures = (
         Parameter("noise_share", float(drowned.max()), "1"),
         Parameter("bias", bias, "1"),
@@ -66,8 +69,22 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("walk_far", far, "1"),
         Parameter("cutoff", filtering.cutoff, "Hz"),
     )
-    found = answer(rig, log, filtering, made, crossed)
+    found = answer(log, made, rows, crossed)
     return Examined(fault_of(rig, log, int(np.argmax(drowned)), figures, found), log)
+
+
+def take_half(segment: Segment, first: int) -> Segment:
+    """Return a segment's grid over every second sample of its log: the halves' white noise is independent."""
+    log = segment.log.part(slice(segment.rows.start + first, segment.rows.stop, 2))
+    return segment._replace(log=log, rows=slice(0, len(log)))
+
+
+def widen(design: Design, factor: float) -> Design:
+    """Return a design of the same smooth channels with the rows' cutoff so many times as high."""
+    now = design.filtering
+    direction = None if now.direction is None else now.direction / factor
+    wider = replace(now, cutoff=factor * now.cutoff, smoothing=now.smoothing / factor, direction=direction)
+    return replace(design, filtering=wider)
 
 
 def noise_share(log: Log, filtering: Filtering) -> Array | None:
@@ -96,7 +113,7 @@ def change(rows: Sequence[Block], first: Estimate, second: Estimate) -> float:
     return float(np.sqrt(moved / np.where(power > 1e-6 * power.max(), power, np.inf)).max())
 
 
-def answer(rig: Rig, log: Log, filtering: Filtering, made: Probe, crossed: Estimate) -> tuple[Parameter, ...]:
+def answer(log: Log, made: Design, rows: Sequence[Block], crossed: Estimate) -> tuple[Parameter, ...]:
     """Return base parameters and friction by instrumental variables, at the given cutoff.
 
     The reference's own columns are the instruments where the log holds a reference and the joints follow it: it knows
@@ -104,11 +121,15 @@ def answer(rig: Rig, log: Log, filtering: Filtering, made: Probe, crossed: Estim
     """
     found = crossed
     if log.q_ref is not None and follows(log.q, log.q_ref):
-        wished = probe(rig, replace(log, q=log.q_ref, v=None), filtering, made)
-        rows, instruments = (rows_at(each, filtering.cutoff) for each in (made, wished))
-        found = fit_instrumental(rows, [block.A for block in instruments])
+        found = fit_instrumental(rows, [block.A for block in made.iterate_blocks(take_reference)])
     values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
     return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
+
+
+def take_reference(segment: Segment) -> Segment:
+    """Return a segment with the reference in the place of the motion."""
+    log = segment.log
+    return segment._replace(log=replace(log, q=np.asarray(log.q_ref), v=None))
 
 
 def follows(q: Array, reference: Array) -> bool:

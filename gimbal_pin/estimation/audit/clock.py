@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation.audit.base import Examined, Fault, channels, left_out, noted, taken
-from gimbal_pin.estimation.audit.probe import spoils_torque
+from gimbal_pin.estimation.audit.harm import spoils_torque
 from gimbal_pin.log.log import PAUSE, Array, Log
 from gimbal_pin.regression import Filtering, Flags, split_segments
 from gimbal_pin.rig.rig import Rig

@@ -22,7 +22,7 @@ from gimbal_pin.estimation.audit.base import (
     noted,
     taken,
 )
-from gimbal_pin.estimation.audit.probe import spoils_torque
+from gimbal_pin.estimation.audit.harm import spoils_torque
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, dilate_flags
 from gimbal_pin.rig.rig import Rig

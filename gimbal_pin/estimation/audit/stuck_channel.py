@@ -22,7 +22,7 @@ from gimbal_pin.estimation.audit.base import (
     quantum,
     taken,
 )
-from gimbal_pin.estimation.audit.probe import probe, rows_at
+from gimbal_pin.estimation.audit.harm import build_design
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
 from gimbal_pin.rig.rig import Rig
@@ -168,7 +168,7 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     if rows.all():
         return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
     logs, base = (log, taken(log, np.flatnonzero(~rows))), classify_base_motion(rig, log)
-    every, fitted = (rows_at(probe(rig, one, filtering, base=base), filtering.cutoff) for one in logs)
+    every, fitted = (list(build_design(rig, one, filtering, base)) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return 0.0
     found = fit_weighted(fitted)

@@ -250,7 +250,7 @@ def block(rows: Design, model: Model, theta: Array, run: Run, keep: slice) -> Bl
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
     a, still = signals.differentiate(run.v, dt), np.zeros_like(run.q)
-    channels = Samples(run.t, run.q, run.v, a, still, still[0], run.platform)
+    channels = Samples(run.t, run.q, run.v, a, still, run.v, still[0], run.platform)
     columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     data = model.rig.model.createData()
     D = np.array([inertia(model, data, q) for q in run.q])

@@ -20,7 +20,6 @@ from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.estimators.hausman import WhenTested, check_bias
 from gimbal_pin.estimation.identification.checks import check_enough, check_log, check_seen, check_unit, unseen
 from gimbal_pin.estimation.identification.identified import Identified, faults
-from gimbal_pin.estimation.identification.misfit import with_misfit
 from gimbal_pin.estimation.identification.validation import Validation, accuracy
 from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.calibration import rectified
@@ -34,6 +33,7 @@ from gimbal_pin.regression import (
     Estimate,
     Estimator,
     Filtering,
+    add_misfit,
     bound_deviations,
     classify_base_motion,
     compute_blocks,
@@ -217,7 +217,7 @@ def identify(
     blocks, estimate, tested = trial
     everything = blocks.design.effects
     check_assignment(blocks, estimate)
-    estimate, missed = with_misfit(blocks, estimate)
+    estimate, missed = add_misfit(blocks, estimate)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
     found = assembled(blocks.design, blocks, estimate, tested, how, trust)

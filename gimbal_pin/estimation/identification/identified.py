@@ -17,11 +17,10 @@ from gimbal_pin.estimation import payload_change
 from gimbal_pin.estimation.audit import audit
 from gimbal_pin.estimation.bodies import Body, bodies
 from gimbal_pin.estimation.estimators.hausman import BiasCheck
-from gimbal_pin.estimation.identification.misfit import Misfit
 from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
 from gimbal_pin.log.calibration import Mounting
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import TRUST, Estimate, Filtering, find_camera_body, map_phi_to_base, subsample_log
+from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base, subsample_log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.consistency import Consistent
 from gimbal_pin.rig.inertia import to_urdf
@@ -129,7 +128,7 @@ class Identified:
             `regression.bound_deviations`; None where the base did not turn, or where not computed.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
         faults: What the audit of the logs found, in sentences, see `faults`.
-        missed: Joint → what of its torque the model misses, see `misfit`.
+        missed: Joint → what of its torque the model misses, see `regression.fit_misfit`.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
 

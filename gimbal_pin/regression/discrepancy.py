@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import (
+from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.solve import (
     RANK,
-    Block,
     Estimate,
     count_effective_rows,
     factor_rows,
@@ -61,35 +61,35 @@ class Misfit(NamedTuple):
         return brief(self)
 
 
-def misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
+def fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
     """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
     A, b, q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in FIELDS)
     used, found, columns = count_effective_rows(blocks), [], []
     for j in range(b.shape[1]):
-        X = discrepancy(q[:, j], v[:, j]) * share[:, j, None]
+        X = build_discrepancy_columns(q[:, j], v[:, j]) * share[:, j, None]
         columns.append(X)
-        found.append(misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])))
+        found.append(fit_misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])))
     return found, columns
 
 
-def discrepancy(q: Array, v: Array) -> Array:
+def build_discrepancy_columns(q: Array, v: Array) -> Array:
     """Return δ's columns over a joint's angle, its rate, and its angle times the direction of motion, (m, f).
 
     Cosines over the range of each; of an angle that goes beyond a turn the harmonics of the turn. They vary slowly
     beside the rows' low-pass, which is left out.
     """
     turn = np.outer(q, np.arange(1, ANGLES // 2 + 1))
-    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else cosines(q, ANGLES)
-    return np.hstack([whole, cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
+    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else build_cosines(q, ANGLES)
+    return np.hstack([whole, build_cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
 
 
-def cosines(x: Array, count: int) -> Array:
+def build_cosines(x: Array, count: int) -> Array:
     """``cos(π k (x - min)/(max - min))``, k from 1, (m, count)."""
     along = (x - x.min()) / max(float(np.ptp(x)), 1e-9)
     return np.asarray(np.cos(np.pi * np.outer(along, np.arange(1, count + 1))))
 
 
-def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
+def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     """Fit δ's variances by the likelihood of what A cannot take, the noise's power profiled, by Akaike's rule.
 
     Args:
@@ -129,7 +129,7 @@ def misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
 
 
-def moved(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
+def propagate_misfit(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
     """``G AᵀX √S``, (k, f): by how much the parameters of ``θ = G Aᵀb`` are off for what a model misses at one joint.
 
     Times its transpose it is what that adds to their covariance.
@@ -143,10 +143,10 @@ def moved(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
     return np.asarray(gain @ (A.T @ X * np.sqrt(missed.variance)))
 
 
-def with_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
+def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
-    The rows weigh as they do in `weighted`, or alike where the estimator is `ols`. With several cameras on one gimbal
+    The rows weigh as they do in `solve`, or alike where the estimator is `ols`. With several cameras on one gimbal
     δ may be the gimbal's, the same with each, or each camera's own, or in part both: the sum bounds them all.
 
     Args:
@@ -154,7 +154,7 @@ def with_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -
         estimate: What was estimated from them.
         cameras: Of how many cameras the joints are, one's after another's.
     """
-    found, columns = misfits(blocks)
+    found, columns = fit_misfits(blocks)
     weight = np.ones(len(found)) if estimate.method == "ols" else weigh_joints(estimate.residual_std**2)
     gain = solve_factors(factor_rows(blocks), weight).gain
     moved = np.zeros((len(found), len(gain), len(GROUPS)))
