@@ -1,10 +1,12 @@
-"""Derivative of the joint-torque regressor along a motion, backwards through the tree and over all samples at once.
+"""Derivatives along a motion: of the joint-torque regressor, of RNEA, and of what works sample by sample.
 
-Pinocchio's derivatives of RNEA, one motion for each of a criterion's 5-10 pairs of factors, take 8-16 times as long.
+The regressor's go backwards through the tree, over all samples at once: Pinocchio's derivatives of RNEA, one motion
+for each of a criterion's 5-10 pairs of factors, take 8-16 times as long.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,3 +152,32 @@ def regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, w
         if link.parent >= 0:
             bars[link.parent, :, : 2 + i] += np.einsum("abt,akt->bkt", frames.passages[i], bar)
     return np.swapaxes(out, 1, 2)
+
+
+def differentiate_rnea(model: pin.Model, motion: Motion) -> Array:
+    """``d tau_j / d(q, v, a)_i`` of RNEA along a motion, (3, N, n, n); any inertial parameters, physical or not.
+
+    Carpentier and Mansard 2018 (`pin.computeRNEADerivatives`).
+    """
+    data, n = model.createData(), motion.q.shape[1]
+    out = np.empty((3, len(motion), n, n))
+    for dq, dv, da, q, v, a in zip(*out, motion.q, motion.v, motion.a):
+        dq[...], dv[...], da[...] = pin.computeRNEADerivatives(model, data, q, v, a)
+    upper = np.triu(out[2])
+    out[2] = upper + np.swapaxes(np.triu(upper, 1), -1, -2)
+    return out
+
+
+def differentiate_samples(
+    function: Callable[..., Array], arguments: Sequence[Array], step: float = 1e-5
+) -> list[Array]:
+    """Central differences of a function that works sample by sample, one array per argument, each of its shape.
+
+    With half a width of `step` exact to rounding for what is linear (friction), to 1e-10 for what is smooth.
+    """
+    out: list[Array] = []
+    for k in range(len(arguments)):
+        ahead, behind = list(arguments), list(arguments)
+        ahead[k], behind[k] = arguments[k] + step, arguments[k] - step
+        out.append((function(*ahead) - function(*behind)) / (2 * step))
+    return out

@@ -12,8 +12,13 @@ from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects import Effect, Sample
-from gimbal_pin.excitation.adjoint import Link, links, regressor_gradient
-from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
+from gimbal_pin.excitation.adjoint import (
+    Link,
+    differentiate_rnea,
+    differentiate_samples,
+    links,
+    regressor_gradient,
+)
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import compute_direction
@@ -130,7 +135,7 @@ class Columns:
 
     def sweep(self, motion: Motion, phi: Array, weights: Array) -> Array:
         """Gradient of ``sum weights * rnea(q, v, a; phi)``, (3, N, n)."""
-        return np.einsum("ctji,tj->cti", rnea_slopes(self.rig.with_phi(phi).model, motion), weights)
+        return np.einsum("ctji,tj->cti", differentiate_rnea(self.rig.with_phi(phi).model, motion), weights)
 
     def effects_gradient(self, motion: Motion, step: float, weights: Array) -> Array:
         """The effects' part of `gradient`; weights (N, n, coefficients)."""
@@ -145,7 +150,7 @@ class Columns:
                 sample = Sample(motion.t, *at[:-1])._replace(weight=at[-1])
                 return sum((w * b for w, b in zip(weight, effect.basis(sample))), np.zeros(len(motion)))
 
-            bars[:, :, j] += slopes(total, [array[:, j] for array in arrays])
+            bars[:, :, j] += differentiate_samples(total, [array[:, j] for array in arrays])
         out = bars[:3] + direction_gradient(motion, step, bars[3])
         out += self.sweep(motion, self.rig.phi, bars[4]) if bars[4].any() else 0.0
         if bars[5].any():

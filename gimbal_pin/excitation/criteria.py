@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -25,9 +25,6 @@ class Criterion(Protocol):
     def factors(self, a: Array) -> tuple[Array, Array]:
         """Return left (rows, r) and right (r, p) with ``d value = sum_r left_r' dA right_r``."""
 
-
-SOFT = 20.0
-"""Sharpness of `Condition` on the way."""
 
 WELL = 1e-4
 """Ratio of the eigenvalues of A'A above which they are exact to 1e-11."""
@@ -68,13 +65,6 @@ class Condition:
     def norms(self, sigma: Array) -> tuple[Array, Array]:
         """The terms of both norms, the largest of each one."""
         return (sigma / sigma[0]) ** self.sharpness, (sigma[-1] / sigma) ** self.sharpness
-
-
-def softened(criterion: Criterion) -> Criterion:
-    """The criterion with its kinks rounded: for the way towards a minimum, not for the minimum."""
-    if isinstance(criterion, Condition):
-        return replace(criterion, sharpness=min(SOFT, criterion.sharpness))
-    return criterion
 
 
 def spectrum(a: Array) -> tuple[Array, Array]:

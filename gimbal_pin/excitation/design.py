@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from tqdm import trange
 
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.threads import one_thread
@@ -16,9 +15,8 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance, Gap
 from gimbal_pin.excitation.columns import Columns, condition_number
-from gimbal_pin.excitation.criteria import Criterion, Sequential, named, softened
+from gimbal_pin.excitation.criteria import Criterion, Sequential, named
 from gimbal_pin.excitation.fourier import Series
-from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log.log import Array, Motion
@@ -27,16 +25,13 @@ from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
 TOLERANCE = 3e-4
-"""Gain in the criterion per step at which the descent ends; the log of a condition number need not be known better."""
+"""Gain in the criterion per step at which a descent ends; the log of a condition number need not be known better."""
 
-HEATS, STEPS = 3, 8
-"""Random motions for every start; steps after which the worse half of those that are left is given up."""
-
-MOST = 80
-"""Most steps of the last one, and again on the finer grid."""
+STEPS = 100
+"""Most steps of a descent."""
 
 COARSE, FINE = 12, 24
-"""Samples per period of the highest harmonic: for all of them, and for the best one in the end."""
+"""Samples per period of the highest harmonic: from every start, and for the best one in the end."""
 
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""
@@ -161,8 +156,7 @@ def excite(
 ) -> Excitation:
     """Design the finite Fourier series that shows a rig's base parameters and friction best, within its limits.
 
-    Descent within the limits (`interior.descent`) with exact gradients, from a few random motions for each of the
-    `starts`; the worse half is given up every few steps, and the last one is finished on a finer grid. Limits are kept
+    SLSQP with exact gradients from random motions; the best of its ends is finished on a finer grid. Limits are kept
     on the optimisation's grid, and checked on one ten times denser; amplitudes are scaled down until they hold there.
     Interrupted (Ctrl-C), it returns the best so far.
 
@@ -173,7 +167,7 @@ def excite(
         periods: Periods in it, one or more: what differs between them is noise, see `fourier.repeats`.
         harmonics: Harmonics of one over the period, two or more; None: up to half a hertz, at least five, a period of
             more than 20 s being parted into several (`Series.of`).
-        starts: How much is tried, one or more: three random motions for each.
+        starts: Random motions to begin from, one or more.
         rng: Source of the starts, or its seed; None: a fresh one, whose seed is in the result.
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
@@ -217,7 +211,7 @@ def excite(
         speed,
     )
     generator, seed = seeded(rng)
-    x, finished = optimised(problem, starts, generator)
+    x, finished = optimise(problem, starts, generator)
     x, gap = cleared(problem, x)
     motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))
     return replace(described(problem, x, motion, finished), clearance=gap, seed=seed)
@@ -253,7 +247,7 @@ def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exc
         series=problem.series,
         coefficients=problem.coefficients(x),
         criterion=problem.criterion.name,
-        value=problem.objective(x),
+        value=problem.evaluate(x)[0],
         condition_number=condition_number(rig, dense, problem.columns.effects[2 * rig.n :]),
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
         speed=dict(zip(rig.joints, np.sqrt(np.mean(dense.v**2, axis=0)).tolist())),
@@ -270,51 +264,38 @@ def narrowed(problem: Problem, dense: Motion) -> Array | None:
     return problem.criterion.narrowed(problem.columns.unit(dense, np.sign(dense.v)))
 
 
-def optimised(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
-    """Return the best motion found, and whether the search came to its end."""
-    tried = [problem.inside(problem.start(rng))]
-    halves = [HEATS * starts]
-    while halves[-1] > 1:
-        halves.append(halves[-1] // 2)
-    bar = tqdm(total=sum(halves) + 1, desc="excitation", unit="descent", disable=None, leave=False)
-    finished = True
-    with bar:
-        try:
-            for _ in searched(problem, halves, rng, tried):
-                bar.update()
-        except KeyboardInterrupt:
-            finished = False
-    return best(problem, tried), finished
+def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
+    """Return the best motion found, and whether the search came to its end.
 
-
-def searched(problem: Problem, halves: Sequence[int], rng: np.random.Generator, tried: list[Array]) -> Iterator[None]:
-    """Descend from as many random motions as the first of `halves` says, from fewer and fewer of them, then finely.
-
-    Yields after every part; `tried` holds where each one is by then, and in the end the finest as well.
+    SLSQP with exact gradients from so many random motions, and again on the finer grid from the best of its ends.
+    An interior-point method of our own with three times as many starts reached condition numbers 0.94-1.00 times these
+    (medians of three seeds, three bundled rigs, 5 and 20 s) in 0.4-1.3 times the time.
     """
-    tried.extend(problem.inside(problem.start(rng)) for _ in range(halves[0] - 1))
-    speed = problem.speed if problem.speed > SPEED else 0.0  # a good motion reaches the usual one by itself
-    soft = replace(problem, criterion=softened(problem.criterion), speed=speed)
-    runs = [descent(soft, x, TOLERANCE) for x in tried]
-    values, left = np.full(len(tried), np.inf), list(range(len(tried)))
-    for count in halves:
-        left = sorted(left, key=lambda k: float(values[k]))[:count]
-        for k in left:
-            for point in islice(runs[k], STEPS if count > 1 else MOST):
-                tried[k], values[k] = point.x, point.f
-            yield
-    fine = replace(problem, per_period=FINE)
-    tried.append(fine.inside(tried[int(np.argmin(values))]))
-    for point in islice(descent(fine, tried[-1], TOLERANCE), MOST):
-        tried[-1] = point.x
-    yield
-
-
-def best(problem: Problem, tried: Sequence[Array]) -> Array:
-    """The better of the two best motions once they are repaired to hold on the dense grid."""
-    fine = replace(problem, per_period=FINE)
-    repaired = (problem.repaired(x) for x in sorted(tried, key=fine.objective))
-    kept = list(islice((x for x in repaired if x is not None), 2))
-    if not kept:
+    tried = [problem.start(rng) for _ in range(starts)]
+    fine, finished = replace(problem, per_period=FINE), True
+    try:
+        for k in trange(starts + 1, desc="excitation", unit="descent", disable=None, leave=False):
+            if k == starts:
+                tried.append(min(tried, key=lambda x: fine.evaluate(x)[0]))
+            descend(problem if k < starts else fine, tried, k)
+    except KeyboardInterrupt:
+        finished = False
+    repaired = [x for x in map(fine.repaired, tried) if x is not None]
+    if not repaired:
         raise problem.infeasible()
-    return min(kept, key=fine.objective)
+    return min(repaired, key=lambda x: fine.evaluate(x)[0]), finished
+
+
+def descend(problem: Problem, tried: list[Array], k: int) -> None:
+    """Minimise from the k-th of the motions tried, which is where the descent is by then, even if it is interrupted."""
+    from scipy.optimize import minimize
+
+    def keep(x: Array) -> None:
+        tried[k] = x.copy()
+
+    limits = {"type": "ineq", "fun": problem.room, "jac": problem.room_slopes}
+    options = {"ftol": TOLERANCE, "maxiter": STEPS}
+    found = minimize(
+        problem.evaluate, tried[k], jac=True, method="SLSQP", constraints=limits, callback=keep, options=options
+    )
+    keep(found.x)

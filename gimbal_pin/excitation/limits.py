@@ -11,7 +11,7 @@ from gimbal_pin.dynamics.configurations import filling, pace, travel
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.errors import UsageError
-from gimbal_pin.excitation.derivatives import rnea_slopes, slopes
+from gimbal_pin.excitation.adjoint import differentiate_rnea, differentiate_samples
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.rig import Rig
 
@@ -86,7 +86,7 @@ class Envelope:
         ``tau = rnea + passive(tau)``, hence ``d tau = (d rnea + d passive) / (1 - d passive/d tau)``; what a
         term reads of the weight changes with every joint's angle.
         """
-        rigid, out = rnea_slopes(model.rig.model, motion), []
+        rigid, out = differentiate_rnea(model.rig.model, motion), []
         still = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
         weight = model.weight(motion.q)
         for sign in SIGNS:
@@ -95,10 +95,10 @@ class Envelope:
                 return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t, weight=weight)
 
             at = [motion.q, motion.v, motion.a, pushed(model, motion, sign), weight]
-            *own, per_tau, per_weight = slopes(passive, at)
+            *own, per_tau, per_weight = differentiate_samples(passive, at)
             change = np.stack(own)[..., None] * np.eye(model.rig.n)
             if per_weight.any():
-                change[0] += per_weight[..., None] * rnea_slopes(model.rig.model, still)[0]
+                change[0] += per_weight[..., None] * differentiate_rnea(model.rig.model, still)[0]
             out.append(sign * (rigid + change) / (1 - per_tau)[..., None])
         return np.stack(out) / self.torque[:, None]
 

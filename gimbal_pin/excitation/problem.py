@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,9 +32,6 @@ POSES = 200
 
 SHRINKS = 14
 """Bisections of the amplitude, where the torque exceeds its limit."""
-
-INSET, INSETS = 0.95, 60
-"""Share of the amplitude that is left by each step to the inside of the limits, and the most steps."""
 
 ROUNDING = 1e-9
 """Share by which amplitudes stay below a limit, so that rounding cannot carry them over."""
@@ -92,25 +88,14 @@ class Problem:
         states.flags.writeable = False  # spares `Motion` its copies
         return Motion(grid[0], *states)
 
-    def objective(self, x: Array) -> float:
-        """The criterion on the coarse grid."""
-        return self.at(x)[0]
-
-    def gradient(self, x: Array) -> Array:
-        """Exact gradient of `objective`."""
-        return self.at(x)[1]()
-
-    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
-        """`objective`, and what returns its gradient: through the columns' factors to q, v, a, and the basis to x."""
+    def evaluate(self, x: Array) -> tuple[float, Array]:
+        """The objective on the coarse grid, and its gradient: through the columns' factors to q, v, a, and to x."""
         motion = self.motion(x, self.coarse)
         seen = self.columns.unit(motion, compute_direction(motion.v, motion.a, self.step))
         lack, too_slow = self.lack(motion)
-
-        def gradient() -> Array:
-            slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
-            slopes[1] += SLOW * too_slow
-            return np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
-
+        slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
+        slopes[1] += SLOW * too_slow
+        gradient = np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
         return self.criterion.value(seen) + SLOW * lack, gradient
 
     def lack(self, motion: Motion) -> tuple[float, Array]:
@@ -187,18 +172,6 @@ class Problem:
         coefficients = self.coefficients(x)
         coefficients[1:] *= factor
         return (self.series.rest.T @ coefficients).ravel()
-
-    def inside(self, x: Array) -> Array:
-        """X with its amplitudes scaled down until there is room left of every limit on the coarse grid.
-
-        Raises:
-            UsageError: There is none at however small an amplitude.
-        """
-        for _ in range(INSETS):
-            x = self.scaled(x, INSET)
-            if self.room(x).min() > 0:
-                return x
-        raise self.infeasible()
 
     def coefficients(self, x: Array) -> Array:
         """The series' coefficients (2 L + 1, n) of x."""

@@ -142,10 +142,13 @@ def by_slsqp(rig: Rig, at: Problem, seed: int) -> Entry:
     """The best of SLSQP's ends."""
     from scipy.optimize import minimize
 
+    def objective(x: Array) -> float:
+        return at.evaluate(x)[0]
+
     def end(x: Array) -> Array:
         room = {"type": "ineq", "fun": at.room}
         options = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
-        found: Array = minimize(at.objective, x, method="SLSQP", constraints=[room], options=options).x
+        found: Array = minimize(objective, x, method="SLSQP", constraints=[room], options=options).x
         return found
 
     return best(rig, at, seed, end)
@@ -159,7 +162,7 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 
     def penalised(x: Array) -> float:
         beyond = np.maximum(-at.room(x), 0.0)
-        return at.objective(x) + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
+        return at.evaluate(x)[0] + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
 
     def end(x: Array) -> Array:
         options = {"seed": seed + 1, "verbose": -9, "tolfun": TOLERANCE, "maxfevals": EVALUATIONS}
@@ -172,5 +175,5 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 def best(rig: Rig, at: Problem, seed: int, end: Callable[[Array], Array]) -> Entry:
     """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
     begin, rng = process_time(), np.random.default_rng(seed)
-    x = min((end(at.start(rng)) for _ in range(STARTS)), key=at.objective)
+    x = min((end(at.start(rng)) for _ in range(STARTS)), key=lambda x: at.evaluate(x)[0])
     return judged(rig, at.series, at.coefficients(x), process_time() - begin)

@@ -12,7 +12,6 @@ import struct
 import subprocess
 import sys
 import termios
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from math import inf
@@ -49,7 +48,6 @@ from gimbal_pin.excitation import (
     sequential,
 )
 from gimbal_pin.excitation.adjoint import links, regressor_gradient
-from gimbal_pin.excitation.interior import descent
 from gimbal_pin.excitation.limits import find_crest
 from gimbal_pin.log import Array, Log, Motion, read_motion
 from gimbal_pin.report import text
@@ -130,7 +128,7 @@ def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> N
     at = problem(Rig.load(name), criterion)
     for seed in range(3):
         x = at.start(np.random.default_rng(seed))
-        exact, rough = at.gradient(x), differences(at.objective, x)
+        exact, rough = at.evaluate(x)[1], differences(lambda x: at.evaluate(x)[0], x)
         assert np.abs(exact - rough).max() < 1e-5 * np.abs(rough).max()
 
 
@@ -139,8 +137,8 @@ def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
     effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"), LoadDependentFriction("tilt", True, 0.5, 0.2))
     at = problem(rig, Determinant(), effects)
     x = at.start(np.random.default_rng(3))
-    rough = differences(at.objective, x)
-    assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
+    rough = differences(lambda x: at.evaluate(x)[0], x)
+    assert np.abs(at.evaluate(x)[1] - rough).max() < 1e-5 * np.abs(rough).max()
     assert len(at.columns.scale) == len(problem(rig).columns.scale) + 3
 
 
@@ -416,7 +414,6 @@ def test_interrupted_it_returns_the_best_so_far() -> None:
 
     found = excite(rig, rng=np.random.default_rng(0), criterion=Interrupted())
     assert not found.finished
-    assert len(calls) == 20
     assert_within(rig, nominal(rig), found, margin=0.05)
     first = problem(rig)
     start = first.motion(first.start(np.random.default_rng(0)), first.dense)
@@ -500,7 +497,7 @@ def test_the_next_motion_teaches_what_the_earlier_log_left_open() -> None:
     """After a log of the pan alone: all of the tilt is narrowed, and more than by a motion that knows of no log."""
     rig = Rig.load("turret")
     criterion = sequential(rig, [one_joint(rig, 0)], 8.0)
-    options = {"seconds": 8.0, "starts": 1, "dt": 0.01}
+    options = {"seconds": 8.0, "starts": 3, "dt": 0.01}
     found = excite(rig, criterion=criterion, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
     blind = excite(rig, criterion="condition", rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
     assert found.narrowed is not None and found.narrowed.max() <= 1 + 1e-9 and found.narrowed.min() < 0.05
@@ -522,7 +519,7 @@ def test_sequential_gradient_and_sampling(seed: int) -> None:
     assert criterion.value(np.vstack([a, a])) == pytest.approx(criterion.value(a), rel=1e-12)
 
 
-# the regressor's derivative, and the descent inside limits
+# the regressor's derivative
 
 
 def branched(folder: Path) -> Rig:
@@ -551,33 +548,6 @@ def test_gradient_of_the_regressor_is_exact_on_chains_and_trees(which: str, tmp_
 
     rough = differences(total, states.ravel()).reshape(states.shape)
     assert np.abs(exact - rough).max() < 1e-7 * np.abs(rough).max()
-
-
-class Disc:
-    """Minimise a slope over a disc whose rim is a curved limit: the minimum is on the rim, down the slope."""
-
-    slope = np.array([3.0, -4.0])
-
-    def __init__(self) -> None:
-        self.seen: list[Array] = []
-
-    def at(self, x: Array) -> tuple[float, Callable[[], Array]]:
-        self.seen.append(x)
-        return float(self.slope @ x), lambda: self.slope
-
-    def room(self, x: Array) -> Array:
-        return np.array([1 - x @ x, 5 - x[0]])
-
-    def room_slopes(self, x: Array) -> Array:
-        return np.array([-2 * x, [-1.0, 0.0]])
-
-
-def test_descent_ends_at_the_minimum_and_never_leaves_the_limits() -> None:
-    disc = Disc()
-    points = list(descent(disc, np.array([0.3, 0.4]), 1e-6))
-    assert points[-1].x == pytest.approx([-0.6, 0.8], abs=2e-3)
-    assert all(disc.room(x).min() > 0 for x in disc.seen)
-    assert points[-1].f == pytest.approx(-5, abs=0.01)
 
 
 # what must not hit
@@ -712,8 +682,8 @@ def test_speed_target_is_reached_and_its_gradient_exact() -> None:
     rig = Rig.load("handheld")
     at = replace(problem(rig), speed=0.9)
     x = at.start(np.random.default_rng(0))
-    rough = differences(at.objective, x)
-    assert np.abs(at.gradient(x) - rough).max() < 1e-5 * np.abs(rough).max()
+    rough = differences(lambda x: at.evaluate(x)[0], x)
+    assert np.abs(at.evaluate(x)[1] - rough).max() < 1e-5 * np.abs(rough).max()
     usual = designed("handheld", 0).speed
     found = excite(rig, starts=1, rng=np.random.default_rng(0), speed=0.6)
     for joint, limit in zip(rig.joints, rig.limits):
