@@ -53,7 +53,7 @@ class Writes:
 
 def log_suffixes() -> tuple[str, ...]:
     """Suffixes of logs and trajectories that are written."""
-    from gimbal_pin.log.io.formats import FORMATS
+    from gimbal_pin.log.io.readers import FORMATS
 
     return tuple(suffix for suffix, form in FORMATS.items() if form.write is not None)
 
@@ -66,7 +66,7 @@ def plot_suffixes() -> tuple[str, ...]:
 def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
     """Files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
     from gimbal_pin.log.io import split_payload
-    from gimbal_pin.log.io.formats import files_of
+    from gimbal_pin.log.io.readers import files_of
 
     for log in value if isinstance(value, tuple) else (str(value),):
         file, payload = (Path("/dev/stdin"), None) if log == "-" else split_payload(log)
@@ -131,9 +131,9 @@ def walked(value: Path, given: Mapping[str, Any]) -> list[Path]:
 
 def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
     """Return files that a run writes into a folder, and those of an earlier run, which it removes."""
-    from gimbal_pin.log.io.files import RUN, listed
+    from gimbal_pin.log.io.files import RUN, read_run
 
-    return [folder / name for name in (*names, *listed(folder), RUN)]
+    return [folder / name for name in (*names, *read_run(folder), RUN)]
 
 
 def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
@@ -180,10 +180,10 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
 
 def check_run(folder: Path, files: Iterable[str | Path], label: str) -> None:
     """Raise `UsageError` if a run cannot be put into a folder, or would replace what is not an earlier run's."""
-    from gimbal_pin.log.io.files import RUN, check_folder, digest, listed
+    from gimbal_pin.log.io.files import RUN, check_folder, digest, read_run
 
     check_folder(folder, label)
-    ours = listed(folder)
+    ours = read_run(folder)
     for file in (Path(file) for file in files):
         if file.name == RUN or not os.path.lexists(file):
             continue

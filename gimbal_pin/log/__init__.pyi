@@ -18,7 +18,6 @@ from .io.files import write_json as write_json
 from .io.files import write_run as write_run
 from .io.files import write_yaml as write_yaml
 from .io.follow import follow as follow
-from .io.formats import files_of as files_of
 from .io.inspection import Inspected as Inspected
 from .io.inspection import inspect as inspect
 from .io.link import Frame as Frame
@@ -27,6 +26,7 @@ from .io.link import read_secret as read_secret
 from .io.link import tune as tune
 from .io.mapping import parse_expression as parse_expression
 from .io.mapping import read_mapping as read_mapping
+from .io.readers import files_of as files_of
 from .limited import at_limit as at_limit
 from .limited import limited as limited
 from .limited import near_limit as near_limit

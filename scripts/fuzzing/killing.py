@@ -1,7 +1,8 @@
 """Kills verbs while they work and write over an older result: that stays whole, or the new one is.
 
 What a file or folder holds afterwards is held against what two undisturbed runs leave. A folder is whole if its
-``run.json`` lists what is there, with the right sums: it may be of the old run or of the new one, not of both.
+``run.json`` lists what is there, with the right sums: it may be of the old run or of the new one, not of both. One
+whose files were being replaced has no ``run.json``, and so says itself that it is not whole.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ JUST = 2e-3
 
 CLEANED = 3
 """Kills after which the next run is looked at: it takes as long as any, and removes what the killed one left."""
-WHOLE = ("the old result", "the new result")
+CUT_OFF = f"no {RUN}: cut off while it replaced files"
+WHOLE = ("the old result", "the new result", CUT_OFF)
 
 Files = Mapping[str, str]
 """Name → SHA-256."""
@@ -111,7 +113,7 @@ def outcomes(
         kind = str(rng.choice(list(TIMES), p=list(TIMES.values())))
         when = kill(main, newer, folder, target, kind, new, rng)
         end = found(folder, target, old.result, new.result) if sums(place) == inputs else "an input is changed"
-        if end in WHOLE and looked < CLEANED and (hidden := left(folder)):
+        if end in WHOLE[:2] and looked < CLEANED and (hidden := left(folder)):
             looked += 1
             end = cleaned(main, newer, folder, target, hidden) or end
         if end not in WHOLE:
@@ -228,7 +230,7 @@ def found(folder: Path, target: str, old: Files, new: Files) -> str:
     if not (folder / target).is_dir():
         return "the old result" if now == old else "the new result" if now == new else "a damaged file"
     if RUN not in now:
-        return f"no {RUN}: " + ("the old files" if without(now) == without(old) else "a mixture")
+        return CUT_OFF
     listed = json.loads((folder / target / RUN).read_bytes())["files"]
     if listed != without(now):
         return f"{RUN} does not list what is there"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 
-from gimbal_pin.log.io.formats import files_of
+from gimbal_pin.log.io.readers import files_of
 from gimbal_pin.rig.rig import Rig
 
 Words = tuple[str, ...]

@@ -24,7 +24,7 @@ from gimbal_pin.dynamics import Estimated, Model, Reference, nominal, reduce, rn
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
 from gimbal_pin.estimation import read_model, write_extended
-from gimbal_pin.log.io.files import listed, plain
+from gimbal_pin.log.io.files import plain, read_run
 from gimbal_pin.pointing import Controller
 from gimbal_pin.rig import Rig, read_bytes, read_yaml
 from gimbal_pin.rig import bundled as data_folder
@@ -145,7 +145,7 @@ def test_a_stored_controller_and_a_runs_list_are_read_as_any_file(tmp_path: Path
     else:
         path.write_bytes(content)
     assert isinstance(soon(lambda: Controller.load(path, Rig.load("turret")), ModelError), ModelError)
-    assert soon(lambda: listed(tmp_path)) == {}
+    assert soon(lambda: read_run(tmp_path)) == {}
 
 
 def test_a_pipe_that_somebody_fills_is_read_to_its_end() -> None:

@@ -27,7 +27,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from gimbal_pin.errors import GimbalPinError, LogError
 from gimbal_pin.log import Imu, Log, io, log_columns
-from gimbal_pin.log.io import isolated
+from gimbal_pin.log.io import readers
 from gimbal_pin.log.io.csv import unzipped
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused
@@ -126,7 +126,7 @@ def drive_bag(path: Path) -> None:
 
 def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(tmp_path: Path) -> None:
     drive_bag(tmp_path / "bag")
-    table = io.formats.open_table(tmp_path / "bag")
+    table = readers.open_table(tmp_path / "bag")
     assert {"/drive.current", "/drive.heat[2]", "/drive.on", "q_pan"} <= set(table.columns)
     log = io.read_log(tmp_path / "bag", TURRET, ["tau_pan=/drive.current"])
     # Counted from a whole second, which is told; currents that lie between two drive messages are on their line.
@@ -136,7 +136,7 @@ def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(
     with closing(sqlite3.connect(next((tmp_path / "bag").glob("*.db3")))) as data:
         data.execute("DELETE FROM message_definitions")
         data.commit()
-    left = io.formats.open_table(tmp_path / "bag")
+    left = readers.open_table(tmp_path / "bag")
     assert "/drive" in left.notes[-1] and not any("drive" in column for column in left.columns)
 
 
@@ -235,7 +235,7 @@ def test_what_unfolds_without_measure_is_refused(tmp_path: Path) -> None:
     }.items():
         (tmp_path / name).write_bytes(content)
         with pytest.raises(LogError, match="damaged" if name == "lying.npz" else "holds more than"):
-            (table := io.formats.open_table(tmp_path / name)).read(table.columns)
+            (table := readers.open_table(tmp_path / name)).read(table.columns)
     with pytest.raises(LogError, match="holds more than 20 MB, unpacked"):
         unzipped(bombs.gz(), "bomb.csv.gz", most=20_000_000)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**30 / 1024
@@ -266,7 +266,7 @@ def test_a_missing_library_is_one_line(
     name: str, extra: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / name).write_bytes(b"\x89HDF\r\n\x1a\n" if extra == "mat" else b"")
-    monkeypatch.setattr(isolated, "find_spec", lambda module: None)
+    monkeypatch.setattr(readers, "find_spec", lambda module: None)
     refused(run("identify", "turret", tmp_path / name), 2, f"pip install 'gimbal_pin[{extra}]'")
 
 

@@ -1,4 +1,4 @@
-"""Logs and trajectories in files. A format is one file here and one line in `formats`."""
+"""Logs and trajectories in files; `readers` has the table of formats."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from gimbal_pin.log.io.columns import (
     mapped,
     read_groups,
 )
-from gimbal_pin.log.io.formats import format_of, is_log, open_table
 from gimbal_pin.log.io.mapping import Entries
+from gimbal_pin.log.io.readers import format_of, is_log, open_table
 from gimbal_pin.log.io.tables import Table
 from gimbal_pin.log.io.units import check_units, torque_notes
 from gimbal_pin.log.log import Array, Imu, Log, Motion
@@ -32,7 +32,7 @@ def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: boo
     """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
 
     Args:
-        path: File, or several joined by + (`formats.open_table`), with the mounted payload behind an @ if there is one
+        path: File, or several joined by + (`readers.open_table`), with the mounted payload behind an @ if there is one
             (``log.csv@cinema``).
         rig: Whose joints and links the columns are named after; other columns are ignored.
         mapping: ``target=column[*factor]`` or the path of a YAML file with such a table, one or several; or the table,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.log.io.mapping import ROW, Entries, check_targets, read_mapping
-from gimbal_pin.log.io.tables import Table, listed
+from gimbal_pin.log.io.tables import Table, quote_names
 from gimbal_pin.log.log import REACH, SOONEST, Array, Log, implausible, untimely
 from gimbal_pin.log.source import Source
 from gimbal_pin.rig import urdf
@@ -153,7 +153,7 @@ def read_groups(
         if notes is not None and not group.required and group.columns[0] in present:
             sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > LOST]
             if sparse:
-                notes.append(f"{table.name}: {listed(sparse)} are mostly empty or nan: left out")
+                notes.append(f"{table.name}: {quote_names(sparse)} are mostly empty or nan: left out")
                 present = {c: source for c, source in present.items() if c not in group.columns}
     kept = whole_rows(table, {source.column: raw[source.column] for source in present.values()}, present["t"], notes)
     arrays = {}
@@ -206,7 +206,8 @@ def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str
     for source in present.values():
         count = table.columns.count(source.column)
         if count == 0 and source.column != ROW:
-            what = f"has no column '{source.column}', which {source.place} names (its columns: {listed(table.columns)})"
+            have = quote_names(table.columns)
+            what = f"has no column '{source.column}', which {source.place} names (its columns: {have})"
             raise LogError(table.name, what, "map from a column that is there")
         if count > 1:
             raise LogError(table.name, f"has {count} columns '{source.column}'", "rename all but one in the header")
@@ -217,7 +218,7 @@ def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str
         mend = "record the torque or current that the drives report"
         raise DataError(table.name, "holds how the joints move, and no torque that moves them", mend)
     if missing:
-        what = f"has no column {listed(missing)} (its columns: {listed(table.columns)})"
+        what = f"has no column {quote_names(missing)} (its columns: {quote_names(table.columns)})"
         mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
         raise LogError(table.name, what, mend + f" or t={ROW}*SECONDS" * (missing[0] == "t"))
     for group in groups.values():
@@ -225,4 +226,4 @@ def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str
         if absent and len(absent) < len(group.columns):
             there = next(column for column in group.columns if column in present)
             mend = "give the whole group or none of it: rename, delete or --map a column"
-            raise LogError(table.name, f"has column '{there}' but not {listed(absent)}", mend)
+            raise LogError(table.name, f"has column '{there}' but not {quote_names(absent)}", mend)

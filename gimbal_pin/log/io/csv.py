@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.errors import LogError, visible
-from gimbal_pin.log.io.files import replacing, told
+from gimbal_pin.log.io.files import replacing, wrap_os_errors
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import LARGEST, check_size, read_bytes
 
@@ -292,7 +292,7 @@ def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") ->
     header = io.StringIO()
     csv.writer(header, delimiter=separator, lineterminator="\n").writerow(columns)
     values = np.column_stack(list(columns.values()))
-    with replacing(path) as temporary, told(path), temporary.open("w", encoding="utf-8", newline="") as file:
+    with replacing(path) as temporary, wrap_os_errors(path), temporary.open("w", encoding="utf-8", newline="") as file:
         file.write(header.getvalue())
         for start in range(0, len(values), ROWS):
             rows = values[start : start + ROWS].tolist()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
-import fcntl
 import hashlib
 import json
 import math
 import os
+import platform
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from gimbal_pin.rig.reading import TEXT, read_bytes
 
 STAGED = ".gimbal-pin-unfinished-"
 """How the names of the folders begin in which files are written before they take their places."""
+_HOST = platform.node()
 RUN = "run.json"
 """File that says which run a folder's files are of."""
 
@@ -38,86 +38,56 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Raises:
         UsageError: The folder is missing, `path` is a folder, or writing is not allowed.
     """
-    with told(path):
+    with wrap_os_errors(path):
         special = Path(path).exists() and not Path(path).is_file()
         target = Path(path) if special else Path(os.path.realpath(path))
         check_target(target, str(path))
-    with staging(Path(tempfile.gettempdir()) if special else target.parent, path) as staged:
-        with told(path):
+    with _staging(Path(tempfile.gettempdir()) if special else target.parent, path) as staged:
+        with wrap_os_errors(path):
             (staged / target.name).touch()
         yield staged / target.name
-        with told(path):
+        with wrap_os_errors(path):
             put(staged / target.name, target, special)
 
 
 @contextmanager
-def staging(folder: Path, path: str | Path) -> Iterator[Path]:
-    """Yield a new hidden folder in `folder` to write files into, gone after the block: those of killed runs go first.
+def _staging(folder: Path, path: str | Path) -> Iterator[Path]:
+    """Yield a new hidden folder in `folder` to write files into, gone after the block.
+
+    Its name holds the host and the process: those of this host's killed processes are removed first.
 
     `path`: what an error names.
     """
-    with told(path):
-        clear(folder)
-        made, lock = staged_in(folder)
+    with wrap_os_errors(path):
+        for left in folder.glob(f"{STAGED}{_HOST}-*"):
+            if not left.is_symlink() and not _is_alive(left.name.split("-")[-2]):
+                shutil.rmtree(left, ignore_errors=True)
+        made = tempfile.mkdtemp(prefix=f"{STAGED}{_HOST}-{os.getpid()}-", dir=folder)
     try:
-        yield made
+        yield Path(made)
     finally:
         shutil.rmtree(made, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
 
 
-def staged_in(folder: Path) -> tuple[Path, int | None]:
-    """Return a new hidden folder and its lock, None where the file system has none.
-
-    It is ours once it is locked and still there: a run that clears may have taken it for abandoned before that.
-    """
-    while True:
-        made = Path(tempfile.mkdtemp(prefix=STAGED, dir=folder))
-        lock = locked(made, wait=True)
-        if made.exists():
-            return made, lock
-        if lock is not None:
-            os.close(lock)
-
-
-def clear(folder: Path) -> None:
-    """Remove what killed runs have left in a folder.
-
-    A run locks its own folder, and the system releases the lock with the process: what can be locked is abandoned.
-    """
-    for left in folder.glob(f"{STAGED}*"):
-        if not left.is_symlink() and (lock := locked(left)) is not None:
-            shutil.rmtree(left, ignore_errors=True)
-            os.close(lock)
-
-
-def locked(folder: Path, wait: bool = False) -> int | None:
-    """Return the descriptor of a folder that it locks; None where it cannot be locked, or another process has it.
-
-    `wait`: until the other releases it.
-    """
-    with suppress(OSError):
-        found = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(found, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError:
-            os.close(found)
-            raise
-        return found
-    return None
+def _is_alive(process: str) -> bool:
+    """Whether a process of this number runs; so it does for a name that holds none."""
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return False
+    except (ValueError, OverflowError, PermissionError):
+        return True
+    return True
 
 
 def write_run(
     path: str | Path, writers: Mapping[str, Callable[[Path], object]], run: Mapping[str, object]
 ) -> tuple[str, ...]:
-    """Write the files of one run into a folder, all of them or none, and beside them `RUN`, which lists them.
+    """Write the files of one run into a folder, and beside them `RUN`, which lists them.
 
-    Each is written whole before the first takes its place. A folder that holds nothing but an earlier run's files is
-    exchanged for the new one in one step: whenever a run is killed, the folder is the old or the new one. Where it
-    holds other files, too, which stay, or cannot be replaced, `RUN` is removed first, then each file takes its place
-    and `RUN` is written last: a folder whose `RUN` agrees with its files holds one run's. Files that an earlier `RUN`
-    lists and this run does not write are removed, unless they have changed since.
+    Each is written whole before the first takes its place. `RUN` is removed first and written last: a folder whose
+    `RUN` agrees with its files holds one run's, whenever a run is killed. Files that an earlier `RUN` lists and this
+    run does not write are removed, unless they have changed since.
 
     Args:
         path: The folder; made if it is not there.
@@ -132,46 +102,25 @@ def write_run(
     """
     folder = output_folder(path).resolve()
     for name in (*writers, RUN):
-        with told(folder / name):
+        with wrap_os_errors(folder / name):
             check_target(folder / name, str(folder / name))
-    with told(path):
-        clear(folder)
-        fixed = os.path.ismount(folder) or folder.samefile(os.curdir) or not os.access(folder.parent, os.W_OK)
-    with staging(folder if fixed else folder.parent, path) as staged:
+    with _staging(folder, path) as staged:
         for name, write in writers.items():
             write(staged / name)
         files = {name: digest(staged / name) for name in writers}
         about = {"schema": 1, **run, "version": __version__, "time": datetime.now(timezone.utc).isoformat()}
         write_json({**about, "files": files}, staged / RUN)
-        with told(path):
-            before = listed(folder)
-            alone = (name == RUN or digest(folder / name) == before.get(name) for name in os.listdir(folder))
-            if not fixed and all(alone) and exchanged(staged, folder):
-                return ()
-            older = {name: found for name, found in before.items() if name not in writers}
+        with wrap_os_errors(path):
+            older = {name: found for name, found in read_run(folder).items() if name not in writers}
             changed = [name for name, found in older.items() if digest(folder / name) not in (found, "")]
             for name in (RUN, *(older.keys() - set(changed))):
                 (folder / name).unlink(missing_ok=True)
-            for name in writers:
+            for name in (*writers, RUN):
                 put(staged / name, folder / name)
-            put(staged / RUN, folder / RUN)
     return tuple(f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed)
 
 
-def exchanged(one: Path, other: Path) -> bool:
-    """Let two folders change places at once, each with the other's rights; False where the system cannot (Linux can).
-
-    ``renameat2(2)`` with ``RENAME_EXCHANGE``, which Python does not offer.
-    """
-    rename = getattr(ctypes.CDLL(None), "renameat2", None)
-    if rename is None:
-        return False
-    shutil.copymode(other, one)
-    here, at_once = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-    return bool(rename(here, os.fsencode(one), here, os.fsencode(other), at_once) == 0)
-
-
-def listed(folder: Path) -> Mapping[str, str]:
+def read_run(folder: Path) -> Mapping[str, str]:
     """Return name → SHA-256 of the files that a folder's `RUN` lists; none where there is no such file of ours."""
     try:
         found = json.loads(read_bytes(folder / RUN, most=TEXT))["files"]
@@ -222,7 +171,7 @@ def put(temporary: Path, target: Path, special: bool = False) -> None:
 
 
 @contextmanager
-def told(path: str | Path) -> Iterator[None]:
+def wrap_os_errors(path: str | Path) -> Iterator[None]:
     """Turn the operating system's refusal to write `path` into a `UsageError`."""
     try:
         yield
@@ -236,14 +185,14 @@ def atomic_write(path: str | Path, content: str | bytes) -> None:
     What UTF-8 has no bytes for (a file's name may hold it) is written out as its code.
     """
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
-    with replacing(path) as temporary, told(path):
+    with replacing(path) as temporary, wrap_os_errors(path):
         temporary.write_bytes(data)
 
 
 def output_folder(path: str | Path) -> Path:
     """Create the folder that a verb's ``-o DIR`` names, parents included, and return it; `UsageError` if that fails."""
     folder = Path(path)
-    with told(path):
+    with wrap_os_errors(path):
         check_folder(folder, str(path))
         folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -16,9 +16,9 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io import split_payload, to_log
 from gimbal_pin.log.io.columns import Group, links_of, log_groups, mapped, read_groups
 from gimbal_pin.log.io.csv import BLOCK, COMMENT, LINE, CsvTable, as_utf8, headed
-from gimbal_pin.log.io.formats import FORMATS, TEXT
 from gimbal_pin.log.io.link import is_link, lines
 from gimbal_pin.log.io.mapping import ROW, Entries
+from gimbal_pin.log.io.readers import FORMATS, GROWING
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.source import Source
 from gimbal_pin.rig.reading import readable
@@ -144,7 +144,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
             raise LogError("standard input", "is closed", "pipe a log into it")
         yield sys.stdin.buffer
         return
-    if (suffix := path.suffix.lower()) in FORMATS and suffix not in TEXT:
+    if (suffix := path.suffix.lower()) in FORMATS and suffix not in GROWING:
         raise UsageError(str(path), f"is {suffix}, which is written whole", "follow a CSV file")
     with readable(path, LogError), path.open("rb", buffering=0) as file:
         yield file

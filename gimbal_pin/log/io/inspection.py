@@ -11,10 +11,10 @@ import numpy as np
 import yaml
 
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.log.io.formats import open_table
 from gimbal_pin.log.io.mapping import ROW
+from gimbal_pin.log.io.readers import open_table
 from gimbal_pin.log.io.recognise import Channel, Recognised, assigned, needed, recognise
-from gimbal_pin.log.io.tables import JoinedTable, Table, listed, numeric_columns, time_of
+from gimbal_pin.log.io.tables import JoinedTable, Table, numeric_columns, quote_names, time_of
 from gimbal_pin.log.log import NOTHING, Array
 from gimbal_pin.log.platform_log import HOLE
 from gimbal_pin.log.source import expression
@@ -122,7 +122,7 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
         mapping |= assigned(first.t, every, rig)
     missing = () if rig is None else tuple(target for target in needed(rig, mapping) if target not in mapping)
     if rig is not None and (absent := [j for j in rig.joints if not any(x.endswith(f"_{j}") for x in mapping)]):
-        notes += [f"no column of {listed(absent)}: held where the rig's angle is nearest to zero"] * (
+        notes += [f"no column of {quote_names(absent)}: held where the rig's angle is nearest to zero"] * (
             len(absent) < rig.n
         )
     streams = tuple(stream for stream, _ in pairs)
@@ -137,7 +137,7 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
     bounded = {name: np.clip(values, -HUGE, HUGE) for name, values in data.items()}
     data = {name: np.where(np.abs(values) < NOTHING, 0.0, values) for name, values in bounded.items()}
     if odd := [name for name in data if "'" in name and '"' in name]:
-        notes.append(f"{table.name}: no mapping can name {listed(odd)}; rename them")
+        notes.append(f"{table.name}: no mapping can name {quote_names(odd)}; rename them")
         data = {name: values for name, values in data.items() if name not in odd}
     try:
         time = time_of(table)

@@ -48,7 +48,7 @@ class Table(Protocol):
         """Return where a value stands: file, line or row, and column."""
 
 
-def listed(names: Sequence[str]) -> str:
+def quote_names(names: Sequence[str]) -> str:
     """Return the names in quotes, of a long list the first `SHOWN`."""
     text = ", ".join(f"'{name}'" for name in names[:SHOWN])
     return text if len(names) <= SHOWN else f"{text}, … {len(names)} in all"
@@ -192,7 +192,7 @@ def streams_of(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
     found = [Stream(time_in(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
     streams = [stream for stream in found if stream is found[0] or (stream.time and found[0].time)]
     lost = [key for stream in found if stream not in streams for key in stream.columns]
-    return streams, [f"{listed(lost)} have other lengths than the rest and no times: left out"] if lost else []
+    return streams, [f"{quote_names(lost)} have other lengths than the rest and no times: left out"] if lost else []
 
 
 def numeric(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:

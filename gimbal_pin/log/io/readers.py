@@ -1,0 +1,461 @@
+"""Every format of a log, in one table: how its files begin, their suffixes, what reads and what writes them.
+
+MATLAB files, ULogs and bags are read in a process of its own (`bounded`): their libraries are not made for untrusted
+files.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
+from importlib.util import find_spec
+from math import prod
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from tokenize import TokenError
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gimbal_pin.errors import GimbalPinError, LogError, UsageError
+from gimbal_pin.log.io.candump import CANDUMP_MAGIC, open_candump
+from gimbal_pin.log.io.csv import GZIP, open_csv, write_csv
+from gimbal_pin.log.io.files import replacing, wrap_os_errors
+from gimbal_pin.log.io.tables import (
+    DEEPEST,
+    WIDEST,
+    ArrayTable,
+    JoinedTable,
+    Stream,
+    Table,
+    quote_names,
+    streams_of,
+    table_of,
+    time_of,
+)
+from gimbal_pin.log.log import Array
+from gimbal_pin.rig.bounded import Stopped, run
+from gimbal_pin.rig.reading import LARGEST, beginning, check_size, read_bytes, readable
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
+"""How a bag's file begins → the suffix that rosbags knows it by."""
+JOINT_STATE_COLUMNS = {"position": "q", "velocity": "dq", "effort": "tau"}
+IMU_MESSAGE_COLUMNS = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
+LARGEST_MESSAGE = 2**16
+"""Largest message of a bag that is read, bytes: pictures and clouds of points are larger, a drive's are not."""
+EXACT_NANOSECONDS = 2**53
+"""What a double holds exactly, 104 days: later stamps count from the whole second of the bag's first."""
+READER_MEMORY = 2**30 + 2 * LARGEST
+"""Address space of a reading process, bytes: that of the libraries, and columns are held twice at most."""
+READER_SECONDS, READER_RATE = 20.0, 5e5
+"""Processor time of a reading process, s, of the smallest file, and the bytes beyond for which it may take another
+second: bags of JointState and Imu messages pass at 6 MB/s, MATLAB files at 4 MB/s (2.5 GHz, start of the process
+included), and machines are busy with other work."""
+NPY_DAMAGE = (ValueError, TypeError, SyntaxError, TokenError, MemoryError, RecursionError, OverflowError, LookupError)
+"""What NumPy raises of a header that is none: it reads one as Python's text."""
+NPZ_DAMAGE = (*NPY_DAMAGE, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError)
+
+Streams = tuple[list[Stream], list[str]]
+"""What was sampled together, and notes."""
+
+
+def open_table(path: Path) -> Table:
+    """Return what a log's file holds, or several files: ``a.csv+b.csv``.
+
+    Raises:
+        LogError: A file is missing or cannot be read.
+        UsageError: No format is known that begins so, nor one of the suffix; or a file to be joined has no times.
+    """
+    tables = [_open_file(file) for file in files_of(path)]
+    return tables[0] if len(tables) == 1 else JoinedTable(str(path), tables, [time_of(table) for table in tables])
+
+
+def files_of(path: str | Path) -> list[Path]:
+    """Return the files that a log's name means: itself, or the logs between its +."""
+    parts = [Path(part) for part in str(path).split("+")]
+    several = len(parts) > 1 and not Path(path).exists() and all(is_log(part) for part in parts)
+    return parts if several else [Path(path)]
+
+
+def is_log(path: Path) -> bool:
+    """Whether a path is a log's, by its suffix or because it is there."""
+    return path.suffix.lower() in FORMATS or path.exists()
+
+
+def format_of(path: Path) -> Format:
+    """Return the format of a path's suffix; `UsageError` lists the known ones."""
+    if (suffix := path.suffix.lower()) not in FORMATS:
+        what = f"has the suffix '{suffix}', of no known format" if suffix else "has no suffix to tell its format by"
+        raise UsageError(str(path), what, f"use one of {', '.join(FORMATS)}")
+    return FORMATS[suffix]
+
+
+def _open_file(path: Path) -> Table:
+    """Return what one file holds, or a bag's folder."""
+    if (path / "metadata.yaml").is_file():
+        return _open_isolated("bag", path)
+    head = beginning(path, 16)  # of what cannot be read its reader says why
+    begun = next((form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None)
+    return (begun or format_of(path)).open(path)
+
+
+# --- NumPy ----------------------------------------------------------------------------------------------------------
+
+
+def _open_npy(path: Path) -> Table:
+    """Read a record array, or a row per sample of plain columns c0, c1, …."""
+    values = _array_in(read_bytes(path, LogError), str(path))
+    if values.dtype.names:
+        return table_of(str(path), *streams_of({"": values}))
+    if values.ndim != 2:
+        shape = f"has {values.ndim} dimension{'' if values.ndim == 1 else 's'}"
+        raise LogError(str(path), shape, "save a table of a row per sample, a record array, or an .npz of names")
+    return table_of(str(path), [Stream("", {f"c{k}": column for k, column in enumerate(values.T)})], [])
+
+
+def _open_npz(path: Path) -> Table:
+    """Read an archive of named arrays; `LogError` if it is none, or unfolds to more than memory allows."""
+    packed, arrays, size = read_bytes(path, LogError), dict[str, Any](), 0
+    try:
+        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+            for entry in archive.infolist():
+                check_size(path, size := size + entry.file_size, LogError)
+                with archive.open(entry) as file:  # so many bytes: to its end it may be more than it states
+                    content = file.read(entry.file_size)
+                arrays[entry.filename.removesuffix(".npy")] = _array_in(content, f"{path}: {entry.filename}")
+    except NPZ_DAMAGE as error:
+        raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error
+    return table_of(str(path), *streams_of(arrays))
+
+
+def _array_in(content: bytes, place: str) -> Array:
+    """Return the array of an .npy file's bytes, never a pickle; `LogError` if it is none, or of objects."""
+    stream = io.BytesIO(content)
+    try:
+        version = np.lib.format.read_magic(stream)
+        reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, by_columns, kind = reader(stream)
+        if kind.hasobject:
+            raise LogError(place, "holds Python objects", "save numbers: a float64 array, or a record array of them")
+        if not all(0 <= size <= len(content) for size in shape):
+            raise ValueError(f"it has {len(content)} bytes for the shape {shape}")
+        values = np.frombuffer(content, kind, offset=stream.tell()) if prod(shape) else np.empty(0, kind)
+        return values.reshape(shape, order="F" if by_columns else "C")
+    except NPY_DAMAGE as error:
+        raise LogError(place, f"is a damaged .npy ({error})", "write it again, with numpy.save") from error
+
+
+# --- Parquet --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _ParquetColumns(Mapping[str, Array]):
+    """The columns of an open `pyarrow.parquet.ParquetFile`, (N,) each, read one at a time when they are asked for."""
+
+    name: str
+    file: Any
+
+    def __len__(self) -> int:
+        return len(self.file.schema_arrow)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.file.schema_arrow.names)
+
+    def __getitem__(self, column: str) -> Array:
+        """Return a column as float64, nan where a value is missing; `LogError` if it is damaged or no numbers."""
+        import pyarrow
+        from pyarrow.types import is_decimal, is_floating, is_integer
+
+        try:
+            data = self.file.read(columns=[column]).column(column)
+        except (pyarrow.ArrowException, OSError) as error:
+            raise LogError(self.name, f"is a damaged Parquet file ({error})", "write it again") from error
+        if not (is_integer(data.type) or is_floating(data.type) or is_decimal(data.type)):
+            raise LogError(f"{self.name} column '{column}'", f"holds {data.type}, not numbers", "write it as float64")
+        return np.array(data.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
+
+
+def _open_parquet(path: Path) -> ArrayTable:
+    """Open a Parquet file and read its schema; `LogError` if it is missing or is none."""
+    parquet = _import_parquet(path)
+    import pyarrow
+
+    try:
+        file = parquet.ParquetFile(pyarrow.BufferReader(read_bytes(path, LogError)))
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise LogError(str(path), f"is not Parquet ({error})", "give it the suffix of its format") from error
+    groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
+    check_size(path, sum(max(group.total_byte_size, 8 * group.num_rows) for group in groups), LogError)
+    return ArrayTable(str(path), _ParquetColumns(str(path), file), row="row")
+
+
+def _write_parquet(columns: Mapping[str, Array], path: Path) -> None:
+    """Write columns of equal length as float64; whole or not at all."""
+    parquet = _import_parquet(path)
+    import pyarrow
+
+    table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
+    with replacing(path) as temporary, wrap_os_errors(path):
+        parquet.write_table(table, temporary)
+
+
+def _import_parquet(path: Path) -> Any:
+    """Return pyarrow's Parquet module; `UsageError` says how to install it."""
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        mend = "install it (pip install 'gimbal_pin[parquet]'), or use CSV"
+        raise UsageError(str(path), "is Parquet, which needs the package pyarrow", mend) from error
+    return pyarrow.parquet
+
+
+# --- In a process of its own ----------------------------------------------------------------------------------------
+
+
+def _open_isolated(reader: str, path: Path) -> Table:
+    """Return the table of a file that one of `ISOLATED` reads.
+
+    Raises:
+        LogError: The file is missing or damaged, or reading it takes more time or memory than it may.
+        UsageError: The package is not installed.
+    """
+    kind, module, extra, _ = ISOLATED[reader]
+    if find_spec(module) is None:
+        mend = f"install it (pip install 'gimbal_pin[{extra}]'), or write CSV"
+        raise UsageError(str(path), f"is {kind}, which needs the package {module}", mend)
+    with readable(path, LogError):
+        parts = list(path.iterdir()) if path.is_dir() else [path]
+        size = sum(file.stat().st_size for file in parts)
+    if not all(file.is_file() or file.is_dir() for file in parts):
+        raise LogError(str(path), f"is {kind} that is no file", "give the path of a file: it is not read from a pipe")
+    streamed = size if reader == "bag" else 0  # a bag may be larger than memory: of its messages only numbers are kept
+    check_size(path, size - streamed, LogError)
+    bounds: dict[str, Any] = {"memory": READER_MEMORY + streamed, "seconds": READER_SECONDS + size / READER_RATE}
+    with TemporaryDirectory() as folder:
+        try:
+            found = run(__name__, reader, str(path.resolve()), folder, **bounds)
+        except Stopped as error:
+            mend = "write it again, or give a shorter file"
+            raise LogError(str(path), f"is {kind} that cannot be read ({error})", mend) from error
+        if "wrong" in found:
+            raise LogError(str(path), *found["wrong"])
+        streams = [
+            Stream(time, dict(zip(names, np.load(Path(folder, f"{k}.npy"), allow_pickle=False))))
+            for k, (time, names) in enumerate(found["streams"])
+        ]
+    return table_of(str(path), streams, found["notes"])
+
+
+def main(reader: str, path: str, folder: str) -> dict[str, Any]:
+    """Write the streams that a reader finds into a folder, ``k.npy``, a row per column; return names and notes.
+
+    An error of the package's own is returned in words.
+    """
+    try:
+        streams, notes = ISOLATED[reader].read(Path(path))
+        values = [column for _, columns in streams for column in columns.values()]
+        check_size(path, 8 * sum(map(len, values)), LogError)
+    except GimbalPinError as error:
+        return {"wrong": [error.what, error.mend]}
+    for k, (_, columns) in enumerate(streams):
+        np.save(Path(folder, f"{k}.npy"), np.array(list(columns.values()), dtype=np.float64), allow_pickle=False)
+    return {"streams": [[time, list(columns)] for time, columns in streams], "notes": list(notes)}
+
+
+def _open_mat(path: Path) -> Table:
+    """Read a MATLAB file, to version 7 or, as HDF5 behind a header of 512 bytes or none, of 7.3."""
+    head = beginning(path, 520)
+    return _open_isolated("hdf5" if HDF5 in (head[:8], head[512:]) else "mat", path)
+
+
+def _read_mat(path: Path) -> Streams:
+    """Return the streams of real numbers, those in structures as ``structure.field``; SciPy's errors of damage."""
+    from scipy.io import loadmat, whosmat
+
+    check_size(path, sum(8 * prod(shape) for _, shape, kind in whosmat(path) if kind != "sparse"), LogError)
+    return streams_of({k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")})
+
+
+def _read_hdf5(path: Path) -> Streams:
+    """Return the streams of real numbers, those in groups as ``group.name``; h5py's errors of damage."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return streams_of(_hdf5_arrays(file))
+
+
+def _hdf5_arrays(group: Any, depth: int = 0) -> dict[str, Any]:
+    """Return name → array or group of an HDF5 group: no links, which may lead anywhere, nothing of MATLAB's own."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    for name in group:
+        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        inner = group[name]
+        if isinstance(inner, h5py.Group) and depth < DEEPEST:
+            found[name] = _hdf5_arrays(inner, depth + 1)
+        elif isinstance(inner, h5py.Dataset) and (inner.dtype.names or inner.dtype.kind in "biuf"):
+            check_size(group.file.filename, inner.nbytes, LogError)
+            found[name] = inner[()]
+    return found
+
+
+def _read_ulog(path: Path) -> Streams:
+    """Return a stream per topic and instance, ``topic_1.field`` for the second; pyulog's errors of damage."""
+    from pyulog import ULog
+
+    log, found = ULog(str(path)), list[Stream]()
+    for topic in log.data_list:
+        name = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name
+        columns = {f"{name}.{field}": values for field, values in topic.data.items()}
+        time = f"{name}.timestamp"
+        found.append(Stream(time, {**columns, time: topic.data["timestamp"] / 1e6}))
+    notes = ["is damaged: what could be read of it is used"] if log.file_corruption else []
+    if log.dropouts:
+        notes.append(f"{len(log.dropouts)} dropouts of {sum(dropout.duration for dropout in log.dropouts)} ms in all")
+    return found, notes
+
+
+def _read_bag(path: Path) -> Streams:
+    """Return a stream per topic and set of fields, in order of time; rosbags' errors of damage.
+
+    A message's time is its header's stamp, or when it was recorded. A JointState gives the columns q_<joint>,
+    dq_<joint> and tau_<joint>, an Imu those of the link that its header's frame names, any other message every number
+    as ``/topic.field``, by the definition in the bag.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    found: dict[tuple[str, tuple[str, ...]], tuple[list[int], dict[str, array[float]]]] = {}
+    with TemporaryDirectory() as folder:
+        if path.is_file():
+            head = beginning(path, 16)
+            suffix = next((suffix for magic, suffix in BAG_SUFFIXES.items() if head.startswith(magic)), path.suffix)
+            (link := Path(folder, f"bag{suffix}")).symlink_to(path)
+            path = link
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
+            known = [connection for connection in bag.connections if connection.msgtype in bag.typestore.fielddefs]
+            lost = sorted({connection.topic for connection in bag.connections if connection not in known})
+            for connection, recorded, content in bag.messages(known) if known else ():
+                if len(content) > LARGEST_MESSAGE:
+                    continue
+                message = bag.deserialize(content, connection.msgtype)
+                values = dict(_message_values(message, connection.msgtype, connection.topic))
+                if not values:
+                    continue
+                stamp = getattr(getattr(message, "header", None), "stamp", None)
+                stamps, columns = found.setdefault((connection.topic, tuple(values)), ([], {}))
+                stamps.append((stamp and int(stamp.sec) * 10**9 + int(stamp.nanosec)) or recorded)
+                for name, value in values.items():
+                    columns.setdefault(name, array("d")).append(value)
+    notes = [f"no definition of the types of {quote_names(lost)}: left out"] if lost else []
+    start = min((min(stamps) for stamps, _ in found.values()), default=0)
+    late = max((max(stamps) for stamps, _ in found.values()), default=0) >= EXACT_NANOSECONDS
+    start = (start - start % 10**9) * late
+    if start:
+        notes.insert(0, f"its times count from {start // 10**9} s since 1970")
+    # A name that several topics have gets its topic in front.
+    names = Counter(name for _, columns in found.values() for name in columns)
+    topics, streams = Counter(topic for topic, _ in found), list[Stream]()
+    joints_first = sorted(found.items(), key=lambda item: not any(name.startswith("q_") for name in item[1][1]))
+    for k, ((topic, _), (stamps, columns)) in enumerate(joints_first):
+        label = topic if topics[topic] == 1 else f"{topic}#{k}"
+        time = "t" if len(found) == 1 else f"{label}.t"
+        rows = np.argsort(stamps, kind="stable")
+        data = {time: (np.array(stamps)[rows] - start) / 1e9}
+        for name, series in columns.items():
+            own = label + name.removeprefix(topic) if name.startswith(topic) else f"{label}.{name}"
+            data[name if names[name] == 1 else own] = np.array(series)[rows]
+        streams.append(Stream(time, data))
+    return streams, notes
+
+
+def _message_values(message: Any, kind: str, topic: str) -> Iterator[tuple[str, float]]:
+    """Yield name and value of every number in a message."""
+    if kind == "sensor_msgs/msg/JointState":
+        for field, prefix in JOINT_STATE_COLUMNS.items():
+            yield from ((f"{prefix}_{joint}", float(x)) for joint, x in zip(message.name, getattr(message, field)))
+    elif kind == "sensor_msgs/msg/Imu" and message.header.frame_id:
+        for field, prefix in IMU_MESSAGE_COLUMNS.items():
+            if getattr(message, f"{field}_covariance")[0] != -1:  # by its definition: no estimate of this one
+                of, axes = getattr(message, field), "wxyz" if prefix == "quat" else "xyz"
+                yield from ((f"{prefix}_{message.header.frame_id}_{axis}", getattr(of, axis)) for axis in axes)
+    else:
+        yield from _flat_values(message, topic)
+
+
+def _flat_values(value: Any, name: str, depth: int = 0) -> Iterator[tuple[str, float]]:
+    """Yield ``name.field`` and ``name[k]`` of the numbers in a message."""
+    if isinstance(value, (bool, int, float, np.number)):
+        yield name, float(value)
+    elif is_dataclass(value) and depth < DEEPEST:
+        for field in fields(value):
+            if not field.name.startswith("__"):
+                yield from _flat_values(getattr(value, field.name), f"{name}.{field.name}", depth + 1)
+    elif isinstance(value, (list, np.ndarray)) and len(value) <= WIDEST:
+        for k, inner in enumerate(value):
+            yield from _flat_values(inner, f"{name}[{k}]", depth + 1)
+
+
+# --- The table ------------------------------------------------------------------------------------------------------
+
+
+class Isolated(NamedTuple):
+    """A format that is read in a process of its own: what it is called, the package, its extra, and the reader."""
+
+    kind: str
+    package: str
+    extra: str
+    read: Callable[[Path], Streams]
+
+
+ISOLATED: Mapping[str, Isolated] = {
+    "mat": Isolated("a .mat", "scipy", "mat", _read_mat),
+    "hdf5": Isolated("an HDF5 or MATLAB 7.3 file", "h5py", "mat", _read_hdf5),
+    "ulog": Isolated("a PX4 ULog", "pyulog", "px4", _read_ulog),
+    "bag": Isolated("a ROS bag", "rosbags", "ros", _read_bag),
+}
+
+
+class Format(NamedTuple):
+    """One file format.
+
+    Attributes:
+        open: Reads what is needed to know a file's columns.
+        write: Writes columns to a file, whole or not at all; None for formats that are only read.
+        magic: How its files begin, where that distinguishes them from all others.
+    """
+
+    open: Callable[[Path], Table]
+    write: Callable[[Mapping[str, Array], Path], None] | None = None
+    magic: tuple[bytes, ...] = ()
+
+
+FORMATS: Mapping[str, Format] = {
+    ".csv": Format(open_csv, write_csv),
+    ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
+    ".txt": Format(open_csv, write_csv),
+    ".parquet": Format(_open_parquet, _write_parquet, (b"PAR1",)),
+    ".gz": Format(open_csv, magic=(GZIP,)),
+    ".log": Format(open_csv),
+    ".candump": Format(open_candump, magic=CANDUMP_MAGIC),
+    ".npy": Format(_open_npy, magic=(b"\x93NUMPY",)),
+    ".npz": Format(_open_npz, magic=(b"PK\3\4",)),
+    ".mat": Format(_open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", HDF5)),
+    ".h5": Format(_open_mat),
+    ".hdf5": Format(_open_mat),
+    **{suffix: Format(partial(_open_isolated, "bag"), magic=(magic,)) for magic, suffix in BAG_SUFFIXES.items()},
+    ".ulg": Format(partial(_open_isolated, "ulog"), magic=(b"ULog\x01\x12\x35",)),
+}
+"""Suffix → format."""
+GROWING = (".csv", ".tsv", ".txt")
+"""Suffixes of formats that can be read while they are written."""
