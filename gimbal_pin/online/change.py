@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import chdtri, fdtri
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.online.recursive import LAGS, Known, tapered
+from gimbal_pin.regression import LAGS, Known, taper_lags
 from gimbal_pin.rig.brief import brief
 
 WINDOWS = (4, 8, 16)
@@ -98,7 +98,7 @@ class Watch(NamedTuple):
         theta, m = known.estimate.theta, LOOK
         lags = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
         shape = np.zeros((LAGS + 2, known.gamma.shape[1]))
-        shape[:-1] = known.gamma * tapered()[:, None]
+        shape[:-1] = known.gamma * taper_lags()[:, None]
         shape[0] += FLOOR * known.gamma[0] + SILENT**2
         noise = shape[np.minimum(lags, LAGS + 1)].transpose(2, 0, 1)
         return Watch(theta, known.spread + np.diag((doubt * theta) ** 2), noise, directions)

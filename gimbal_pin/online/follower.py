@@ -54,8 +54,19 @@ from gimbal_pin.online.learning import (
     too_few,
     values,
 )
-from gimbal_pin.online.recursive import LAGS, Known, Prior, loosened, solved
-from gimbal_pin.regression import Block, Design, DesignBlocks, Estimate, Filtering, compute_settling_time
+from gimbal_pin.regression import (
+    LAGS,
+    Block,
+    Design,
+    DesignBlocks,
+    Estimate,
+    Filtering,
+    Known,
+    Prior,
+    compute_settling_time,
+    loosen_prior,
+    solve_recursive,
+)
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -245,7 +256,7 @@ class Online:
             raise DataError(memory.name, what, "go on moving every joint", task.names)
         torque, moving = np.linalg.norm(moments.factors[:, :, -2], axis=1), moments.count > DROWNED * moments.rows
         check_driven(memory.name, self.rows.rig.joints, torque, moving)
-        known = solved(moments, prior)
+        known = solve_recursive(moments, prior)
         if names := hidden_parameters(task, moments, known.estimate, prior):
             raise DataError(memory.name, "so far leaves no trace of", "move every joint, several at a time", names)
         return known
@@ -268,7 +279,7 @@ class Online:
         estimate = self.estimate(memory).estimate
         task = memory.task
         assert task is not None, "an estimate has a task"
-        block = all_moments(task, memory.known).block()
+        block = all_moments(task, memory.known).to_block()
         check_assignment(DesignBlocks(self.rows, (block,)), estimate, memory.name)
         found = assembled(self.rows, [block], estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
@@ -310,7 +321,7 @@ def prior_of(rows: Design, directions: Array, model: Model) -> Prior:
         raise UsageError("the known model", "holds other parameters than this rig", f"identify {rows.rig.name} once")
     silent = np.zeros((LAGS + 1, rows.rig.n))
     estimate = Estimate(known.theta, known.covariance, silent[0], inf, 0, "known")
-    return replace(loosened(Known(estimate, silent), directions), count=0.0)
+    return replace(loosen_prior(Known(estimate, silent), directions), count=0.0)
 
 
 def tested_accuracy(joints: Sequence[str], known: Learned) -> Accuracy | None:
@@ -386,7 +397,7 @@ def progress(online: Online, memory: Memory) -> Progress:
         known, task = online.estimate(memory), memory.task
         value, std = known.estimate.theta, known.estimate.std
         assert task is not None, "an estimate has a task"
-        columns = all_moments(task, memory.known).block().A
+        columns = all_moments(task, memory.known).to_block().A
         torque = np.abs(value) * np.sqrt(np.mean(columns**2, axis=0)).max(axis=0)
     except DataError as error:
         hidden = error.unseen or names

@@ -11,8 +11,7 @@ from gimbal_pin.estimation.identification import unseen
 from gimbal_pin.log.log import Array
 from gimbal_pin.online.causal import Row
 from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, scores_without_transient
-from gimbal_pin.online.recursive import Known, Moments, Prior, loosened, solved
-from gimbal_pin.regression import Estimate
+from gimbal_pin.regression import Estimate, Known, Moments, Prior, loosen_prior, solve_recursive
 from gimbal_pin.rig.brief import brief
 
 WINDOW = LOOK + 5
@@ -191,7 +190,7 @@ def with_row(task: Task, known: Learned, row: Row) -> Learned:
         return replace(known, window=window)
     settled = with_rows_of(task, known.settled, window[:leaving])
     if window[leaving].t - window[leaving - 1].t > 1.5 * task.step:
-        settled = settled.broken()
+        settled = settled.break_off()
     known = replace(known, settled=settled, window=window[leaving:])
     if settled.rows // REFRESHED == before // REFRESHED:
         return known
@@ -204,7 +203,7 @@ def solved_if_shown(task: Task, moments: Moments, prior: Prior | None) -> Known 
     """Solve, if there are rows enough and nothing stays hidden."""
     if too_few(task, moments, prior):
         return None
-    known = solved(moments, prior)
+    known = solve_recursive(moments, prior)
     return None if hidden_parameters(task, moments, known.estimate, prior) else known
 
 
@@ -216,7 +215,7 @@ def too_few(task: Task, moments: Moments, prior: Prior | None) -> bool:
 
 def hidden_parameters(task: Task, moments: Moments, estimate: Estimate, prior: Prior | None) -> tuple[str, ...]:
     """Return the parameters whose uncertainty alone moves more torque than the rows have."""
-    block = moments.block()
+    block = moments.to_block()
     names = unseen(task.names, [block], estimate)
     if prior is None:
         return names
@@ -241,7 +240,7 @@ def changed(task: Task, known: Learned, reference: Known, watch: Watch, now: flo
     since = known.window[onset(values(known.window), watch, known.dispersion)].t
     resumed = known.window[-1].t + task.transition
     n, columns = known.window[-1].values.shape
-    prior = None if task.everything else loosened(reference, task.directions)
+    prior = None if task.everything else loosen_prior(reference, task.directions)
     loose = "everything" if task.everything else "its parameters"
     said = f"the payload changed at {since:.1f} s: {loose} are estimated anew"
     event = Event(now, "changed", since, said)
@@ -271,7 +270,7 @@ def with_rows_of(task: Task, moments: Moments, rows: tuple[Row, ...]) -> Moments
     for end in range(1, len(rows) + 1):
         if end == len(rows) or rows[end].t - rows[end - 1].t > 1.5 * task.step:
             some = values(rows[first:end])
-            moments = (moments if first == 0 else moments.broken()).with_rows(some, task.faded(some))
+            moments = (moments if first == 0 else moments.break_off()).with_rows(some, task.faded(some))
             first = end
     return moments
 

@@ -50,6 +50,13 @@ from gimbal_pin.regression.physical import factor_wide_states as factor_wide_sta
 from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bodies
 from gimbal_pin.regression.physical import fit_physical as fit_physical
 from gimbal_pin.regression.physical import fit_ridge as fit_ridge
+from gimbal_pin.regression.recursive import LAGS as LAGS
+from gimbal_pin.regression.recursive import Known as Known
+from gimbal_pin.regression.recursive import Moments as Moments
+from gimbal_pin.regression.recursive import Prior as Prior
+from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
+from gimbal_pin.regression.recursive import solve_recursive as solve_recursive
+from gimbal_pin.regression.recursive import taper_lags as taper_lags
 from gimbal_pin.regression.samples import Excerpt as Excerpt
 from gimbal_pin.regression.samples import Filtering as Filtering
 from gimbal_pin.regression.samples import Flags as Flags

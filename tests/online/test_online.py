@@ -30,8 +30,16 @@ from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
 from gimbal_pin.online.change import Watch, scores_without_transient
 from gimbal_pin.online.learning import values, with_rows_of
-from gimbal_pin.online.recursive import Known, Moments, loosened, solved
-from gimbal_pin.regression import Block, Estimate, Filtering, fit_weighted
+from gimbal_pin.regression import (
+    Block,
+    Estimate,
+    Filtering,
+    Known,
+    Moments,
+    fit_weighted,
+    loosen_prior,
+    solve_recursive,
+)
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, heard, refused
@@ -336,9 +344,9 @@ def test_loosening_forgets_along_its_directions_only() -> None:
     """What is orthogonal to them in the metric of the information keeps value and covariance."""
     rng = np.random.default_rng(1)
     moments = Moments.empty(2, 4).with_rows(np.dstack([rng.standard_normal((50, 2, 5)), np.ones((50, 2))]))
-    known = solved(moments)
+    known = solve_recursive(moments)
     D = rng.standard_normal((4, 2))
-    U, z = np.split(loosened(known, D).equations, [4], axis=1)
+    U, z = np.split(loosen_prior(known, D).equations, [4], axis=1)
     np.testing.assert_allclose(U @ D, 0.0, atol=1e-9)
     np.testing.assert_allclose(U @ known.estimate.theta, z[:, 0], atol=1e-9)
     kept = np.linalg.svd(D.T)[2][2:]  # combinations that the change does not move

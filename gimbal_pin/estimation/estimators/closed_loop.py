@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import pi
 from typing import NamedTuple
 
@@ -17,7 +18,6 @@ from gimbal_pin.effects import Term
 from gimbal_pin.errors import DataError
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.missing_samples import filled
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.regression import (
     Block,
@@ -25,7 +25,6 @@ from gimbal_pin.regression import (
     Estimate,
     Samples,
     Segment,
-    compute_blocks,
     compute_residuals,
     find_moving_base,
     fit_instrumental,
@@ -159,20 +158,15 @@ def inertia(model: Model, data: pin.Data, q: Array) -> Array:
     return np.asarray(upper + np.triu(upper, 1).T + np.diag(model.armature))
 
 
-def simulated(rows: Design, model: Model) -> tuple[Log, ...]:
-    """Return the logs with the model's motion in the place of the measured one: rates, and no noise.
-
-    Holes that the measured motion closes are filled in them, for they would be other ones in a motion without noise.
-    """
-    made = []
-    for log in (filled(log, rows.filtering.cutoff).log for log in rows.logs):
-        q = np.array(log.q)
-        v = np.gradient(q, log.t, axis=0)
-        for one in runs(rows, model, log, calm=True):
-            inside = (log.t >= one.t[0]) & (log.t <= one.t[-1])
-            q[inside], v[inside] = (signals.resample(one.t, x, log.t[inside]) for x in (one.q, one.v))
-        made.append(replace(log, q=q, v=v))
-    return tuple(made)
+def simulate_segment(rows: Design, model: Model, segment: Segment) -> Segment:
+    """Return a segment with the model's motion in the place of the measured one: rates, and no noise."""
+    log, t = segment.log, segment.log.t
+    q = np.array(log.q)
+    v = np.gradient(q, t, axis=0)
+    made = run(rows, model, segment, find_moving_base(rows.rig, log), calm=True)
+    inside = (t >= made.t[0]) & (t <= made.t[-1])
+    q[inside], v[inside] = (signals.resample(made.t, x, t[inside]) for x in (made.q, made.v))
+    return segment._replace(log=replace(log, q=q, v=v))
 
 
 def fit_output_error(blocks: Sequence[Block]) -> Estimate:
@@ -277,4 +271,4 @@ def instruments(blocks: Sequence[Block], found: Estimate) -> list[Array]:
     """Return per block Z, (m, n, k), along the motion of the bodies nearest to an estimate."""
     rows = get_design(blocks)
     model = nearest_physical_model(rows, found.theta, found.covariance)
-    return [block.A for block in compute_blocks(replace(rows, logs=simulated(rows, model)))]
+    return [block.A for block in rows.iterate_blocks(partial(simulate_segment, rows, model))]

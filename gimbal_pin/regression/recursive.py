@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, Estimate, Solution, weigh_and_solve
+from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.solve import Estimate, Solution, weigh_and_solve
 from gimbal_pin.rig.brief import brief
 
 LAGS = 8
@@ -72,7 +73,7 @@ class Moments:
         """Weighted rows that were not masked out, per joint, (n,)."""
         return np.asarray(np.sum(self.factors[:, :, -1] ** 2, axis=1))
 
-    def broken(self) -> Moments:
+    def break_off(self) -> Moments:
         """Return them for rows that follow after a gap: no residual is correlated across it."""
         return replace(self, tail=self.tail[:0])
 
@@ -98,7 +99,7 @@ class Moments:
             products[: len(lagged)] += lagged[:, :, :, None] * history[at][:, None, :]
         return Moments(factors, products, history[-LAGS:], self.rows + len(rows))
 
-    def block(self) -> Block:
+    def to_block(self) -> Block:
         """Return rows that have the same mean squares and products as all those that went in, oldest unknown.
 
         They are the factors, scaled: what is computed from means over rows (accuracy, visibility) is the same on them.
@@ -131,7 +132,7 @@ class Known:
         return np.asarray((vectors * np.maximum(values, LEAST)) @ vectors.T * np.outer(unit, unit))
 
 
-def solved(moments: Moments, prior: Prior | None = None) -> Known:
+def solve_recursive(moments: Moments, prior: Prior | None = None) -> Known:
     """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖z - U theta‖²``: exactly `regression.solve` of all rows.
 
     Its covariance is that of the same rows, summed as they came instead of from all of them.
@@ -148,22 +149,22 @@ def solved(moments: Moments, prior: Prior | None = None) -> Known:
     equations = None if prior is None else prior.equations
     found, power, scale = weigh_and_solve(factors, power_of, equations)
     theta = found.theta
-    total, pairs = correlated(moments, theta, prior)
+    total, pairs = sum_lagged_residuals(moments, theta, prior)
     freedom = np.ones(len(count)) if prior else count / np.maximum(count - width / len(count), 1.0)
-    products = both_ways(moments, width)
+    products = symmetrise_products(moments, width)
     positive = total / np.maximum(pairs[0], 1.0)
     for gamma in (total / np.maximum(pairs, 1.0), positive):
-        score = np.einsum("lj,ljab->ab", gamma * freedom * scale**4 * tapered()[:, None], products)
+        score = np.einsum("lj,ljab->ab", gamma * freedom * scale**4 * taper_lags()[:, None], products)
         if equations is not None:
             score = score + equations[:, :-1].T @ equations[:, :-1]
-        covariance = sandwich(found, score)
+        covariance = sandwich_score(found, score)
         # Few rows can have an autocovariance that is none, each lag being divided by its own number of pairs.
         if (np.diag(covariance) > 0).all():
             break
     return Known(Estimate(theta, covariance, np.sqrt(power), found.condition, moments.rows, "recursive"), positive)
 
 
-def correlated(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:
+def sum_lagged_residuals(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:
     """Sum of each joint's residual times itself at every lag, (N m)², and the number of pairs, (LAGS + 1, n) each."""
     error = np.append(theta, -1.0)
     total = np.einsum("ljab,a,b->lj", moments.products[:, :, :-1, :-1], error, error, optimize=True)
@@ -173,14 +174,14 @@ def correlated(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Arr
     return np.asarray(total), np.asarray(pairs)
 
 
-def both_ways(moments: Moments, width: int) -> Array:
+def symmetrise_products(moments: Moments, width: int) -> Array:
     """``Σ A_t A_{t+l}ᵀ``, and its transpose where l > 0, (LAGS + 1, n, k, k)."""
     products = moments.products[:, :, :width, :width]
     lagged = products[1:]
     return np.concatenate([products[:1], lagged + lagged.swapaxes(2, 3)])
 
 
-def loosened(known: Known, directions: Array) -> Prior:
+def loosen_prior(known: Known, directions: Array) -> Prior:
     """Return what stays known if the parameters may move anywhere along some directions.
 
     ``U (theta - D gamma) = z`` with UᵀU the inverse covariance; an orthogonal transformation that clears ``U D`` below
@@ -198,12 +199,12 @@ def loosened(known: Known, directions: Array) -> Prior:
     return Prior(R[r:, r:], known.gamma, TRUSTED)
 
 
-def tapered() -> Array:
+def taper_lags() -> Array:
     """Weight of each lag's autocovariance, falling to zero beyond `LAGS` (Bartlett), (LAGS + 1,)."""
     return np.asarray(1.0 - np.arange(LAGS + 1) / (LAGS + 1), dtype=np.float64)
 
 
-def sandwich(found: Solution, score: Array) -> Array:
+def sandwich_score(found: Solution, score: Array) -> Array:
     """``H⁻¹ S H⁻¹``, with infinite variances where H⁻¹ has them, (k, k).
 
     S is that of Newey and West 1987: its sums over lags are all that constant memory allows. The batch fits each
