@@ -112,6 +112,12 @@ def walk() -> Walk:
 
 
 @pytest.fixture(scope="module")
+def slid() -> Walk:
+    """A rig of one joint that slides, without a camera."""
+    return walked(spelled(SLIDER))
+
+
+@pytest.fixture(scope="module")
 def animation(walk: Walk) -> str:
     """The recorded steps."""
     return record(walk.rig, walk.result.of("all-axes", "computed-torque").log)
@@ -519,13 +525,12 @@ def test_an_error_is_said_with_the_band_that_it_is_of(walk: Walk) -> None:
     assert "– %" not in words and "there is no fit where there is no torque" in words
 
 
-def test_sliding_joints_are_shown_in_millimetres() -> None:
-    rig = spelled(SLIDER)
+def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
+    rig = slid.rig
     (joint,) = joints_of(rig)
     assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
-    text = str(rig_section(rig).html + data(rig, [bench(rig)]).html)
+    text = str(rig_section(rig).html + data(rig, slid.logs).html)
     assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text
-    slid = walked(rig)
     evaluated = evaluate(slid.found, slid.logs)
     several = (parameters(slid.found, evaluated, None), torque(slid.found, evaluated), tracking(slid.result, rig))
     words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
@@ -535,12 +540,11 @@ def test_sliding_joints_are_shown_in_millimetres() -> None:
     assert "°" not in words and "N s/m" in words and "torque, N" in words
 
 
-def test_the_terminal_and_json_have_the_units_of_joints_that_slide() -> None:
+def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -> None:
     """N, m and kg where a joint that turns has N m, rad and kg m²: in findings, tables, reasons, `check` and files."""
-    rig = spelled(SLIDER)
-    log = bench(rig)
+    rig, (log,) = slid.rig, slid.logs
     log = replace(log, tau=log.tau + 20.0 * (log.q - 0.02) + 0.05)
-    slid, wrong = walked(rig), diagnose(rig, [log], rng=0)
+    wrong = diagnose(rig, [log], rng=0)
     (spring,) = wrong.findings
     assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
     shown = text.check(check(rig)), text.identified(slid.found), text.diagnosis(wrong, {})
@@ -558,9 +562,8 @@ def test_no_cause_speaks_of_turns_where_a_joint_slides(cause: str) -> None:
     assert not re.search(r"N m\b|\brad\b|turn", to_sliding(units))
 
 
-def test_a_rig_without_a_camera_hears_nothing_of_one() -> None:
+def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     """Nor of a payload and its balance; one that states a camera does."""
-    slid = walked(spelled(SLIDER))
     assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
     apart = compared(slid.found)
     assert apart is not None and apart.lines
