@@ -10,15 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis.evidence import gather, judged
-from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.diagnosis import gather
+from gimbal_pin.diagnosis.evidence import judged
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import DataError
+from gimbal_pin.estimation import identify
 from gimbal_pin.estimation.audit.base import taken
-from gimbal_pin.estimation.identification import identify
-from gimbal_pin.log.log import Log
-from gimbal_pin.log.missing_samples import LONGEST, Filled, filled, holes, inside, resolution
+from gimbal_pin.log import Filled, Log, filled, holes, inside
+from gimbal_pin.log.missing_samples import LONGEST, resolution
 from gimbal_pin.regression import Filtering, find_standstill, smooth_samples, split_segments
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.corruption import CORRUPTIONS
 

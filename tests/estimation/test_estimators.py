@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.estimators import ESTIMATORS, Hausman, fit_idim, fit_output_error, hausman
+from gimbal_pin.estimation import ESTIMATORS, given_beta, greatest_base_motion
+from gimbal_pin.estimation.estimators import Hausman, fit_idim, fit_output_error, hausman
 from gimbal_pin.estimation.estimators.closed_loop import runs
 from gimbal_pin.estimation.estimators.hausman import LEVEL, NOISY, BiasCheck, check_bias, noise_share
-from gimbal_pin.estimation.identification import given_beta, greatest_base_motion
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     DesignBlocks,
     Filtering,
@@ -21,9 +21,9 @@ from gimbal_pin.regression import (
     fit_ridge,
     fit_weighted,
 )
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
-from tests.test_moving_log import carried, swaying
+from tests.estimation.test_moving_log import carried, swaying
 
 WIDE = Filtering(60.0, alignment=0.0)
 

@@ -11,14 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from gimbal_pin.control.laws.uncertainty import bounds
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.control import bounds
+from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
+from gimbal_pin.estimation import Bootstrap, Identified, identify
 from gimbal_pin.estimation.bodies import believed, bodies, figures, slopes
-from gimbal_pin.estimation.estimators import Bootstrap
-from gimbal_pin.estimation.identification import Identified, identify
-from gimbal_pin.log.log import Array
+from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,
     Estimate,
@@ -28,10 +26,7 @@ from gimbal_pin.regression import (
     fit_weighted,
     map_phi_to_base,
 )
-from gimbal_pin.rig.consistency import likeliest, spread
-from gimbal_pin.rig.files import bundled_rigs
-from gimbal_pin.rig.inertia import pseudo_inertia
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig, bundled_rigs, likeliest, pseudo_inertia, spread
 from tests.bench_logs import EXACT, prescribed, rows_of
 
 

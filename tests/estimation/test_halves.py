@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.estimation.identification import Identified, identify, refitted
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.estimation import Identified, identify, refitted
 from gimbal_pin.estimation.payload_change import halves, score
-from gimbal_pin.log.log import Array
+from gimbal_pin.log import Array
 from gimbal_pin.regression import Block, Filtering
 from gimbal_pin.report import text
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
 SECONDS = 12.0

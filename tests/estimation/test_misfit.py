@@ -10,21 +10,15 @@ import numpy as np
 import pytest
 import yaml
 
-from gimbal_pin.control.tuning import tune
-from gimbal_pin.dynamics.apply import plant_with
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.effects import Cogging
-from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.control import tune
+from gimbal_pin.dynamics import nominal, plant_with, reduce
+from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.estimation.model_file import read_model, write_extended, write_model
-from gimbal_pin.log.io import write_log
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.estimation import given_beta, identify, read_model, write_extended, write_model
+from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, fit_misfit, fit_weighted
 from gimbal_pin.report import text
-from gimbal_pin.rig.consistency import likeliest
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig, likeliest
 from tests.bench_logs import EXACT, fourier, prescribed, rows_of
 from tests.command_line import Run, result
 

@@ -18,27 +18,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.diagnosis.engine import Explained
+from gimbal_pin.diagnosis import Explained, diagnose
 from gimbal_pin.diagnosis.limit_cycle import swing, swung
-from gimbal_pin.dynamics.model import friction_effects, nominal
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.effects import Cause
-from gimbal_pin.effects.cogging import Cogging
-from gimbal_pin.effects.delay import Delay
-from gimbal_pin.effects.saturation import Saturation
+from gimbal_pin.dynamics import friction_effects, nominal, reduce
+from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
+from gimbal_pin.estimation import identify
 from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, impossible, reordered, trials
-from gimbal_pin.estimation.identification import identify
 from gimbal_pin.estimation.torque_time import misplaced
-from gimbal_pin.log.io import read_log, write_log
-from gimbal_pin.log.io.columns import log_columns
+from gimbal_pin.log import REACH, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
 from gimbal_pin.log.io.csv import write_csv
-from gimbal_pin.log.io.mapping import read_mapping
-from gimbal_pin.log.log import REACH, Array, Imu, Log
 from gimbal_pin.online import Online
 from gimbal_pin.regression import Design, DesignBlocks, Filtering, compute_blocks, fit_weighted
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused
 

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.identification import identify
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.estimation import identify
+from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     DesignBlocks,
     anchor,
@@ -27,9 +26,8 @@ from gimbal_pin.regression import (
     weigh_joints,
 )
 from gimbal_pin.regression.physical import MOST
-from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS, Consistent, fitted, nearest
-from gimbal_pin.rig.inertia import physical, pseudo_inertia
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Consistent, Rig, fitted, nearest, physical, pseudo_inertia
+from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS
 from tests.bench_logs import EXACT, prescribed, rows_of, true_theta
 from tests.rigs import taken_by_all
 

@@ -9,17 +9,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis.given import compared
+from gimbal_pin.diagnosis import compared
+from gimbal_pin.dynamics import Model, nominal, rnea
 from gimbal_pin.dynamics.checking import gravity_load, poses
-from gimbal_pin.dynamics.model import Model, nominal
-from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.effects import PayloadShift
-from gimbal_pin.estimation.balance import COUNT, MINIMISED, Balance, balance, reported
-from gimbal_pin.estimation.identification import Identified, identify
-from gimbal_pin.log.log import Array
+from gimbal_pin.estimation import Balance, Identified, identify
+from gimbal_pin.estimation.balance import COUNT, MINIMISED, balance, reported
+from gimbal_pin.log import Array
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
 RIGS = ("thesis", "handheld", "turret")

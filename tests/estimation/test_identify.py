@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.estimators import ESTIMATORS
-from gimbal_pin.estimation.identification import given_beta, identify, split
-from gimbal_pin.log.log import Log
+from gimbal_pin.estimation import ESTIMATORS, given_beta, identify, split
+from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filtering,
 )
 from gimbal_pin.report import text
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
 from tests.corruption import CORRUPTIONS
 

@@ -17,25 +17,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.control.experiment import bench_run
-from gimbal_pin.control.tuning import tune
+from gimbal_pin.control import bench_run, tune
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.regressor import weight
-from gimbal_pin.estimation.audit import CHECKS, Fault, audit
+from gimbal_pin.dynamics import nominal, weight
+from gimbal_pin.estimation import CHECKS, Fault
+from gimbal_pin.estimation.audit import audit
 from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, taken
 from gimbal_pin.estimation.audit.clock import ticks
 from gimbal_pin.estimation.audit.harm import build_design, spoils_torque
 from gimbal_pin.estimation.audit.outliers import garbage
-from gimbal_pin.log.io import read_log
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log import Array, Log, read_log
 from gimbal_pin.regression import Filtering, fit_weighted
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.corruption import CORRUPTIONS
 
-DATA = Path(__file__).parents[2] / "shared" / "data"
-CONTRACT = Path(__file__).parents[2] / "shared" / "CONTRACT.md"
+DATA = Path(__file__).parents[3] / "shared" / "data"
+CONTRACT = Path(__file__).parents[3] / "shared" / "CONTRACT.md"
 NAMES = (
     "clock",
     "stuck-channel",

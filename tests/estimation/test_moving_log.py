@@ -11,35 +11,27 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.control.experiment import perturbed
-from gimbal_pin.control.tuning import tune
+from gimbal_pin.control import perturbed, tune
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.dynamics.base_parameters import base
-from gimbal_pin.dynamics.imu import noisy, readings
-from gimbal_pin.dynamics.model import Model, nominal
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.dynamics.simulation import Sensors, simulate
+from gimbal_pin.dynamics import Model, Sensors, base, noisy, nominal, readings, reduce, simulate
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.estimation import given_beta, greatest_base_motion, identify
 from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.estimation.audit.stuck_channel import denied_torque
-from gimbal_pin.estimation.identification import given_beta, greatest_base_motion, identify
-from gimbal_pin.log.io import read_log, write_motion
-from gimbal_pin.log.log import Array, Imu, Log
-from gimbal_pin.log.platform import MOTIONS, BaseMotion, Platform
-from gimbal_pin.log.profile import profile_s
-from gimbal_pin.pointing.verify import Asked, modelled
+from gimbal_pin.log import MOTIONS, Array, BaseMotion, Imu, Log, Platform, profile_s, read_log, write_motion
+from gimbal_pin.pointing import Asked
+from gimbal_pin.pointing.verify import modelled
 from gimbal_pin.regression import classify_base_motion
 from gimbal_pin.report import text
 from gimbal_pin.report.sections.diagnosis import diagnosis as page
 from gimbal_pin.report.summary import missed
-from gimbal_pin.rig.files import bundled_rigs
-from gimbal_pin.rig.rig import GRAVITY
+from gimbal_pin.rig import GRAVITY, bundled_rigs
 from tests.bench_logs import EXACT, fourier, rows_of, true_theta
 from tests.command_line import Run, refused, result
 from tests.rigs import bundled
 
-PHANTOM = Path(__file__).parents[2] / "shared" / "data" / "phantom4_motion" / "path_1.csv"
+PHANTOM = Path(__file__).parents[3] / "shared" / "data" / "phantom4_motion" / "path_1.csv"
 
 
 def swaying(t: Array, size: float = 0.2) -> Platform:

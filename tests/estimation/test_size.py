@@ -8,10 +8,9 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.identification import given_beta, identify
-from gimbal_pin.log.log import PAUSE, Log
+from gimbal_pin.dynamics import nominal, reduce
+from gimbal_pin.estimation import given_beta, identify
+from gimbal_pin.log import PAUSE, Log
 from gimbal_pin.regression import Filtering, subsample_log
 from tests.bench_logs import prescribed
 from tests.rigs import chain
